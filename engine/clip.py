@@ -1,0 +1,105 @@
+"""A clip: what the engine knows of a surgical video, whatever layout it came from."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from engine.camera import Camera
+
+UNLABELLED = 255
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Exact answers that come with a synthetic clip (`gt.npz`).
+
+    Attributes
+    ----------
+    displacement : float32 [T, H, W, 3]
+        Offset of the material point seen in a pixel from its place at frame 0; scene units, camera frame; NaN where no tissue is seen.
+    cautery : bool [T, H, W]
+        Pixels whose tissue is charred in place.
+    """
+
+    displacement: np.ndarray
+    cautery: np.ndarray
+
+
+@dataclass
+class Clip(ABC):
+    """Frames, cameras, validity, depth and labels of one video. Pixels are read when asked for and stay uint8.
+
+    Attributes
+    ----------
+    name : str
+    path : Path
+        The folder or file it was opened from.
+    cameras : list of Camera
+        One a frame (the same object where the camera stands still), in the clip's own unit.
+    classes : tuple of str
+        Names of the label values 0, 1, …; empty when the clip has no labels.
+    provenance : dict of str to str
+        Where each thing comes from, in words for the user: keys `frames`, `poses`, `focal`, `masks`, `depth`, `labels`.
+    """
+
+    name: str
+    path: Path
+    cameras: list[Camera]
+    classes: tuple[str, ...] = ()
+    provenance: dict[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels, the same for every frame."""
+        return self.cameras[0].width, self.cameras[0].height
+
+    def time(self, index: float) -> float:
+        """Time of a frame (fractions lie between frames), mapped to [-1, 1]; 0 for a clip of one frame."""
+        return 2.0 * index / (len(self) - 1) - 1.0 if len(self) > 1 else 0.0
+
+    @property
+    def test_frames(self) -> list[int]:
+        """Held-out frames, (i − 1) % 8 == 0; never trained on. A clip too short to hold any out has none."""
+        return [i for i in range(len(self)) if (i - 1) % 8 == 0] if len(self) > 2 else []
+
+    @property
+    def train_frames(self) -> list[int]:
+        held_out = set(self.test_frames)
+        return [i for i in range(len(self)) if i not in held_out]
+
+    @property
+    def labelled_frames(self) -> list[int]:
+        """Frames that have a label map, ascending."""
+        return []
+
+    @abstractmethod
+    def frame(self, index: int) -> np.ndarray:
+        """RGB, uint8 [H, W, 3]."""
+
+    @abstractmethod
+    def valid(self, index: int) -> np.ndarray:
+        """Pixels to reconstruct and to score, bool [H, W]: inside the field of view and not excluded by a tool mask."""
+
+    @abstractmethod
+    def depth(self, index: int) -> np.ndarray:
+        """Camera depth z, float32 [H, W], clip units, 0 where unknown. `provenance["depth"]` says whether it was measured or is a prior."""
+
+    @property
+    @abstractmethod
+    def depth_measured(self) -> bool:
+        """True when depth comes from files and may be supervised; False for a prior that only initialises."""
+
+    def labels(self, index: int) -> np.ndarray | None:
+        """Label map, uint8 [H, W], values index `classes`, `UNLABELLED` where nothing is said; None when the frame has none."""
+        return None
+
+    def truth(self) -> Truth | None:
+        """Exact displacement and cautery when the clip brings them."""
+        return None

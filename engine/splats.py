@@ -1,0 +1,49 @@
+"""The state of all Gaussians at one instant: what a rasterizer draws and a checkpoint, a bake or a PLY holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+
+@dataclass
+class Splats:
+    """N Gaussians at one time.
+
+    Attributes
+    ----------
+    means : float [N, 3]
+        Centres, scene units.
+    quats : float [N, 4]
+        Rotations, wxyz, of any non-zero length.
+    scales : float [N, 3]
+        Standard deviations along the principal axes, scene units, positive.
+    opacities : float [N]
+        In [0, 1].
+    colors : float [N, 3]
+        RGB, nominally in [0, 1].
+    semantics : float [N, d]
+        Latent semantic vectors (any length, d may be 0).
+    """
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+    colors: Tensor
+    semantics: Tensor
+
+    def __len__(self) -> int:
+        return self.means.shape[0]
+
+    def map(self, change) -> Splats:
+        """The splats with `change` applied to every tensor."""
+        return Splats(**{f.name: change(getattr(self, f.name)) for f in fields(self)})
+
+    def to(self, device: torch.device | str) -> Splats:
+        return self.map(lambda tensor: tensor.to(device))
+
+    def detach(self) -> Splats:
+        return self.map(Tensor.detach)
