@@ -44,6 +44,10 @@ class Clip(ABC):
         Names of the label values 0, 1, …; empty when the clip has no labels.
     provenance : dict of str to str
         Where each thing comes from, in words for the user: keys `frames`, `poses`, `focal`, `masks`, `depth`, `labels`.
+    unit : str
+        Name of the clip's length: "mm" where depth is metric, else "scene units".
+    fps : float
+        Frames a second of the recording, 25 where it does not say.
     """
 
     name: str
@@ -51,6 +55,8 @@ class Clip(ABC):
     cameras: list[Camera]
     classes: tuple[str, ...] = ()
     provenance: dict[str, str] = field(default_factory=dict)
+    unit: str = "scene units"
+    fps: float = 25.0
 
     def __len__(self) -> int:
         return len(self.cameras)

@@ -1,0 +1,102 @@
+"""HexPlane H(p, t): six feature planes, multiplied over planes, concatenated over resolutions (paper §2.2).
+
+All Gaussians of a frame share one time, so the three time planes are first reduced to three lines at that time: a sample then costs three bilinear
+and three linear look-ups a level instead of six bilinear ones.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from engine.field import hexplane_cpu
+
+
+class HexPlane(nn.Module):
+    """Multi-resolution HexPlane over [-1, 1]³ × [-1, 1].
+
+    Parameters
+    ----------
+    channels : int
+        Features per level.
+    resolution : int
+        Cells along each space axis at level 0.
+    time_resolution : int
+        Cells along time (the same at every level).
+    levels : tuple of int
+        Space resolution multipliers.
+    """
+
+    def __init__(self, channels: int = 16, resolution: int = 64, time_resolution: int = 32, levels: tuple[int, ...] = (1, 2)):
+        super().__init__()
+        self.channels, self.levels = channels, levels
+        # Channels last, so that one look-up reads one contiguous run. Space planes: [xy, xz, yz]; time planes: [xt, yt, zt].
+        self.space = nn.ParameterList([torch.empty(3, resolution * m, resolution * m, channels).uniform_(0.1, 0.5) for m in levels])
+        self.time = nn.ParameterList([torch.ones(3, time_resolution, resolution * m, channels) for m in levels])
+
+    @property
+    def dimension(self) -> int:
+        """Length of a feature: channels × levels."""
+        return self.channels * len(self.levels)
+
+    def lines(self, t: float) -> list[Tensor]:
+        """The time planes at time `t`, one [3, R, C] a level. Times outside [-1, 1] are clamped."""
+        rows = self.time[0].shape[1]
+        position = min(max((t + 1.0) / 2.0, 0.0), 1.0) * (rows - 1)
+        low = min(int(position), rows - 2) if rows > 1 else 0
+        weight = position - low
+        return [plane[:, low] if rows == 1 else torch.lerp(plane[:, low], plane[:, low + 1], weight) for plane in self.time]
+
+    def forward(self, points: Tensor, t: float) -> Tensor:
+        """Features [N, channels × levels] of `points` [N, 3] (clamped to [-1, 1]) at time `t`.
+
+        No gradient reaches `points`: a field that can be changed by moving the query point is one more way to explain colour by motion.
+        """
+        points = points.detach().clamp(-1.0, 1.0)
+        sample = hexplane_cpu.sample if points.device.type == "cpu" and points.dtype == torch.float32 else sample_level
+        return torch.cat([sample(points, space, line) for space, line in zip(self.space, self.lines(t), strict=True)], 1)
+
+    def smoothness(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Regularisers of the planes: (total variation in space, acceleration in time, distance of the time planes from 1), each a mean of squares or absolutes."""
+        space = sum((p.diff(dim=1).square().mean() + p.diff(dim=2).square().mean()) for p in self.space)
+        space = space + sum(p.diff(dim=2).square().mean() for p in self.time)
+        zero = self.time[0].new_zeros(())
+        curvature = sum((p.diff(n=2, dim=1).square().mean() for p in self.time), zero) if self.time[0].shape[1] > 2 else zero
+        stillness = sum(((p - 1).abs().mean() for p in self.time), zero)
+        return space, curvature, stillness
+
+
+def sample_level(points: Tensor, space: Tensor, line: Tensor) -> Tensor:
+    """One level in plain torch, any device and precision: the twin of `hexplane_cpu.sample`.
+
+    Parameters
+    ----------
+    points : float [N, 3] in [-1, 1]
+    space : float [3, R, R, C]
+        Planes xy, xz, yz; the first named axis runs along the columns.
+    line : float [3, R, C]
+        Time planes at one time, along x, y, z.
+
+    Returns
+    -------
+    float [N, C]
+        Product of the six samples.
+    """
+    cells = space.shape[1] - 1
+    position = (points + 1.0) * (0.5 * cells)
+    low = position.floor().clamp(0, cells - 1)
+    weight = (position - low).to(space.dtype)
+    low = low.long()
+    feature = None
+    for plane, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        u, v, wu, wv = low[:, a], low[:, b], weight[:, a : a + 1], weight[:, b : b + 1]
+        table = space[plane].reshape(-1, space.shape[-1])
+        width = cells + 1
+        top = torch.lerp(table[v * width + u], table[v * width + u + 1], wu)
+        bottom = torch.lerp(table[(v + 1) * width + u], table[(v + 1) * width + u + 1], wu)
+        value = torch.lerp(top, bottom, wv)
+        feature = value if feature is None else feature * value
+    for axis in range(3):
+        u, wu = low[:, axis], weight[:, axis : axis + 1]
+        feature = feature * torch.lerp(line[axis][u], line[axis][u + 1], wu)
+    return feature

@@ -1,0 +1,149 @@
+"""The 4D scene: canonical Gaussians and the field that carries them through time (paper §2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from engine.field.branches import AppearanceBranch, CoupledSemantics, Deformation, GeometryBranch, SemanticBranch
+from engine.field.hexplane import HexPlane
+from engine.field.kinematics import Kinematics
+from engine.splats import Splats
+
+Routing = Literal["paper", "isolated", "coupled"]
+ROUTINGS: tuple[Routing, ...] = ("paper", "isolated", "coupled")
+CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "semantics")
+
+
+@dataclass(frozen=True)
+class FieldConfig:
+    """Shape of a field.
+
+    Attributes
+    ----------
+    routing : {"paper", "isolated", "coupled"}
+        `paper`: Ψ_geo and Ψ_sem both decode Z_kin and train it. `isolated`: Ψ_sem reads a detached Z_kin and small planes of its own.
+        `coupled`: semantics are a function of the decoded geometry (the baseline).
+    rank : int
+        Length of a semantic latent; 0 for a scene without semantics.
+    appearance : bool
+        Whether Ψ_app may change colour in time.
+    channels, resolution, time_resolution, levels
+        Of the HexPlane.
+    """
+
+    routing: Routing = "isolated"
+    rank: int = 0
+    appearance: bool = True
+    channels: int = 16
+    resolution: int = 64
+    time_resolution: int = 32
+    levels: tuple[int, ...] = (1, 2)
+
+    def to_json(self) -> dict:
+        return asdict(self) | {"levels": list(self.levels)}
+
+    @classmethod
+    def from_json(cls, values: dict) -> FieldConfig:
+        return cls(**(values | {"levels": tuple(values["levels"])}))
+
+
+@dataclass
+class State:
+    """The scene at one time, with what the regularisers need."""
+
+    splats: Splats
+    deformation: Deformation | None
+    recolour: Tensor | None
+    """Δcolour [N, 3]."""
+    resemantics: Tensor | None
+    """Δf_sem [N, rank]."""
+
+
+class SceneModel(nn.Module):
+    """Canonical Gaussians, HexPlane, Z_kin and the decoding branches. Lengths are in the normalised unit (median depth 1).
+
+    Parameters
+    ----------
+    config : FieldConfig
+    bounds : float [2, 3]
+        Lower and upper corner of the box that the planes cover; frozen.
+    canonical : dict of Tensor
+        `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `semantics` [N, rank].
+    """
+
+    bounds: Tensor
+
+    def __init__(self, config: FieldConfig, bounds: Tensor, canonical: dict[str, Tensor]):
+        super().__init__()
+        self.config = config
+        self.register_buffer("bounds", bounds.float())
+        self.canonical = nn.ParameterDict({name: nn.Parameter(canonical[name].float().contiguous()) for name in CANONICAL})
+        self.planes = HexPlane(config.channels, config.resolution, config.time_resolution, config.levels)
+        self.kinematics = Kinematics(self.planes.dimension)
+        latent = self.kinematics.dimension
+        self.geometry = GeometryBranch(latent)
+        self.appearance = AppearanceBranch(latent) if config.appearance else None
+        self.semantic_planes: HexPlane | None = None
+        self.semantic: SemanticBranch | CoupledSemantics | None = None
+        if config.rank and config.routing == "isolated":
+            self.semantic_planes = HexPlane(8, max(8, config.resolution // 2), config.time_resolution, (1,))
+            self.semantic = SemanticBranch(latent + self.semantic_planes.dimension, config.rank)
+        elif config.rank and config.routing == "paper":
+            self.semantic = SemanticBranch(latent, config.rank)
+        elif config.rank:
+            self.semantic = CoupledSemantics(config.rank)
+
+    def __len__(self) -> int:
+        return self.canonical["means"].shape[0]
+
+    def normalised(self, points: Tensor) -> Tensor:
+        """Scene positions mapped so that `bounds` becomes [-1, 1]³."""
+        low, high = self.bounds
+        return (points - low) / (high - low) * 2.0 - 1.0
+
+    def at(self, t: float, *, deform: bool = True, semantics: bool = True) -> State:
+        """The scene at time `t` ∈ [-1, 1].
+
+        Parameters
+        ----------
+        deform : bool
+            False draws the canonical Gaussians (the coarse stage).
+        semantics : bool
+            False skips everything that only semantics need; the splats then carry no latents.
+        """
+        c = self.canonical
+        latents = c["semantics"] if semantics else c["semantics"][:, :0]
+        if not deform:
+            return State(self._splats(None, None, latents), None, None, None)
+        points = self.normalised(c["means"].detach())
+        kinematic = self.kinematics(self.planes(points, t))
+        deformation = self.geometry(kinematic)
+        recolour = self.appearance(kinematic) if self.appearance is not None else None
+        change = self._semantic_change(points, t, kinematic, deformation, latents) if semantics and self.semantic is not None else None
+        return State(self._splats(deformation, recolour, latents if change is None else latents + change), deformation, recolour, change)
+
+    def means_at(self, t: float) -> Tensor:
+        """Only the centres [N, 3] at time `t`: what motion supervision and displacement layers need."""
+        points = self.normalised(self.canonical["means"].detach())
+        return self.canonical["means"] + self.geometry(self.kinematics(self.planes(points, t))).means
+
+    def _semantic_change(self, points: Tensor, t: float, kinematic: Tensor, deformation: Deformation, latents: Tensor) -> Tensor:
+        if isinstance(self.semantic, CoupledSemantics):
+            return self.semantic(deformation, latents)
+        assert self.semantic is not None
+        if self.semantic_planes is None:
+            return self.semantic(kinematic)
+        return self.semantic(torch.cat([kinematic.detach(), self.semantic_planes(points, t)], 1))
+
+    def _splats(self, deformation: Deformation | None, recolour: Tensor | None, latents: Tensor) -> Splats:
+        c = self.canonical
+        means, log_scales, quats, logits = c["means"], c["log_scales"], c["quats"], c["logits"]
+        if deformation is not None:
+            means, log_scales = means + deformation.means, log_scales + deformation.log_scales
+            quats, logits = quats + deformation.quats, logits + deformation.opacities
+        colors = c["colors"] if recolour is None else c["colors"] + recolour
+        return Splats(means, quats, log_scales.exp(), logits.sigmoid(), colors, latents)

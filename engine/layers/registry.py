@@ -1,0 +1,232 @@
+"""The layers, one place for the window and the command line."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.errors import DegenseError
+from engine.layers.layer import Layer, LayerRequest, RangeMode
+from engine.motion import spurious
+from engine.scene import Scene
+
+WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
+SEQUENCE_SAMPLES = 9
+
+
+def _rgb(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return scene.render(request.frame, request.camera)["rgb"]
+
+
+def _rgb_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return scene.splats(request.frame).colors.clamp(0, 1).cpu().numpy()
+
+
+def _depth(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return scene.render(request.frame, request.camera, ("depth",))["depth"]
+
+
+def _depth_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    camera = request.camera or scene.camera(request.frame)
+    return camera.project(scene.splats(request.frame).means.cpu().numpy())[1].astype(np.float32)
+
+
+def _feature_axes(scene: Scene) -> np.ndarray:
+    """Three directions [d, 3] along which the scene's latents differ most, the same at every frame."""
+    latents = scene.splats(scene.reference_frame).semantics.cpu().numpy().astype(np.float64)
+    latents /= np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
+    _, _, axes = np.linalg.svd(latents - latents.mean(0), full_matrices=False)
+    axes = axes[:3].T
+    return np.pad(axes, ((0, 0), (0, 3 - axes.shape[1])))
+
+
+def _as_colours(scene: Scene, latents: np.ndarray) -> np.ndarray:
+    if not scene.has_semantics:
+        raise DegenseError(f"{scene.name} was trained without semantics, so it has no features to show")
+    direction = latents / np.maximum(np.linalg.norm(latents, axis=-1, keepdims=True), 1e-6)
+    return np.clip(direction @ _feature_axes(scene) * 0.5 + 0.5, 0, 1).astype(np.float32)
+
+
+def _features(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return _as_colours(scene, scene.render(request.frame, request.camera, ("latent",))["latent"])
+
+
+def _features_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return _as_colours(scene, scene.splats(request.frame).semantics.cpu().numpy())
+
+
+def _prompted(request: LayerRequest) -> tuple[str, ...]:
+    if not request.prompts:
+        raise DegenseError("this layer shows what a prompt finds; give at least one prompt")
+    return request.prompts
+
+
+def _similarity(scene: Scene, request: LayerRequest) -> np.ndarray:
+    vectors = scene.vectors(_prompted(request))
+    query = scene.query(request.frame, request.camera)
+    return np.max([query.similarity(vector) for vector in vectors], axis=0)
+
+
+def _splat_similarities(scene: Scene, request: LayerRequest) -> np.ndarray:
+    vectors = scene.vectors(_prompted(request))
+    assert scene.basis is not None
+    latents = scene.splats(request.frame).semantics.cpu().numpy()
+    text = scene.basis.project(vectors)
+    text = text / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+    return (latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)) @ text.T
+
+
+def _similarity_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return _splat_similarities(scene, request).max(1).astype(np.float32)
+
+
+def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:
+    vectors = scene.vectors(_prompted(request))
+    query = scene.query(request.frame, request.camera)
+    out = np.zeros(query.shape, np.uint8)
+    for k, vector in enumerate(vectors):
+        out[prompt_mask(scene, request, k, vector)] = k + 1
+    return out
+
+
+def prompt_mask(scene: Scene, request: LayerRequest, index: int, vector: np.ndarray) -> np.ndarray:
+    """bool [H, W] of prompt `index`; the run's classes and the other prompts are what it is told apart from."""
+    query = scene.query(request.frame, request.camera)
+    names = [name for name in (*scene.classes, *(p for i, p in enumerate(request.prompts) if i != index))]
+    negatives = scene.vectors(tuple(names)) if names else None
+    return query.mask(vector, decoder=request.decoder, threshold=request.threshold, negatives=negatives)
+
+
+def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    similarity = _splat_similarities(scene, request)
+    best = similarity.argmax(1)
+    threshold = 0.5 if request.threshold is None else request.threshold
+    return np.where(similarity.max(1) >= threshold, best + 1, 0).astype(np.uint8)
+
+
+def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return scene.render(request.frame, request.camera, ("displacement",))["displacement"]
+
+
+def _displacement_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return scene.displacement(request.frame).cpu().numpy()
+
+
+def _warp(scene: Scene, request: LayerRequest) -> np.ndarray:
+    frame = int(round(request.frame))
+    observed = scene.observed_motion(frame)
+    if request.camera is not None:
+        raise DegenseError("warp is measured in the recording's own view; look through the surgeon's camera to see it")
+    modelled = scene.render(frame, None, ("motion",))["motion"]
+    return spurious(modelled, observed.flow, observed.supported & np.isfinite(modelled).all(-1), WARP_TOLERANCE)
+
+
+def _warp_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    """Each Gaussian takes the warp of the pixel it falls on, when it lies on the visible surface there."""
+    picture = _warp(scene, LayerRequest(round(request.frame)))
+    camera = scene.camera(request.frame)
+    position, z = camera.project(scene.splats(request.frame).means.cpu().numpy())
+    depth = scene.render(round(request.frame), None, ("depth",))["depth"]
+    column, row = np.floor(position).astype(np.int64).T
+    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    column, row = np.where(inside, column, 0), np.where(inside, row, 0)
+    on_surface = inside & (np.abs(z - depth[row, column]) < 0.05 * np.abs(z))
+    return np.where(on_surface, picture[row, column], np.nan).astype(np.float32)
+
+
+def _length(scene: Scene) -> str:
+    return scene.unit
+
+
+def _none(scene: Scene) -> str:
+    return ""
+
+
+LAYERS: dict[str, Layer] = {
+    layer.name: layer
+    for layer in (
+        Layer("rgb", "Colour", "colour", "The reconstructed colours, alpha-blended.", _rgb, _rgb_splats, _none),
+        Layer(
+            "depth",
+            "Depth",
+            "scalar",
+            "Distance along the viewing axis, Σ z·w / Σ w over the Gaussians of a pixel.",
+            _depth,
+            _depth_splats,
+            _length,
+            "cividis",
+        ),
+        Layer(
+            "features",
+            "Features",
+            "colour",
+            "Direction of the semantic latent, along the three axes in which this scene's latents differ most, as red, green and blue.",
+            _features,
+            _features_splats,
+            _none,
+            needs_semantics=True,
+        ),
+        Layer(
+            "similarity",
+            "Similarity",
+            "scalar",
+            "Cosine between the pixel's latent and the prompt's text vector; with several prompts the largest.",
+            _similarity,
+            _similarity_splats,
+            lambda scene: "cosine",
+            "magma",
+            needs_semantics=True,
+            needs_prompt=True,
+        ),
+        Layer(
+            "mask",
+            "Masks",
+            "mask",
+            "Pixels each prompt finds: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), or the plain decoders.",
+            _mask,
+            _mask_splats,
+            _none,
+            needs_semantics=True,
+            needs_prompt=True,
+        ),
+        Layer(
+            "displacement",
+            "Displacement",
+            "scalar",
+            "How far tissue has moved since the reference frame: ‖μ(t) − μ(reference)‖, blended over the Gaussians of a pixel.",
+            _displacement,
+            _displacement_splats,
+            _length,
+            "viridis",
+        ),
+        Layer(
+            "warp",
+            "Spurious warp",
+            "scalar",
+            "Motion since the reference frame, projected to pixels, that the recording's optical flow does not support, beyond a tolerance of "
+            f"{WARP_TOLERANCE:g} px. Unknown where the flow is not consistent forwards and backwards.",
+            _warp,
+            _warp_splats,
+            lambda scene: "px",
+            "magma",
+            needs_clip=True,
+        ),
+    )
+}
+
+
+def layer_range(scene: Scene, layer: Layer, request: LayerRequest, mode: RangeMode) -> tuple[float, float]:
+    """Colour range (low, high) of a scalar layer: percentiles 1–99 of this frame, or over frames spread across the whole sequence."""
+    if layer.name == "similarity":
+        return 0.0, 1.0
+    frames = [request.frame] if mode == "frame" else np.unique(np.linspace(0, scene.frames - 1, SEQUENCE_SAMPLES).round())
+    values = []
+    for frame in frames:
+        picture = layer.picture(scene, LayerRequest(float(frame), request.camera, request.prompts, request.threshold, request.decoder))
+        values.append(picture[np.isfinite(picture)])
+    known = np.concatenate(values)
+    if known.size == 0:
+        return 0.0, 1.0
+    low, high = np.percentile(known, [1, 99])
+    if layer.name in ("displacement", "warp"):
+        low = 0.0
+    return float(low), float(max(high, low + 1e-6))

@@ -1,0 +1,297 @@
+"""A trained run, ready to be looked at: states in time, pictures, queries. Lengths are in the clip's own unit."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from engine.camera import Camera
+from engine.clip import Clip
+from engine.errors import DegenseError
+from engine.field import SceneModel
+from engine.language import Basis, TextEncoder, encoder_by_name
+from engine.masks import MaskQuery
+from engine.motion import consistent, flow_between
+from engine.raster import camera_depths, rasterize
+from engine.splats import Splats
+from engine.store import Run
+
+Value = TypeVar("Value")
+CHANNELS = ("rgb", "depth", "latent", "displacement", "motion")
+STATE_BYTES, PICTURE_BYTES = 1 << 30, 256 << 20
+COVERED = 0.5  # alpha below which a pixel shows nothing
+
+
+class Cache:
+    """Least recently used values, bounded by their bytes."""
+
+    def __init__(self, limit: int):
+        self.limit, self.size = limit, 0
+        self._held: OrderedDict[Hashable, tuple[int, Any]] = OrderedDict()
+
+    def get(self, key: Hashable, make: Callable[[], Value], weigh: Callable[[Value], int]) -> Value:
+        if key in self._held:
+            self._held.move_to_end(key)
+            return self._held[key][1]
+        value = make()
+        self._held[key] = (weigh(value), value)
+        self.size += self._held[key][0]
+        while self.size > self.limit and len(self._held) > 1:
+            self.size -= self._held.popitem(last=False)[1][0]
+        return value
+
+
+@dataclass
+class ObservedMotion:
+    """Optical flow of the recorded frame to the reference frame.
+
+    Attributes
+    ----------
+    flow : float32 [H, W, 2]
+        Pixels.
+    supported : bool [H, W]
+        Consistent forwards and backwards, valid at both ends.
+    """
+
+    flow: np.ndarray
+    supported: np.ndarray
+
+
+class Scene:
+    """One opened run.
+
+    Attributes
+    ----------
+    run : Run
+    model : SceneModel
+    basis : Basis or None
+    encoder : TextEncoder or None
+        The encoder that made the run's features; no other may answer prompts.
+    clip : Clip or None
+        The recording, when it is still where it was.
+    clip_missing : str
+        Why `clip` is None, in one sentence; empty otherwise.
+    """
+
+    def __init__(
+        self, run: Run, model: SceneModel, basis: Basis | None, encoder: TextEncoder | None, clip: Clip | None, clip_missing: str = ""
+    ):
+        self.run, self.model, self.basis, self.encoder, self.clip, self.clip_missing = run, model, basis, encoder, clip, clip_missing
+        self.cameras = run.cameras
+        self._states, self._pictures = Cache(STATE_BYTES), Cache(PICTURE_BYTES)
+
+    @classmethod
+    def open(cls, path: Path | str, *, device: str | torch.device | None = None, clip: Clip | None = None) -> Scene:
+        """Open a run folder. `device` None takes a GPU when there is one. Raises RunError."""
+        run = Run.open(path)
+        if device is None:
+            device = "cuda" if torch.cuda.is_available() else "cpu"
+        model = run.load_model(device).eval().requires_grad_(False)
+        name = run.info.get("encoder")
+        encoder = encoder_by_name(name, classes=tuple(run.info["classes"])) if name else None
+        missing = ""
+        if clip is None:
+            clip, missing = _find_clip(run)
+        return cls(run, model, run.load_basis(), encoder, clip, missing)
+
+    # -- facts ---------------------------------------------------------------------------------------------------------------------------------
+    @property
+    def name(self) -> str:
+        return self.run.path.name
+
+    @property
+    def frames(self) -> int:
+        return len(self.cameras)
+
+    @property
+    def clip_size(self) -> tuple[int, int]:
+        """(width, height), pixels."""
+        return self.cameras[0].width, self.cameras[0].height
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        return tuple(self.run.info["classes"])
+
+    @property
+    def unit(self) -> str:
+        return self.run.info["unit_name"]
+
+    @property
+    def fps(self) -> float:
+        return float(self.run.info["fps"])
+
+    @property
+    def reference_frame(self) -> int:
+        """Displacement is measured from this frame."""
+        return int(self.run.info["reference_frame"])
+
+    @property
+    def has_semantics(self) -> bool:
+        return self.basis is not None
+
+    def camera(self, frame: float) -> Camera:
+        """The surgeon's camera at a frame (the nearest one for fractions)."""
+        return self.cameras[int(np.clip(round(frame), 0, self.frames - 1))]
+
+    def time(self, frame: float) -> float:
+        return 2.0 * frame / (self.frames - 1) - 1.0 if self.frames > 1 else 0.0
+
+    def observed(self, frame: int) -> np.ndarray | None:
+        """The recorded frame, uint8 [H, W, 3]; None without the clip."""
+        return self.clip.frame(frame) if self.clip is not None else None
+
+    def labels(self, frame: int) -> np.ndarray | None:
+        """The clip's label map, uint8 [H, W]; None where there is none."""
+        return self.clip.labels(frame) if self.clip is not None else None
+
+    # -- states --------------------------------------------------------------------------------------------------------------------------------
+    def splats(self, frame: float) -> Splats:
+        """All Gaussians at a frame (baked: evaluated once, then kept), in the clip's unit, with latents."""
+        return self._states.get(("splats", float(frame)), lambda: self._evaluate(frame), _bytes_of)
+
+    @torch.no_grad()
+    def _evaluate(self, frame: float) -> Splats:
+        splats = self.model.at(self.time(frame)).splats
+        unit = 1.0 / self.run.info["unit"]
+        return Splats(splats.means * unit, splats.quats, splats.scales * unit, splats.opacities, splats.colors, splats.semantics)
+
+    def displacement(self, frame: float) -> Tensor:
+        """‖μ(t) − μ(reference)‖ of every Gaussian, [N], clip units."""
+        return (self.splats(frame).means - self.splats(self.reference_frame).means).norm(dim=1)
+
+    def vectors(self, prompts: tuple[str, ...]) -> np.ndarray:
+        """Unit text vectors [n, D]. DegenseError without semantics, PromptError for an unknown word."""
+        if self.encoder is None:
+            raise DegenseError(
+                f"{self.name} was trained without semantics, so it cannot be prompted; train it with a teacher (labels, strokes, precomputed or vlm)"
+            )
+        return self.encoder.encode(list(prompts))
+
+    # -- pictures ------------------------------------------------------------------------------------------------------------------------------
+    def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
+        """Draw one instant, all wanted channels in one pass.
+
+        Parameters
+        ----------
+        camera : Camera or None
+            None is the surgeon's camera, whose pictures are kept.
+        what : tuple of str
+            Of `CHANNELS`: `rgb` float32 [H, W, 3] in [0, 1]; `depth` float32 [H, W], clip units, NaN where nothing is; `latent` float32 [H, W, d];
+            `displacement` float32 [H, W], clip units, NaN where nothing is; `motion` float32 [H, W, 2], offset in pixels from here to the same point
+            at the reference frame, NaN where nothing is.
+
+        Returns
+        -------
+        dict with those names and `alpha` [H, W].
+        """
+        if unknown := set(what) - set(CHANNELS):
+            raise ValueError(f"nothing is called {sorted(unknown)}; choose from {CHANNELS}")
+        if camera is not None:
+            return self._draw(frame, camera, what)
+        key = ("render", float(frame), what)
+        return self._pictures.get(key, lambda: self._draw(frame, self.camera(frame), what), lambda d: sum(a.nbytes for a in d.values()))
+
+    @torch.no_grad()
+    def _draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
+        splats = self.splats(frame)
+        columns: dict[str, Tensor] = {}
+        for name in what:
+            if name == "rgb":
+                columns[name] = splats.colors
+            elif name == "depth":
+                columns[name] = camera_depths(splats.means, camera)[:, None]
+            elif name == "latent":
+                if not self.has_semantics:
+                    raise DegenseError(f"{self.name} was trained without semantics, so it has no latent features to show")
+                columns[name] = splats.semantics
+            elif name == "displacement":
+                columns[name] = self.displacement(frame)[:, None]
+            else:
+                columns[name] = self._screen_motion(frame, camera)
+        features = torch.cat(list(columns.values()), 1)
+        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera)
+        image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()
+        out, first = {"alpha": alpha}, 0
+        for name, column in columns.items():
+            value = image[..., first : first + column.shape[1]]
+            first += column.shape[1]
+            if name == "rgb":
+                value = np.clip(value, 0, 1)
+            elif name != "latent":
+                value = np.where(alpha[..., None] >= COVERED, value / np.maximum(alpha[..., None], COVERED), np.nan)
+            out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement") else value)
+        return out
+
+    def _screen_motion(self, frame: float, camera: Camera) -> Tensor:
+        here, there = self.splats(frame).means, self.splats(self.reference_frame).means
+        reference = self.camera(self.reference_frame) if camera is self.camera(frame) else camera
+        start, _ = camera.project(here.cpu().numpy())
+        end, _ = reference.project(there.cpu().numpy())
+        limit = 4.0 * max(camera.width, camera.height)
+        return torch.from_numpy(np.clip(end - start, -limit, limit)).float().to(here.device)
+
+    def picture(self, frame: float, camera: Camera | None = None) -> np.ndarray:
+        """RGB uint8 [H, W, 3]."""
+        return (self.render(frame, camera)["rgb"] * 255 + 0.5).astype(np.uint8)
+
+    def query(self, frame: float, camera: Camera | None = None) -> MaskQuery:
+        """The frame's masks, ready for any number of prompts; kept for the surgeon's camera."""
+
+        def make() -> MaskQuery:
+            if self.basis is None:
+                raise DegenseError(
+                    f"{self.name} was trained without semantics, so it cannot be prompted; train it with a teacher (labels, strokes, precomputed or vlm)"
+                )
+            drawn = self._draw(frame, camera or self.camera(frame), ("rgb", "latent"))
+            return MaskQuery((drawn["rgb"] * 255 + 0.5).astype(np.uint8), drawn["latent"], self.basis)
+
+        if camera is not None:
+            return make()
+        width, height = self.clip_size
+        rank = self.basis.rank if self.basis is not None else 0
+        return self._pictures.get(("query", float(frame)), make, lambda _: width * height * 4 * (rank + 16))
+
+    def observed_motion(self, frame: int) -> ObservedMotion:
+        """Flow of the recorded frame to the reference frame; kept. DegenseError without the clip."""
+        return self._pictures.get(
+            ("flow", int(frame)), lambda: self._measure_motion(int(frame)), lambda m: m.flow.nbytes + m.supported.nbytes
+        )
+
+    def _measure_motion(self, frame: int) -> ObservedMotion:
+        if self.clip is None:
+            raise DegenseError(f"warp compares the scene with the recording, which is missing: {self.clip_missing}")
+        here, there = self.clip.frame(frame), self.clip.frame(self.reference_frame)
+        flow = flow_between(here, there)
+        supported = self.clip.valid(frame) & consistent(flow, flow_between(there, here))
+        height, width = supported.shape
+        x = np.arange(width)[None] + np.rint(flow[..., 0]).astype(np.int64)
+        y = np.arange(height)[:, None] + np.rint(flow[..., 1]).astype(np.int64)
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        landed = self.clip.valid(self.reference_frame)[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+        return ObservedMotion(flow, supported & inside & landed)
+
+
+def _bytes_of(splats: Splats) -> int:
+    return sum(tensor.nbytes for tensor in vars(splats).values())
+
+
+def _find_clip(run: Run) -> tuple[Clip | None, str]:
+    """The run's clip, or None and why not."""
+    from engine.readers import fingerprint, open_clip
+
+    recorded = run.info["clip"]
+    path = (run.path / recorded["path"]).resolve()
+    try:
+        clip = open_clip(path)
+        if fingerprint(clip) != recorded["fingerprint"]:
+            return None, f"{path} has changed since the training"
+    except DegenseError as error:
+        return None, str(error)
+    return clip, ""

@@ -1,0 +1,89 @@
+"""Files that are whole or absent: written beside their place, then moved into it."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from engine.errors import RunError
+
+MAX_BYTES = 8 << 30
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary path in the same folder that becomes `path` when the block ends well and vanishes when it does not.
+
+    Raises RunError with one sentence when the disk is full or the folder cannot be written.
+    """
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+    except OSError as error:
+        raise RunError(f"{path.parent} cannot be written: {error.strerror}") from error
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        raise RunError(f"{path} could not be saved ({error.strerror}); what was there before is untouched") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, values: Any) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(values, indent=1), encoding="utf-8")
+
+
+def read_json(path: Path) -> Any:
+    """The values of a JSON file of at most 64 MB. Raises RunError in one sentence otherwise."""
+    try:
+        if path.stat().st_size > 64 << 20:
+            raise RunError(f"{path} is larger than 64 MB, which no run of ours writes")
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise RunError(f"{path} is missing, so this is not a complete run") from error
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise RunError(f"{path} cannot be read: {error}") from error
+
+
+def write_tensors(path: Path, tensors: dict[str, Tensor]) -> None:
+    """Save tensors as safetensors, whole or not at all."""
+    with replacing(path) as temporary:
+        try:
+            save_file({name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, str(temporary))
+        except SafetensorError as error:
+            raise RunError(f"{path} could not be saved: {error}") from error
+
+
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Tensors of a safetensors file. The format holds no code; header and sizes are checked against the file's length before anything is allocated."""
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise RunError(f"{path} is larger than {MAX_BYTES >> 30} GB")
+        with safe_open(str(path), framework="pt") as file:
+            return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - a handle, not a dict
+    except FileNotFoundError as error:
+        raise RunError(f"{path} is missing, so this is not a complete run") from error
+    except (OSError, SafetensorError) as error:
+        raise RunError(f"{path} is damaged or not a safetensors file: {error}") from error
+
+
+def finite(tensors: dict[str, Tensor], path: Path) -> dict[str, Tensor]:
+    """`tensors`, or RunError when one of them holds NaN or infinity."""
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
+            raise RunError(f"{path}: {name} holds values that are not numbers; the file is damaged")
+    return tensors

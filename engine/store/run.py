@@ -1,0 +1,172 @@
+"""The run folder: everything a training leaves behind, and nothing executable."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from engine.camera import Camera
+from engine.clip import Clip
+from engine.errors import RunError
+from engine.field import FieldConfig, SceneModel
+from engine.field.model import CANONICAL
+from engine.language import Basis
+from engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
+
+FORMAT = 1
+MAX_FRAMES, MAX_GAUSSIANS, MAX_SIDE = 1_000_000, 10_000_000, 16_384
+
+
+@dataclass
+class Run:
+    """A run folder.
+
+    Attributes
+    ----------
+    path : Path
+    info : dict
+        What `run.json` says: config, field, clip, cameras, classes, encoder, teacher, provenance, unit, versions, hardware, state, figures.
+    """
+
+    path: Path
+    info: dict[str, Any]
+
+    @classmethod
+    def create(cls, path: Path, clip: Clip, info: dict[str, Any]) -> Run:
+        """Make the folder and write `run.json`. RunError when it already holds a run."""
+        if (path / "run.json").exists():
+            raise RunError(f"{path} already holds a run; choose another folder or resume it")
+        if path.exists() and any(path.iterdir()):
+            raise RunError(f"{path} is not empty and not a run; choose another folder")
+        try:
+            for folder in (path, path / "checkpoints", path / "previews"):
+                folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunError(f"{path} cannot be made: {error.strerror}") from error
+        run = cls(
+            path,
+            {
+                "format": FORMAT,
+                "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+                "state": "training",
+                "versions": {name: version(name) for name in ("degense", "torch", "numpy", "gsplat")},
+                "hardware": hardware(),
+                "cameras": cameras_to_json(clip.cameras),
+                "fps": clip.fps,
+                "unit_name": clip.unit,
+                "classes": list(clip.classes),
+                "provenance": clip.provenance,
+                **info,
+            },
+        )
+        run.save()
+        return run
+
+    @classmethod
+    def open(cls, path: Path | str) -> Run:
+        """Open an existing run folder. RunError in one sentence when it is missing, damaged or from a newer version."""
+        path = Path(path)
+        if not path.is_dir():
+            raise RunError(f"{path} is not a folder; a run is a folder with a run.json in it")
+        info = read_json(path / "run.json")
+        if not isinstance(info, dict) or not isinstance(info.get("format"), int):
+            raise RunError(f"{path / 'run.json'} was not written by degense")
+        if info["format"] > FORMAT:
+            raise RunError(f"{path} was written by a newer degense (format {info['format']}, this one reads {FORMAT}); update to open it")
+        missing = {"config", "field", "cameras", "clip", "unit", "state"} - set(info)
+        if missing:
+            raise RunError(f"{path / 'run.json'} lacks {', '.join(sorted(missing))}; the file is damaged")
+        return cls(path, info)
+
+    def save(self) -> None:
+        write_json(self.path / "run.json", self.info)
+
+    def log(self, values: dict[str, Any]) -> None:
+        """Append one line to `metrics.jsonl`."""
+        with (self.path / "metrics.jsonl").open("a", encoding="utf-8") as file:
+            file.write(json.dumps(values) + "\n")
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """One camera a frame, at the clip's size, in the clip's unit."""
+        return cameras_from_json(self.info["cameras"], self.path / "run.json")
+
+    def save_model(self, model: SceneModel) -> None:
+        write_tensors(self.path / "model.safetensors", dict(model.state_dict()))
+
+    def load_model(self, device: torch.device | str = "cpu") -> SceneModel:
+        """The trained scene. RunError when the file does not fit its configuration."""
+        path = self.path / "model.safetensors"
+        if not path.exists():
+            raise RunError(
+                f"{self.path} holds no finished model (its training is {self.info['state']}); resume it with degense train CLIP --out {self.path} --resume"
+            )
+        return build_model(self.info["field"], finite(read_tensors(path), path), path).to(device)
+
+    def save_basis(self, basis: Basis) -> None:
+        write_tensors(
+            self.path / "basis.safetensors",
+            {name: torch.from_numpy(np.ascontiguousarray(value)) for name, value in basis.to_arrays().items()},
+        )
+
+    def load_basis(self) -> Basis | None:
+        """The basis of the semantic latents; None for a run without semantics."""
+        path = self.path / "basis.safetensors"
+        if not self.info["field"]["rank"]:
+            return None
+        return Basis.from_arrays({name: tensor.numpy() for name, tensor in finite(read_tensors(path), path).items()})
+
+
+def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: Path) -> SceneModel:
+    """A SceneModel from its configuration and tensors, checked against each other. RunError names `path`."""
+    canonical = {name: tensors.get(f"canonical.{name}") for name in CANONICAL}
+    if any(value is None for value in canonical.values()) or "bounds" not in tensors:
+        raise RunError(f"{path} lacks the canonical Gaussians; it is damaged or not a model of ours")
+    count = canonical["means"].shape[0]
+    if count > MAX_GAUSSIANS:
+        raise RunError(f"{path} claims {count} Gaussians; at most {MAX_GAUSSIANS} are read")
+    try:
+        model = SceneModel(FieldConfig.from_json(field), tensors["bounds"], canonical)
+        model.load_state_dict(tensors)
+    except (TypeError, ValueError, KeyError, RuntimeError) as error:
+        raise RunError(f"{path} does not fit the configuration in run.json: {str(error).splitlines()[0]}") from error
+    return model
+
+
+def cameras_to_json(cameras: list[Camera]) -> dict[str, Any]:
+    first = cameras[0]
+    still = all(camera is first or np.array_equal(camera.viewmat, first.viewmat) for camera in cameras)
+    return {
+        **{name: getattr(first, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
+        "count": len(cameras),
+        "viewmats": [camera.viewmat.tolist() for camera in (cameras[:1] if still else cameras)],
+    }
+
+
+def cameras_from_json(values: dict[str, Any], path: Path) -> list[Camera]:
+    try:
+        count, viewmats = int(values["count"]), np.asarray(values["viewmats"], np.float64)
+        size = int(values["width"]), int(values["height"])
+        lens = [float(values[name]) for name in ("fx", "fy", "cx", "cy")]
+    except (KeyError, TypeError, ValueError) as error:
+        raise RunError(f"{path}: the cameras cannot be read ({error})") from error
+    sane = 1 <= count <= MAX_FRAMES and all(1 <= side <= MAX_SIDE for side in size) and len(viewmats) in (1, count)
+    if not sane or viewmats.shape[1:] != (4, 4) or not np.isfinite(viewmats).all() or not np.isfinite(lens).all():
+        raise RunError(f"{path}: the cameras make no sense; the file is damaged")
+    distinct = [Camera(*size, *lens, viewmat) for viewmat in viewmats]
+    return distinct * count if len(distinct) == 1 else distinct
+
+
+def hardware() -> dict[str, Any]:
+    """What a reader of figures must know of the machine."""
+    gpu = torch.cuda.get_device_name(0) if torch.cuda.is_available() else None
+    return {"machine": platform.machine(), "system": platform.system(), "cores": os.cpu_count(), "gpu": gpu}

@@ -1,0 +1,133 @@
+"""What a training does, in numbers: one dataclass, three presets."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Literal
+
+from engine.errors import DegenseError
+from engine.field import ROUTINGS, Routing
+
+Preset = Literal["quick", "balanced", "best"]
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Settings of one training. Lengths are in the normalised unit (median depth 1); learning rates are Adam's.
+
+    Attributes
+    ----------
+    preset : str
+        The preset the values started from.
+    routing : {"paper", "isolated", "coupled"}
+        How gradients of the semantic loss may travel (see `engine.field.FieldConfig`).
+    angular : bool
+        True: L_align = E[1 − ⟨ṽ_pred, ṽ_gt⟩] (Eq. 3). False: L1 on the latents, as the coupled peers do.
+    iterations, coarse_iterations : int
+        All steps, and how many of them keep the field frozen at the identity.
+    max_gaussians : int
+        Cap on the number of Gaussians.
+    max_pixels : int
+        Frames larger than this are trained on at a reduced size.
+    seed : int
+    device : {"auto", "cpu", "cuda"}
+    ssim, depth, semantic, region : float
+        Weights of 1 − SSIM, |1/z| error (measured depth only), semantic loss and L_smooth.
+    semantic_every : int
+        A semantic pass every so many steps.
+    plane_space, plane_time, plane_still : float
+        Weights of the planes' total variation, acceleration in time, and distance of the time planes from 1.
+    displacement, rigidity, shape : float
+        Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
+    recolour, resemantics : float
+        Weights of |Δcolour| and |Δf_sem|.
+    flow : float
+        Weight of motion evidence: how far each visible Gaussian's projected motion is from the optical flow, in units of the scene.
+    appearance : bool
+        Whether Ψ_app exists.
+    channels, resolution, levels
+        Of the HexPlane; its time resolution is half the number of frames.
+    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_semantics, rate_final : float
+        Learning rates, and the factor that those of positions and field have decayed by at the end.
+    densify_every, densify_until : int, float
+        Densify and prune every so many steps, until this share of the iterations.
+    checkpoint_seconds : float
+    """
+
+    preset: str = "balanced"
+    routing: Routing = "isolated"
+    angular: bool = True
+    iterations: int = 6000
+    coarse_iterations: int = 400
+    max_gaussians: int = 60_000
+    max_pixels: int = 1 << 20
+    seed: int = 0
+    device: str = "auto"
+    ssim: float = 0.2
+    depth: float = 0.5
+    semantic: float = 0.5
+    region: float = 0.02
+    semantic_every: int = 2
+    plane_space: float = 1e-3
+    plane_time: float = 1e-2
+    plane_still: float = 1e-4
+    displacement: float = 0.01
+    rigidity: float = 0.2
+    shape: float = 0.002
+    recolour: float = 0.001
+    resemantics: float = 0.01
+    flow: float = 1.0
+    appearance: bool = True
+    channels: int = 16
+    resolution: int = 64
+    levels: tuple[int, ...] = (1, 2)
+    rate_means: float = 1.6e-4
+    rate_field: float = 1.6e-3
+    rate_planes: float = 5e-3
+    rate_scales: float = 5e-3
+    rate_quats: float = 1e-3
+    rate_opacity: float = 2e-2
+    rate_color: float = 2.5e-3
+    rate_semantics: float = 1e-2
+    rate_final: float = 0.05
+    densify_every: int = 100
+    densify_until: float = 0.6
+    checkpoint_seconds: float = 30.0
+
+    @classmethod
+    def preset_of(cls, name: str, **overrides) -> TrainConfig:
+        """The preset `name` with `overrides` that are not None applied. Raises DegenseError for an unknown preset or routing."""
+        if name not in PRESETS:
+            raise DegenseError(f"there is no preset {name!r}; choose one of {', '.join(PRESETS)}")
+        config = replace(cls(preset=name, **PRESETS[name]), **{key: value for key, value in overrides.items() if value is not None})
+        if config.routing not in ROUTINGS:
+            raise DegenseError(f"there is no routing {config.routing!r}; choose one of {', '.join(ROUTINGS)}")
+        if config.iterations < 1 or config.max_gaussians < 16:
+            raise DegenseError("a training needs at least 1 iteration and 16 Gaussians")
+        if config.routing == "coupled":  # the baseline distils with L1, as its model does
+            config = replace(config, angular=overrides.get("angular", False))
+        return replace(config, coarse_iterations=min(config.coarse_iterations, config.iterations // 5))
+
+    def to_json(self) -> dict:
+        return asdict(self) | {"levels": list(self.levels)}
+
+    @classmethod
+    def from_json(cls, values: dict) -> TrainConfig:
+        known = {f.name for f in fields(cls)}
+        if unknown := set(values) - known:
+            raise DegenseError(f"the run's configuration has unknown settings: {', '.join(sorted(unknown))}")
+        return cls(**(values | {"levels": tuple(values["levels"])}))
+
+
+PRESETS: dict[str, dict] = {
+    "quick": {
+        "iterations": 1500,
+        "coarse_iterations": 150,
+        "max_gaussians": 12_000,
+        "max_pixels": 120_000,
+        "resolution": 48,
+        "semantic_every": 3,
+    },
+    "balanced": {"iterations": 6000, "coarse_iterations": 400, "max_gaussians": 60_000},
+    "best": {"iterations": 20_000, "coarse_iterations": 1000, "max_gaussians": 120_000, "levels": (1, 2, 4)},
+}

@@ -1,0 +1,93 @@
+"""Where Gaussians are missing and where they are useless: clone, split, prune, with a cap."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from engine.field.model import CANONICAL, SceneModel
+
+PRUNE_OPACITY = 0.005
+GRADIENT_THRESHOLD = 2e-4  # of the screen position, in half-widths of the image, as in 3DGS
+SHRINK = 0.47  # ln 1.6: how much smaller the two halves of a split Gaussian are
+
+
+class Density:
+    """Collects evidence while training and edits the canonical Gaussians.
+
+    Parameters
+    ----------
+    model : SceneModel
+    cap : int
+        Never more Gaussians than this.
+    split_pixels : float
+        A Gaussian with a larger projected radius splits; a smaller one is cloned.
+    """
+
+    def __init__(self, model: SceneModel, cap: int, split_pixels: float = 12.0):
+        self.model, self.cap, self.split_pixels = model, cap, split_pixels
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the evidence."""
+        like = self.model.canonical["logits"]
+        self.gradient = torch.zeros_like(like, requires_grad=False)
+        self.seen = torch.zeros_like(self.gradient)
+        self.opacity = torch.zeros_like(self.gradient)
+        self.radius = torch.zeros_like(self.gradient)
+
+    @torch.no_grad()
+    def observe(self, screen_gradient: Tensor, radii: Tensor, opacities: Tensor, half_width: float) -> None:
+        """Add one step: gradient of the loss by projected centre [N, 2] (per pixel), drawn radii [N] (pixels) and opacities [N]."""
+        drawn = (radii > 0).to(self.gradient.dtype)
+        self.gradient += screen_gradient.norm(dim=1) * half_width * drawn
+        self.seen += drawn
+        torch.maximum(self.opacity, opacities.detach() * drawn, out=self.opacity)
+        torch.maximum(self.radius, radii.to(self.radius.dtype), out=self.radius)
+
+    @torch.no_grad()
+    def step(self, optimizer: torch.optim.Optimizer, generator: torch.Generator) -> dict[str, int]:
+        """Prune what was never visible enough since the last step, then clone and split where the gradient is largest. Returns how many of each."""
+        canonical = self.model.canonical
+        score = self.gradient / self.seen.clamp_min(1)
+        keep = self.opacity >= PRUNE_OPACITY
+        if int(keep.sum()) < 16:  # an all-masked or black stretch must not empty the scene
+            keep = torch.ones_like(keep)
+        room = max(0, self.cap - int(keep.sum()))
+        wanted = keep & (score > GRADIENT_THRESHOLD)
+        chosen = torch.where(wanted, score, torch.zeros_like(score)).topk(min(room, len(score), int(wanted.sum()))).indices
+        split = chosen[self.radius[chosen] > self.split_pixels]
+        clone = chosen[self.radius[chosen] <= self.split_pixels]
+
+        offset = torch.randn((len(split), 3), generator=generator).to(canonical["means"].device)
+        children = {name: canonical[name][torch.cat([clone, split])].clone() for name in CANONICAL}
+        jump = rotate(canonical["quats"][split], offset * canonical["log_scales"][split].exp())
+        children["means"][len(clone) :] += jump
+        canonical["means"].data[split] -= jump
+        children["log_scales"][len(clone) :] -= SHRINK
+        canonical["log_scales"].data[split] -= SHRINK
+        self._replace(optimizer, keep, children)
+        self.reset()
+        return {"pruned": int((~keep).sum()), "cloned": len(clone), "split": len(split)}
+
+    def _replace(self, optimizer: torch.optim.Optimizer, keep: Tensor, children: dict[str, Tensor]) -> None:
+        """Swap every canonical parameter for its kept rows and the children; Adam's moments follow, those of children start at zero."""
+        for name in CANONICAL:
+            old = self.model.canonical[name]
+            new = torch.nn.Parameter(torch.cat([old.data[keep], children[name]]))
+            self.model.canonical[name] = new
+            for group in optimizer.param_groups:
+                if group["params"][0] is old:
+                    group["params"][0] = new
+            state = optimizer.state.pop(old, None)
+            if state:
+                for key in ("exp_avg", "exp_avg_sq"):
+                    state[key] = torch.cat([state[key][keep], torch.zeros_like(children[name])])
+                optimizer.state[new] = state
+
+
+def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """Vectors [N, 3] turned by quaternions [N, 4] (wxyz, any non-zero length)."""
+    q = torch.nn.functional.normalize(quats, dim=1)
+    cross = torch.linalg.cross(q[:, 1:], vectors) * 2
+    return vectors + q[:, :1] * cross + torch.linalg.cross(q[:, 1:], cross)

@@ -1,0 +1,35 @@
+"""What a training will cost, before it starts."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from engine.clip import Clip
+from engine.training.config import TrainConfig
+
+# Measured with `degense train` (docs/benchmarks.md): seconds a step = overhead + per Gaussian + per pixel, on two laptop-class cores and on one H200.
+CPU_STEP = (4e-3, 3.2e-6, 1.6e-7)
+CUDA_STEP = (9e-3, 2e-8, 2e-9)
+FLOW_SECONDS = 0.05  # a frame, both ways, all partners, one core
+
+
+def estimate(clip: Clip, config: TrainConfig, device: str) -> dict[str, Any]:
+    """Seconds, megabytes and words for training `clip` with `config` on `device` ("cpu" or "cuda"). Order of magnitude, not a promise.
+
+    Returns
+    -------
+    dict with `seconds`, `memory_mb`, `gaussians`, `words`
+    """
+    width, height = clip.size
+    pixels = min(width * height, config.max_pixels)
+    overhead, per_gaussian, per_pixel = CUDA_STEP if device == "cuda" else CPU_STEP
+    cores = 1.0 if device == "cuda" else 2.0 / max(1, min(os.cpu_count() or 1, 8))
+    gaussians = int(config.max_gaussians * 0.9)
+    seconds = config.iterations * (overhead + cores * (per_gaussian * gaussians + per_pixel * pixels)) + FLOW_SECONDS * len(clip) + 5
+    planes = sum(3 * (config.resolution * m) ** 2 + 3 * config.resolution * m * len(clip) // 2 for m in config.levels) * config.channels
+    memory = (planes * 16 + gaussians * (14 + 32) * 16 + gaussians * 4 * 600 + pixels * 4 * 60) / 1e6
+    minutes = max(1, round(seconds / 60))
+    where = "the GPU" if device == "cuda" else "the processor"
+    words = f"about {minutes} min on {where}, up to {gaussians:,} Gaussians, {memory / 1000:.1f} GB of memory beside the frames"
+    return {"seconds": seconds, "memory_mb": memory, "gaussians": gaussians, "words": words}

@@ -1,0 +1,98 @@
+"""The clip as the trainer sees it: reduced to a working size, in the normalised unit, read when needed."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from engine.camera import Camera
+from engine.clip import Clip
+from engine.errors import ClipError
+
+CACHE_BYTES = 2 << 30
+
+
+@dataclass
+class Frame:
+    """One training frame on the training device.
+
+    Attributes
+    ----------
+    image : float [H, W, 3] in [0, 1]
+    valid : float [H, W], 0 or 1
+    depth : float [H, W], normalised, 0 where unknown
+    """
+
+    image: Tensor
+    valid: Tensor
+    depth: Tensor
+
+
+class TrainingFrames:
+    """Frames, cameras and times of a clip at the working size.
+
+    Attributes
+    ----------
+    unit : float
+        Normalised length = clip length × `unit`; chosen so that the median depth of the first training frame is 1.
+    cameras : list of Camera
+        At the working size, in the normalised unit.
+    """
+
+    def __init__(self, clip: Clip, max_pixels: int, device: torch.device):
+        self.clip, self.device = clip, device
+        width, height = clip.size
+        self.scale = min(1.0, (max_pixels / (width * height)) ** 0.5)
+        first = clip.train_frames[0]
+        depth = clip.depth(first)[clip.valid(first)]
+        known = depth[depth > 0]
+        if known.size == 0:
+            raise ClipError(
+                f"{clip.path}: frame {first} has no valid pixel with a depth, so there is nothing to start from; check the mask polarity"
+            )
+        self.unit = float(1.0 / np.median(known))
+        self.cameras: list[Camera] = [camera.scaled(self.scale).with_unit(self.unit) for camera in clip.cameras]
+        self._cache: OrderedDict[int, Frame] = OrderedDict()
+        pixels = self.cameras[0].width * self.cameras[0].height
+        self._capacity = max(2, CACHE_BYTES // (pixels * 5 * 4))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the working frames."""
+        return self.cameras[0].width, self.cameras[0].height
+
+    def image(self, index: int) -> np.ndarray:
+        """RGB uint8 at the working size."""
+        image = self.clip.frame(index)
+        return image if self.scale == 1.0 else cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
+
+    def valid(self, index: int) -> np.ndarray:
+        """bool at the working size: a reduced pixel is valid when every pixel under it is."""
+        valid = self.clip.valid(index)
+        return valid if self.scale == 1.0 else cv2.resize(valid.astype(np.float32), self.size, interpolation=cv2.INTER_AREA) > 0.999
+
+    def depth(self, index: int) -> np.ndarray:
+        """float32 at the working size, normalised unit; nearest, since depths across an edge must not mix."""
+        depth = self.clip.depth(index)
+        if self.scale != 1.0:
+            depth = cv2.resize(depth, self.size, interpolation=cv2.INTER_NEAREST)
+        return depth * np.float32(self.unit)
+
+    def __getitem__(self, index: int) -> Frame:
+        if index in self._cache:
+            self._cache.move_to_end(index)
+            return self._cache[index]
+        frame = Frame(
+            torch.from_numpy(np.ascontiguousarray(self.image(index))).to(self.device).float() / 255,
+            torch.from_numpy(self.valid(index)).to(self.device).float(),
+            torch.from_numpy(np.ascontiguousarray(self.depth(index))).to(self.device),
+        )
+        self._cache[index] = frame
+        if len(self._cache) > self._capacity:
+            self._cache.popitem(last=False)
+        return frame

@@ -1,0 +1,93 @@
+"""The first Gaussians: training frames only, unprojected; tissue hidden in one frame comes from others."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from engine.training.frames import TrainingFrames
+
+KEYFRAMES = 8
+DIFFERENT = 30  # grey levels by which a pixel must differ from what is already seeded there
+
+
+def initial_gaussians(frames: TrainingFrames, budget: int, rank: int, generator: np.random.Generator) -> tuple[dict[str, Tensor], Tensor]:
+    """Canonical parameters and the bounds of the field.
+
+    The first training frame is sampled on a jittered grid. Then some key frames add points only where they show what the earlier ones could not: pixels
+    that were invalid (behind a tool) or look different by more than `DIFFERENT` grey levels.
+
+    Parameters
+    ----------
+    budget : int
+        At most this many points.
+
+    Returns
+    -------
+    canonical : dict of Tensor
+        See `engine.field.SceneModel`.
+    bounds : float [2, 3]
+        Robust percentiles of the cloud (0.5 – 99.5) with a margin of a quarter of their extent.
+    """
+    train = frames.clip.train_frames
+    keys = [train[i] for i in np.unique(np.linspace(0, len(train) - 1, min(KEYFRAMES, len(train))).round().astype(int))]
+    width, height = frames.size
+    stride = max(1.0, float(np.sqrt(width * height / (0.6 * budget))))
+    seen = np.zeros((height, width, 3), np.int16)
+    known = np.zeros((height, width), bool)
+    points, colors, pitches = [], [], []
+    left = budget
+    for key in keys:
+        image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
+        smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
+        fresh = valid & (~known | (np.abs(smooth.astype(np.int16) - seen).max(2) > DIFFERENT))
+        pixels = jittered_grid(width, height, stride, generator)
+        rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
+        keep = np.flatnonzero(fresh[rows, columns])
+        if len(keep) > left:
+            keep = generator.choice(keep, left, replace=False)
+        left -= len(keep)
+        rows, columns = rows[keep], columns[keep]
+        z = depth[rows, columns]
+        points.append(frames.cameras[key].unproject(pixels[keep], z))
+        colors.append(smooth[rows, columns] / 255.0)
+        pitches.append(stride * z / frames.cameras[key].fx)
+        seen[fresh] = smooth[fresh]
+        known |= fresh
+    means = torch.from_numpy(np.concatenate(points)).float()
+    count = len(means)
+    scales = torch.from_numpy(np.concatenate(pitches)).float() * 0.6
+    low, high = torch.from_numpy(np.percentile(means.numpy(), [0.5, 99.5], axis=0)).float()
+    margin = 0.25 * (high - low).clamp_min(0.05)
+    canonical = {
+        "means": means,
+        "log_scales": scales.log()[:, None].repeat(1, 3),
+        "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
+        "logits": torch.full((count,), 2.0),
+        "colors": torch.from_numpy(np.concatenate(colors)).float(),
+        "semantics": torch.from_numpy(generator.normal(0, 0.01, (count, rank))).float(),
+    }
+    return canonical, torch.stack([low - margin, high + margin])
+
+
+def jittered_grid(width: int, height: int, stride: float, generator: np.random.Generator) -> np.ndarray:
+    """Pixel positions [n, 2] (x, y), one in each cell of `stride` × `stride` pixels."""
+    x, y = np.meshgrid(np.arange(0, width, stride), np.arange(0, height, stride))
+    positions = np.stack([x, y], -1).reshape(-1, 2) + generator.uniform(0.25, 0.75, (x.size, 2)) * stride
+    return positions[(positions[:, 0] < width) & (positions[:, 1] < height)]
+
+
+def filled(depth: np.ndarray) -> np.ndarray:
+    """Depth with unknown pixels (0) filled from their nearest known neighbour; 1 when nothing is known."""
+    unknown = (depth <= 0).astype(np.uint8)
+    if unknown.all():
+        return np.ones_like(depth)
+    if not unknown.any():
+        return depth
+    _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    value = np.zeros(labels.max() + 1, depth.dtype)
+    known = unknown == 0
+    value[labels[known]] = depth[known]
+    return value[labels]

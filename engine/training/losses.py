@@ -1,0 +1,115 @@
+"""Training losses. Maps come back unreduced where a test or a picture may want them."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+WINDOW, SIGMA = 11, 1.5
+
+
+def ssim_map(image: Tensor, target: Tensor) -> Tensor:
+    """Structural similarity per pixel and channel.
+
+    Gaussian window 11 × 11, σ 1.5, zero padding, C1 = 0.01², C2 = 0.03² for values in [0, 1] (Wang et al. 2004).
+
+    Parameters
+    ----------
+    image, target : float [H, W, C]
+
+    Returns
+    -------
+    float [H, W, C]
+    """
+    offsets = torch.arange(WINDOW, dtype=image.dtype, device=image.device) - WINDOW // 2
+    kernel = torch.exp(-offsets.square() / (2 * SIGMA**2))
+    kernel = kernel / kernel.sum()
+    x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)
+    moments = torch.cat([x, y, x * x, y * y, x * y])[:, None]
+    moments = F.conv2d(moments, kernel.view(1, 1, 1, -1), padding=(0, WINDOW // 2))
+    moments = F.conv2d(moments, kernel.view(1, 1, -1, 1), padding=(WINDOW // 2, 0))[:, 0]
+    mx, my, xx, yy, xy = moments.chunk(5)
+    vx, vy, cov = xx - mx * mx, yy - my * my, xy - mx * my
+    value = (2 * mx * my + 1e-4) * (2 * cov + 9e-4) / ((mx * mx + my * my + 1e-4) * (vx + vy + 9e-4))
+    return value.permute(1, 2, 0)
+
+
+def photometric(image: Tensor, target: Tensor, valid: Tensor, ssim: float) -> Tensor:
+    """(1 − w)·L1 + w·(1 − SSIM), averaged over valid pixels.
+
+    Invalid pixels are shown to the SSIM window as the target, so that they carry no error into their valid neighbours.
+
+    Parameters
+    ----------
+    image, target : float [H, W, 3]
+    valid : float [H, W], 0 or 1
+    """
+    weight = valid[..., None]
+    count = weight.sum().clamp_min(1) * image.shape[-1]
+    shown = image * weight + target * (1 - weight)
+    loss = (1 - ssim) * (shown - target).abs().sum() / count
+    if ssim > 0:
+        loss = loss + ssim * ((1 - ssim_map(shown, target)) * weight).sum() / count
+    return loss
+
+
+def inverse_depth(depth: Tensor, alpha: Tensor, target: Tensor, valid: Tensor) -> Tensor:
+    """Mean |1/z − 1/z*| over valid pixels that have a depth and are covered.
+
+    Parameters
+    ----------
+    depth : float [H, W]
+        Blended z, not yet divided by alpha.
+    alpha, target, valid : float [H, W]
+        `target` is 0 where unknown.
+    """
+    weight = valid * (target > 0) * (alpha.detach() > 0.5)
+    expected = depth / alpha.clamp_min(1e-6)
+    error = (1 / expected.clamp_min(1e-3) - 1 / torch.where(target > 0, target, 1.0)).abs()
+    return (error * weight).sum() / weight.sum().clamp_min(1)
+
+
+def angular(latent: Tensor, target: Tensor) -> Tensor:
+    """1 − ⟨ṽ_pred, ṽ_gt⟩ per pixel (Eq. 3). A zero vector scores 1 and has a finite gradient.
+
+    Parameters
+    ----------
+    latent, target : float [P, d]
+    """
+    return 1 - (unit(latent) * unit(target)).sum(-1)
+
+
+def unit(vectors: Tensor) -> Tensor:
+    """v / √(‖v‖² + ε²): unit length for anything longer than ε = 1e-4, finite forwards and backwards at zero."""
+    return vectors * torch.rsqrt(vectors.square().sum(-1, keepdim=True) + 1e-8)
+
+
+def region_smoothness(latent: Tensor, regions: Tensor, count: int) -> Tensor:
+    """L_smooth = E_R[ (1/|R|) Σ_{p∈R} ‖v_pred(p) − v̄_R‖₁ ] (paper §2.3).
+
+    Parameters
+    ----------
+    latent : float [P, d]
+    regions : int64 [P]
+        Superpixel of each pixel, 0 … count − 1.
+    """
+    size = torch.zeros(count, device=latent.device, dtype=latent.dtype).index_add_(0, regions, torch.ones_like(latent[:, 0]))
+    total = torch.zeros(count, latent.shape[1], device=latent.device, dtype=latent.dtype).index_add(0, regions, latent)
+    mean = total / size.clamp_min(1)[:, None]
+    spread = (latent - mean[regions]).abs().sum(1)
+    inside = torch.zeros_like(size).index_add(0, regions, spread) / size.clamp_min(1)
+    return inside.sum() / (size > 0).sum().clamp_min(1)
+
+
+def rigidity(displacement: Tensor, neighbours: Tensor, weights: Tensor) -> Tensor:
+    """Mean weighted ‖Δμ_i − Δμ_j‖ over neighbour pairs: tissue moves together with what it hangs on.
+
+    Parameters
+    ----------
+    displacement : float [N, 3]
+    neighbours : int64 [N, K]
+    weights : float [N, K]
+    """
+    difference = displacement[:, None] - displacement[neighbours]
+    return (weights * (difference.square().sum(-1) + 1e-12).sqrt()).mean()

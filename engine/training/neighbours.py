@@ -1,0 +1,23 @@
+"""Nearest neighbours of the canonical centres, for local rigidity."""
+
+from __future__ import annotations
+
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+
+def nearest_neighbours(points: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    """Indices int64 [N, K] of the K nearest other points and weights float [N, K], a Gaussian of their distance
+    whose width is the median neighbour distance.
+
+    K is smaller for fewer than `count` + 1 points; a single point has none.
+    """
+    place = points.detach().cpu().double().numpy()
+    k = min(count, len(place) - 1)
+    if k < 1:
+        return torch.zeros(len(place), 0, dtype=torch.int64, device=points.device), torch.zeros(len(place), 0, device=points.device)
+    distance, index = cKDTree(place).query(place, k + 1, workers=-1)
+    distance, index = torch.from_numpy(distance[:, 1:]), torch.from_numpy(index[:, 1:])
+    typical = distance.median().clamp_min(1e-9)
+    return index.to(points.device), torch.exp(-0.5 * (distance / typical).square()).float().to(points.device)

@@ -1,0 +1,41 @@
+"""Adam with one group a kind of parameter, and how the rates fall."""
+
+from __future__ import annotations
+
+import torch
+
+from engine.field import SceneModel
+from engine.training.config import TrainConfig
+
+DECAYING = {"means", "field", "planes", "semantic"}
+
+
+def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
+    """Groups: one for each canonical parameter (so that densification can swap it), the planes, the networks, the semantic networks."""
+    rates = {
+        "means": config.rate_means,
+        "log_scales": config.rate_scales,
+        "quats": config.rate_quats,
+        "logits": config.rate_opacity,
+        "colors": config.rate_color,
+        "semantics": config.rate_semantics,
+    }
+    groups = [{"name": name, "params": [model.canonical[name]], "lr": rate} for name, rate in rates.items()]
+    networks = [model.kinematics, model.geometry, *([model.appearance] if model.appearance is not None else [])]
+    semantic = list(model.semantic.parameters()) if model.semantic is not None else []
+    planes = list(model.planes.parameters())
+    semantic_planes = list(model.semantic_planes.parameters()) if model.semantic_planes is not None else []
+    groups.append({"name": "planes", "params": planes + semantic_planes, "lr": config.rate_planes})
+    groups.append({"name": "field", "params": [p for network in networks for p in network.parameters()], "lr": config.rate_field})
+    if semantic:
+        groups.append({"name": "semantic", "params": semantic, "lr": config.rate_field})
+    for group in groups:
+        group["base"] = group["lr"]
+    return torch.optim.Adam(groups, eps=1e-15, fused=True)
+
+
+def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, iteration: int, caution: float) -> None:
+    """Exponential decay to `rate_final` of the start for positions and field; everything times `caution`."""
+    decay = config.rate_final ** (iteration / config.iterations)
+    for group in optimizer.param_groups:
+        group["lr"] = group["base"] * caution * (decay if group["name"] in DECAYING else 1.0)

@@ -1,0 +1,204 @@
+"""From a clip to a run folder: load, ask the teacher, measure flow, train, save."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+
+from engine.clip import Clip
+from engine.errors import Cancelled, DegenseError
+from engine.field import FieldConfig, SceneModel
+from engine.language import teacher_by_name
+from engine.progress import Progress
+from engine.readers import fingerprint
+from engine.store import Run
+from engine.store.files import replacing
+from engine.store.run import hardware
+from engine.training.checkpoint import load_checkpoint, save_checkpoint
+from engine.training.config import TrainConfig
+from engine.training.evidence import MotionEvidence
+from engine.training.frames import TrainingFrames
+from engine.training.initialise import initial_gaussians
+from engine.training.semantics import SemanticTargets
+from engine.training.trainer import Diverged, Trainer, draw, run_steps
+
+Events = Callable[[dict[str, Any]], None]
+REPORT_EVERY = 25
+PREVIEW_SECONDS = 5.0
+
+
+def choose_device(name: str) -> torch.device:
+    """`auto` takes a GPU when there is one. DegenseError when `cuda` is asked for and absent."""
+    if name not in ("auto", "cpu", "cuda"):
+        raise DegenseError(f"there is no device {name!r}; choose auto, cpu or cuda")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise DegenseError("no CUDA GPU was found; train with --device cpu, or see degense doctor")
+    return torch.device("cuda" if name == "cuda" or (name == "auto" and torch.cuda.is_available()) else "cpu")
+
+
+def default_teacher(clip: Clip) -> str:
+    """`labels` when the clip has any label map, else `none`."""
+    return "labels" if clip.labelled_frames else "none"
+
+
+def train(
+    clip: Clip,
+    out: Path,
+    config: TrainConfig,
+    *,
+    teacher: str | None = None,
+    resume: bool = False,
+    events: Events,
+    stop: Callable[[], bool],
+) -> Run | None:
+    """Train a scene of `clip` into the run folder `out`. Returns the finished run, or None when `stop()` asked to leave; the run can then be resumed.
+
+    Parameters
+    ----------
+    teacher : str or None
+        A name that `engine.language.teacher_by_name` knows, "none", or None for the clip's default.
+    resume : bool
+        Continue the training in `out` with the settings it started with.
+    """
+    device = choose_device(config.device)
+    torch.manual_seed(config.seed)
+    started = time.perf_counter()
+
+    def progress(stage: str) -> Progress:
+        events({"event": "stage", "stage": stage})
+
+        def tell(fraction: float, message: str) -> None:
+            events({"event": "step", "stage": stage, "fraction": round(fraction, 4), "message": message})
+            if stop():
+                raise Cancelled
+
+        return tell
+
+    run = Run.open(out) if resume else None
+    checkpoint = None
+    if run is not None:
+        config = TrainConfig.from_json(run.info["config"] | {"device": config.device})
+        teacher = run.info["teacher"]["name"]
+        if run.info["clip"]["fingerprint"] != fingerprint(clip):
+            raise DegenseError(f"{clip.path} is not the clip that {out} was trained on; resume with that clip or start a new run")
+        if run.info["state"] == "finished":
+            raise DegenseError(f"{out} has finished its {config.iterations} iterations; start a new run to train longer")
+        if (out / "checkpoints" / "last.json").exists():
+            checkpoint = load_checkpoint(out / "checkpoints")
+    elif (out / "run.json").exists():
+        raise DegenseError(f"{out} already holds a run; choose another folder or add --resume")
+
+    try:
+        tell = progress("load")
+        teacher = teacher or default_teacher(clip)
+        frames = TrainingFrames(clip, config.max_pixels, device)
+        chosen = None if teacher == "none" else teacher_by_name(teacher, clip)
+        tell(0.5, "reading the clip")
+        semantics = SemanticTargets(chosen, frames, progress("teacher")) if chosen is not None else None
+        evidence = MotionEvidence(frames, progress("flow")) if config.flow > 0 and len(clip.train_frames) > 1 else None
+    except Cancelled:
+        return None
+
+    rank = semantics.basis.rank if semantics is not None else 0
+    field = FieldConfig(
+        config.routing, rank, config.appearance, config.channels, config.resolution, max(2, (len(clip) + 1) // 2), config.levels
+    )
+    canonical, bounds = initial_gaussians(frames, int(config.max_gaussians * 0.7), rank, np.random.default_rng(config.seed))
+    model = SceneModel(field, bounds, canonical).to(device)
+    if run is None:
+        info = {
+            "clip": {"path": portable(clip.path, out), "name": clip.name, "fingerprint": fingerprint(clip)},
+            "config": config.to_json(),
+            "field": field.to_json(),
+            "unit": frames.unit,
+            "reference_frame": clip.train_frames[0],
+            "train_frames": clip.train_frames,
+            "test_frames": clip.test_frames,
+            "teacher": {"name": teacher, "provenance": chosen.provenance if chosen is not None else "no semantics"},
+            "encoder": chosen.encoder.name if chosen is not None else None,
+            "train_seconds": 0.0,
+        }
+        run = Run.create(out, clip, info)
+        if semantics is not None:
+            run.save_basis(semantics.basis)
+    trainer = Trainer(model, frames, semantics, evidence, config, events)
+    if checkpoint is not None:
+        trainer.restore(checkpoint)
+    run.info |= {"state": "training", "hardware": hardware()}
+    run.save()
+    return _loop(run, trainer, events, stop, started)
+
+
+def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], started: float) -> Run | None:
+    spent = float(run.info["train_seconds"])
+    config = trainer.config
+    last_checkpoint = last_preview = time.perf_counter()
+    stage = ""
+
+    def after(values: dict[str, Any]) -> None:
+        nonlocal last_checkpoint, last_preview, stage
+        current = "coarse" if values["iteration"] <= config.coarse_iterations else "joint"
+        if current != stage:
+            stage = current
+            events({"event": "stage", "stage": stage})
+        run.log(values)
+        events({"event": "progress", **values})
+        now = time.perf_counter()
+        if now - last_preview > PREVIEW_SECONDS or values["iteration"] == config.iterations:
+            events({"event": "preview", **write_preview(run, trainer)})
+            last_preview = now
+        if now - last_checkpoint > config.checkpoint_seconds:
+            save_checkpoint(run.path / "checkpoints", trainer.state())
+            last_checkpoint = time.perf_counter()
+
+    try:
+        finished = run_steps(trainer, stop, REPORT_EVERY, lambda fraction, message: None, after)
+    except Diverged as error:
+        trainer.restore(trainer.good)
+        save_checkpoint(run.path / "checkpoints", trainer.state())
+        run.info |= {"state": "diverged"}
+        run.save()
+        raise DegenseError(f"{error}; {run.path} keeps it. Try a smaller preset or check the clip's depth and masks") from error
+    if trainer.device.type == "cuda":
+        torch.cuda.synchronize()
+    run.info |= {"train_seconds": spent + time.perf_counter() - started, "iteration": trainer.iteration, "gaussians": len(trainer.model)}
+    if not finished:
+        save_checkpoint(run.path / "checkpoints", trainer.state())
+        run.info["state"] = "stopped"
+        run.save()
+        events({"event": "stopped", "iteration": trainer.iteration})
+        return None
+    run.save_model(trainer.model)
+    run.info["state"] = "finished"
+    run.save()
+    for file in (run.path / "checkpoints").iterdir():
+        file.unlink()
+    events({"event": "done", "run": str(run.path)})
+    return run
+
+
+@torch.no_grad()
+def write_preview(run: Run, trainer: Trainer) -> dict[str, Any]:
+    """Draw the first held-out frame (or the first frame) as `previews/last.png`; the event's fields."""
+    clip = trainer.frames.clip
+    frame = (clip.test_frames or [0])[0]
+    deform = trainer.iteration >= trainer.config.coarse_iterations
+    image = draw(trainer.model.at(clip.time(frame), deform=deform, semantics=False).splats, trainer.frames.cameras[frame]).image[..., :3]
+    picture = (image.clamp(0, 1) * 255).byte().cpu().numpy()
+    path = run.path / "previews" / "last.png"
+    with replacing(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
+    return {"path": str(path), "frame": frame}
+
+
+def portable(path: Path, start: Path) -> str:
+    """`path` relative to the run when they share a folder, so that both can be moved together; else absolute."""
+    path, start = path.resolve(), start.resolve()
+    return os.path.relpath(path, start) if path.is_relative_to(start.parent) else str(path)

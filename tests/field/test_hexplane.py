@@ -1,0 +1,79 @@
+"""The fused HexPlane against its plain twin, and the twin against a loop."""
+
+import numpy as np
+import pytest
+import torch
+
+from engine.field import hexplane_cpu
+from engine.field.hexplane import HexPlane, sample_level
+
+
+def brute(points, space, line):
+    """One level by loops in float64."""
+    cells = space.shape[1] - 1
+    out = np.ones((len(points), space.shape[-1]))
+    for n, point in enumerate(points):
+        place = (point + 1) / 2 * cells
+        low = np.clip(np.floor(place).astype(int), 0, cells - 1)
+        w = place - low
+        for plane, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+            value = 0
+            for i in (0, 1):
+                for j in (0, 1):
+                    value = value + (w[a] if i else 1 - w[a]) * (w[b] if j else 1 - w[b]) * space[plane, low[b] + j, low[a] + i]
+            out[n] *= value
+        for axis in range(3):
+            out[n] *= (1 - w[axis]) * line[axis, low[axis]] + w[axis] * line[axis, low[axis] + 1]
+    return out
+
+
+@pytest.mark.parametrize("channels", [8, 16])
+def test_twin_matches_a_loop(channels):
+    random = np.random.default_rng(channels)
+    points = np.concatenate([random.uniform(-1, 1, (20, 3)), [[-1, -1, -1], [1, 1, 1], [0, 1, -1]]])
+    space, line = random.normal(size=(3, 7, 7, channels)), random.normal(size=(3, 7, channels))
+    twin = sample_level(torch.from_numpy(points), torch.from_numpy(space), torch.from_numpy(line))
+    np.testing.assert_allclose(twin.numpy(), brute(points, space, line), atol=1e-12)
+
+
+def test_fused_values_and_gradients_match_the_twin_in_float64():
+    torch.manual_seed(3)
+    points = torch.rand(500, 3) * 2 - 1
+    space, line = torch.randn(3, 9, 9, 16), torch.randn(3, 9, 16)
+    weights = torch.randn(500, 16)
+    results = []
+    for cast, sample in ((torch.float32, hexplane_cpu.sample), (torch.float64, sample_level)):
+        plane, lines = space.to(cast, copy=True).requires_grad_(), line.to(cast, copy=True).requires_grad_()
+        out = sample(points.to(cast), plane, lines)
+        (out * weights.to(cast)).sum().backward()
+        results.append((out.detach().double(), plane.grad.double(), lines.grad.double()))
+    for fused, exact in zip(*results, strict=True):
+        assert (fused - exact).norm() / exact.norm() < 1e-5
+
+
+def test_time_is_interpolated_and_clamped():
+    planes = HexPlane(8, 8, 5, (1,))
+    with torch.no_grad():
+        planes.time[0].copy_(torch.arange(5.0)[None, :, None, None].expand(3, 5, 8, 8))
+    for t, expected in ((-1, 0), (-0.5, 1), (0.25, 2.5), (1, 4), (-7, 0), (3, 4)):
+        assert torch.allclose(planes.lines(t)[0], torch.full((3, 8, 8), float(expected)))
+
+
+def test_points_outside_the_box_and_without_a_gradient():
+    planes = HexPlane(8, 8, 4)
+    points = torch.tensor([[9.0, -9.0, 0.0]], requires_grad=True)
+    out = planes(points, 0.3)
+    out.sum().backward()
+    assert torch.isfinite(out).all()
+    assert points.grad is None
+    assert torch.equal(out.detach(), planes(torch.tensor([[1.0, -1.0, 0.0]]), 0.3).detach())
+
+
+def test_smoothness_is_zero_on_flat_planes_only():
+    planes = HexPlane(8, 8, 4)
+    for plane in planes.space:
+        torch.nn.init.constant_(plane, 0.3)
+    assert [v.item() for v in planes.smoothness()] == [0, 0, 0]
+    with torch.no_grad():
+        planes.time[0][0, 1, 2, 3] += 1
+    assert all(v.item() > 0 for v in planes.smoothness())

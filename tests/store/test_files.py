@@ -1,0 +1,98 @@
+"""Whole or absent, and hostile files answered in one sentence."""
+
+import os
+
+import pytest
+import torch
+
+from engine.errors import RunError
+from engine.splats import Splats
+from engine.store.files import finite, read_json, read_tensors, replacing, write_json, write_tensors
+from engine.store.ply import load_ply, save_ply
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path):
+    path = tmp_path / "a.json"
+    write_json(path, {"kept": 1})
+    with pytest.raises(ValueError, match="half way"), replacing(path) as temporary:  # noqa: PT012
+        temporary.write_text("{")
+        raise ValueError("half way")
+    assert read_json(path) == {"kept": 1}
+    assert os.listdir(tmp_path) == ["a.json"]
+
+
+def test_a_full_disk_is_said_in_words(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "a.json"
+    write_json(path, 1)
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(RunError, match="No space left on device.*untouched"):
+        write_json(path, 2)
+    assert read_json(path) == 1
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"\x80" * 100])
+def test_damaged_files_are_one_sentence(tmp_path, content):
+    path = tmp_path / "x"
+    path.write_bytes(content)
+    with pytest.raises(RunError, match="x"):
+        read_tensors(path)
+    with pytest.raises(RunError, match="x"):
+        read_json(path)
+
+
+def test_tensors_that_promise_more_than_the_file_holds(tmp_path):
+    path = tmp_path / "x.safetensors"
+    header = b'{"a":{"dtype":"F32","shape":[1000000000000],"data_offsets":[0,4000000000000]}}'
+    path.write_bytes(len(header).to_bytes(8, "little") + header + b"\0" * 16)
+    with pytest.raises(RunError, match="damaged"):
+        read_tensors(path)
+
+
+def test_numbers_that_are_not_numbers(tmp_path):
+    path = tmp_path / "x.safetensors"
+    write_tensors(path, {"a": torch.tensor([1.0, float("nan")])})
+    with pytest.raises(RunError, match="not numbers"):
+        finite(read_tensors(path), path)
+
+
+def some_splats(count=7):
+    torch.manual_seed(0)
+    quats = torch.nn.functional.normalize(torch.randn(count, 4), dim=1)
+    return Splats(
+        torch.randn(count, 3),
+        quats,
+        torch.rand(count, 3) + 0.01,
+        torch.rand(count) * 0.9 + 0.05,
+        torch.rand(count, 3),
+        torch.zeros(count, 0),
+    )
+
+
+def test_ply_comes_back_as_it_went(tmp_path):
+    splats = some_splats()
+    save_ply(tmp_path / "a.ply", splats)
+    again = load_ply(tmp_path / "a.ply")
+    for name in ("means", "quats", "scales", "opacities", "colors"):
+        assert torch.allclose(getattr(splats, name), getattr(again, name), atol=1e-5), name
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda b: b[:-20], "shorter"),
+        (lambda b: b.replace(b"vertex 7", b"vertex 99999999999"), "shorter"),
+        (lambda b: b.replace(b"binary_little_endian", b"ascii"), "binary"),
+        (lambda b: b.replace(b"property float rot_3", b"property list uchar int q"), "header line"),
+        (lambda b: b.replace(b"property float rot_3", b"property float other"), "rot_3"),
+        (lambda b: b"ply\nformat binary_little_endian 1.0\n" + b"comment x\n" * 600, "no end"),
+    ],
+)
+def test_hostile_ply(tmp_path, change, match):
+    path = tmp_path / "a.ply"
+    save_ply(path, some_splats())
+    path.write_bytes(change(path.read_bytes()))
+    with pytest.raises(RunError, match=match):
+        load_ply(path)

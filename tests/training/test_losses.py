@@ -1,0 +1,69 @@
+"""Losses against independent answers, and their behaviour at zero."""
+
+import numpy as np
+import pytest
+import torch
+from skimage.metrics import structural_similarity
+
+from engine.training.losses import angular, inverse_depth, photometric, region_smoothness, rigidity, ssim_map, unit
+
+
+def test_ssim_agrees_with_scikit_image_away_from_the_border():
+    random = np.random.default_rng(1)
+    a = random.uniform(size=(40, 50, 3))
+    b = np.clip(a + random.normal(0, 0.1, a.shape), 0, 1)
+    _, expected = structural_similarity(
+        a, b, channel_axis=2, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, full=True, truncate=3.34
+    )
+    ours = ssim_map(torch.from_numpy(a), torch.from_numpy(b)).numpy()
+    np.testing.assert_allclose(ours[6:-6, 6:-6], expected[6:-6, 6:-6], atol=1e-6)
+
+
+def test_photometric_ignores_invalid_pixels():
+    torch.manual_seed(0)
+    image, target = torch.rand(30, 30, 3), torch.rand(30, 30, 3)
+    valid = torch.ones(30, 30)
+    valid[:, 20:] = 0
+    spoilt = image.clone()
+    spoilt[:, 20:] = 7
+    assert torch.equal(photometric(image, target, valid, 0.2), photometric(spoilt, target, valid, 0.2))
+    assert photometric(target, target, valid, 0.2).item() == pytest.approx(0, abs=1e-6)
+    assert photometric(image, target, valid, 0.0).item() == pytest.approx((image - target).abs()[:, :20].mean().item(), rel=1e-5)
+
+
+def test_photometric_of_a_fully_masked_frame_is_zero_with_zero_gradient():
+    image = torch.rand(16, 16, 3, requires_grad=True)
+    loss = photometric(image, torch.rand(16, 16, 3), torch.zeros(16, 16), 0.2)
+    loss.backward()
+    assert loss.item() == 0
+    assert torch.count_nonzero(image.grad) == 0
+
+
+def test_angles_are_measured_on_the_sphere_and_finite_at_zero():
+    a = torch.tensor([[2.0, 0.0], [0.0, 3.0], [-1.0, 0.0], [0.0, 0.0]], requires_grad=True)
+    b = torch.tensor([[5.0, 0.0], [1.0, 0.0], [4.0, 0.0], [1.0, 0.0]])
+    loss = angular(a, b)
+    assert torch.allclose(loss, torch.tensor([0.0, 1.0, 2.0, 1.0]), atol=1e-6)
+    loss.sum().backward()
+    assert torch.isfinite(a.grad).all()
+    assert torch.isfinite(unit(torch.full((1, 4), 1e18))).all()
+
+
+def test_region_smoothness_by_hand():
+    latent = torch.tensor([[1.0], [3.0], [5.0], [5.0], [9.0]])
+    regions = torch.tensor([0, 0, 2, 2, 2])
+    # region 0: mean 2, spread 1; region 2: mean 19/3, spread (4/3 + 4/3 + 8/3)/3; region 1 is empty and does not count
+    assert region_smoothness(latent, regions, 3).item() == pytest.approx((1 + 16 / 9) / 2, rel=1e-6)
+
+
+def test_inverse_depth_counts_known_covered_pixels_only():
+    depth, alpha = torch.tensor([[1.0, 2.0, 0.2, 4.0]]), torch.tensor([[1.0, 0.8, 0.1, 1.0]])
+    target, valid = torch.tensor([[2.0, 2.5, 1.0, 0.0]]), torch.ones(1, 4)
+    assert inverse_depth(depth, alpha, target, valid).item() == pytest.approx((0.5 + 0.0) / 2, abs=1e-6)
+
+
+def test_rigid_motion_costs_nothing():
+    neighbours, weights = torch.tensor([[1], [0], [1]]), torch.ones(3, 1)
+    shift = torch.tensor([0.3, -0.2, 0.5]).expand(3, 3)
+    assert rigidity(shift, neighbours, weights).item() == pytest.approx(0, abs=1e-5)
+    assert rigidity(torch.eye(3), neighbours, weights).item() == pytest.approx(2**0.5, rel=1e-5)
