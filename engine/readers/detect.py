@@ -1,0 +1,112 @@
+"""Which layout a path has, and opening it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from engine.clip import Clip
+from engine.errors import ClipError
+from engine.readers.cholecseg8k import FRAME, cholec_frames, open_cholecseg8k
+from engine.readers.endonerf import open_endonerf
+from engine.readers.files import list_files, shown
+from engine.readers.frames import open_frames
+from engine.readers.options import ClipOptions
+from engine.readers.video import SUFFIXES, open_video
+
+OPENERS: dict[str, Callable[[Path, ClipOptions], Clip]] = {
+    "endonerf": open_endonerf,
+    "cholecseg8k": open_cholecseg8k,
+    "frames": open_frames,
+    "video": open_video,
+}
+
+
+def detect(path: str | Path) -> str:
+    """The layout of a clip: "endonerf", "cholecseg8k", "frames" or "video".
+
+    Raises
+    ------
+    ClipError
+        When there is nothing, nothing that is a clip, or several clips.
+    """
+    path = Path(path)
+    try:
+        if not path.exists():
+            raise ClipError(f"{shown(path)} does not exist.")
+        if path.is_dir():
+            return _detect_folder(path)
+    except (OSError, ValueError) as error:
+        raise ClipError(f"{shown(path)} cannot be read ({getattr(error, 'strerror', None) or 'bad name'}).") from error
+    if path.suffix.lower() in SUFFIXES:
+        return "video"
+    raise ClipError(f"{shown(path)} is no clip: give a folder of frames or a video file ({', '.join(SUFFIXES)}).")
+
+
+def _detect_folder(path: Path) -> str:
+    if cholec_frames(path):
+        return "cholecseg8k"
+    images = path / "images"
+    if images.is_dir():
+        if (path / "camera.json").exists():
+            return "frames"
+        masked = (path / "masks").is_dir() or (path / "gt_masks").is_dir()
+        if (path / "poses_bounds.npy").exists() or (masked and not (path / "labels").is_dir()):
+            return "endonerf"
+        if list_files(images, path):
+            return "frames"
+        raise ClipError(f"{shown(images)} holds no pictures (.png, .jpg, .bmp, .tif, .webp).")
+    if list_files(path, path):
+        return "frames"
+    inner = _inner_clips(path)
+    if len(inner) > 1 or (inner and inner[0].is_dir()):
+        listed = ", ".join(shown(p.relative_to(path)) for p in inner[:12]) + (", …" if len(inner) > 12 else "")
+        raise ClipError(f"{shown(path)} is no clip itself, but holds {len(inner)}: {listed}; open one of them.")
+    if inner:
+        raise ClipError(f"{shown(path)} holds the video {shown(Path(inner[0].name))}; open that file.")
+    raise ClipError(f"{shown(path)} holds no frames: neither images/ nor pictures nor frame_<number>_endo.png.")
+
+
+def _inner_clips(path: Path) -> list[Path]:
+    """Clips one or two folders down (CholecSeg8k's `videoNN/videoNN_SSSSS`), and videos."""
+    found: list[Path] = []
+    for child in sorted(path.iterdir()):
+        if child.is_file() and child.suffix.lower() in SUFFIXES:
+            found.append(child)
+        elif child.is_dir():
+            if _is_clip(child):
+                found.append(child)
+            else:
+                found += [grandchild for grandchild in sorted(child.iterdir()) if grandchild.is_dir() and _is_clip(grandchild)]
+    return found
+
+
+def _is_clip(folder: Path) -> bool:
+    return (folder / "images").is_dir() or any(FRAME.fullmatch(f.name) for f in folder.iterdir())
+
+
+def open_clip(path: str | Path, options: ClipOptions | None = None) -> Clip:
+    """Open a clip. What was decided on the way stands in its `provenance`, in words.
+
+    Parameters
+    ----------
+    path : str or Path
+        A folder in a known layout, a folder of frames, or a video file.
+    options : ClipOptions, optional
+
+    Raises
+    ------
+    ClipError
+        One sentence: which file, what is wrong, what to do.
+    """
+    options = options or ClipOptions()
+    path = Path(path)
+    layout = detect(path)
+    if options.layout is not None:
+        if (options.layout == "video") != path.is_file():
+            raise ClipError(f"{shown(path)} is a {'file' if path.is_file() else 'folder'}, so it cannot have the layout {options.layout}.")
+        layout = options.layout
+    try:
+        return OPENERS[layout](path, options)
+    except PermissionError as error:
+        raise ClipError(f"{shown(Path(error.filename or path))} may not be read; check its permissions.") from error

@@ -1,0 +1,34 @@
+"""The EndoNeRF layout: `images/`, `masks/` or `gt_masks/`, `depth/` or `monodepth/`, `poses_bounds.npy`.
+
+Shared by EndoGaussian, Deform3DGS, SurgicalGaussian, G-SHARP and, with masks of the opposite polarity and without poses, SurgTPGS's CholecSeg8k.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from engine.camera import Camera
+from engine.clip import Clip
+from engine.readers.files import regular_file
+from engine.readers.folder import open_folder
+from engine.readers.options import ClipOptions
+from engine.readers.poses import guessed_cameras, llff_cameras
+
+
+def open_endonerf(path: Path, options: ClipOptions) -> Clip:
+    """Open a clip in the EndoNeRF layout.
+
+    Raises
+    ------
+    ClipError
+    """
+
+    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> tuple[list[Camera], dict[str, str]]:
+        poses = path / "poses_bounds.npy"
+        if poses.exists():
+            return llff_cameras(regular_file(poses, path), count, size, options)
+        return guessed_cameras(count, size, field, options)
+
+    return open_folder(path, options, cameras, clip_depth=True)

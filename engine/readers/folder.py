@@ -1,0 +1,144 @@
+"""Opening a folder of pictures with masks, depth, labels and truth beside them: what the layouts endonerf and frames share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from engine.camera import Camera
+from engine.depth import DepthFiles, DepthPrior
+from engine.errors import ClipError
+from engine.readers.field_of_view import brightest, field_of_view
+from engine.readers.files import list_files, pair, regular_file, shown
+from engine.readers.images import ImageFiles, check_sizes
+from engine.readers.labels import index_maps
+from engine.readers.masks import MaskFiles, decide, read_mask
+from engine.readers.numpyfile import open_npy
+from engine.readers.options import ClipOptions
+from engine.readers.stored import StoredClip, counted, sampled
+from engine.readers.truth import TruthFile
+
+CameraRule = Callable[[int, tuple[int, int], np.ndarray | None], tuple[list[Camera], dict[str, str]]]
+
+
+def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_depth: bool) -> StoredClip:
+    """Open a folder.
+
+    Parameters
+    ----------
+    path : Path
+    options : ClipOptions
+    cameras : (count, size, field of view or None) -> (cameras, provenance of "poses" and "focal")
+    clip_depth : bool
+        Clip depth to robust percentiles; false when it is known to be exact.
+
+    Raises
+    ------
+    ClipError
+    """
+    files = frame_files(path)
+    pictures = ImageFiles(files)
+    size, count = pictures.size, len(files)
+    masks = mask_files(path, files, size)
+    looked_at = sampled(count)
+    if masks:  # an empty mask compresses best, so the largest file is one that says something
+        looked_at = sorted({*looked_at, max(range(count), key=lambda i: masks[i].stat().st_size)})
+    frames = [pictures.read(i) for i in looked_at]
+    provenance = {"frames": counted(files, size)}
+
+    decided, border, words = None, True, "none: nothing is left out"
+    if masks:
+        highs, tops = zip(*(read_mask(masks[i], size) for i in looked_at), strict=True)
+        polarity = decide(highs, frames, max(tops), options.mask_means)
+        decided, words = MaskFiles(masks, size, polarity), f"{masks[0].parent.name}/: {polarity.words}"
+        border = polarity.means == "tool"  # masks that keep the field of view have said where it is
+    seen = field_of_view(brightest(frames)) if border else None
+    if seen is not None:
+        words += f"; outside the field of view (dark border, {100 * float((~seen).mean()):.0f} % of the frame) nothing is reconstructed"
+    provenance["masks"] = words
+    field = np.ones(size[::-1], bool) if seen is None else seen
+    views, camera_words = cameras(count, size, seen)
+    provenance |= camera_words
+
+    usable = [field if decided is None else field & decided.keep(i) for i in looked_at]
+    distances, provenance["depth"] = _distances(path, files, size, clip_depth) or _prior(frames, usable, views[0])
+    labels = index_maps(path, files, size)
+    provenance["labels"] = f"{len(labels.files)} of {count} frames, {len(labels.classes)} classes, from labels/" if labels else "none"
+    truth = TruthFile(regular_file(path / "gt.npz", path), count, size) if (path / "gt.npz").exists() else None
+    return StoredClip(
+        name=path.name,
+        path=path,
+        cameras=views,
+        classes=labels.classes if labels else (),
+        provenance=provenance,
+        pictures=pictures,
+        field=field,
+        distances=distances,
+        masks=decided,
+        label_maps=labels,
+        truth_file=truth,
+    )
+
+
+def frame_files(path: Path) -> list[Path]:
+    """The frames of a folder: in `images/`, else in the folder itself.
+
+    Raises
+    ------
+    ClipError
+        When there are none.
+    """
+    folder = path / "images" if (path / "images").is_dir() else path
+    files = list_files(folder, path)
+    if not files:
+        raise ClipError(f"{shown(folder)} holds no pictures (.png, .jpg, .bmp, .tif, .webp).")
+    return files
+
+
+def mask_files(path: Path, frames: list[Path], size: tuple[int, int]) -> list[Path]:
+    """The masks of a folder, one a frame; empty when it has none. `gt_masks/` is SurgicalGaussian's name for them.
+
+    Raises
+    ------
+    ClipError
+    """
+    files = list_files(path / "masks", path) or list_files(path / "gt_masks", path)
+    if files:
+        pair(frames, files, "masks")
+        check_sizes(files, size)
+    return files
+
+
+def _distances(path: Path, frames: list[Path], size: tuple[int, int], clip_depth: bool) -> tuple[DepthFiles, str] | None:
+    for name in ("depth", "monodepth"):
+        files = list_files(path / name, path, (".npy",)) or list_files(path / name, path)
+        if not files:
+            continue
+        pair(frames, files, "depth maps")
+        exact = files[0].suffix.lower() == ".npy"
+        if exact:
+            for file in files:
+                open_npy(file)
+        else:
+            check_sizes(files, size)
+        distances = DepthFiles(files, size)
+        few = sampled(len(files))
+        limits = distances.robust_limits(few)
+        if limits is None:
+            raise ClipError(
+                f"{shown(path / name)} holds no depth at all: every value looked at is 0 or not finite; remove the folder or mend it."
+            )
+        kind = "one-eyed estimate, up to a scale" if name == "monodepth" else "measured"
+        words = f"{kind}, from {name}/ ({'.npy' if exact else 'raw picture values'}), 0 = unknown"
+        if clip_depth:
+            distances.limits = limits
+            words += f", clipped to {limits[0]:.4g} … {limits[1]:.4g}"
+        return distances, words
+    return None
+
+
+def _prior(frames: list[np.ndarray], usable: list[np.ndarray], camera: Camera) -> tuple[DepthPrior, str]:
+    prior = DepthPrior(frames, usable, camera)
+    return prior, prior.words

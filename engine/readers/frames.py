@@ -1,0 +1,31 @@
+"""Loose frames: pictures in a folder or in its `images/`, and optionally `masks/`, `depth/`, `labels/` + `classes.json`, `camera.json`, `gt.npz`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from engine.camera import Camera
+from engine.clip import Clip
+from engine.readers.files import regular_file
+from engine.readers.folder import open_folder
+from engine.readers.options import ClipOptions
+from engine.readers.poses import guessed_cameras, json_cameras
+
+
+def open_frames(path: Path, options: ClipOptions) -> Clip:
+    """Open a folder of frames.
+
+    Raises
+    ------
+    ClipError
+    """
+
+    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> tuple[list[Camera], dict[str, str]]:
+        camera = path / "camera.json"
+        if camera.exists():
+            return json_cameras(regular_file(camera, path), count, size, options)
+        return guessed_cameras(count, size, field, options)
+
+    return open_folder(path, options, cameras, clip_depth=False)

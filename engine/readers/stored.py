@@ -1,0 +1,109 @@
+"""The clip that all readers make: frames from somewhere, and whatever else lies beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from engine.clip import Clip, Truth
+from engine.depth import DepthFiles, DepthPrior
+from engine.readers.cache import ArrayCache
+from engine.readers.labels import LabelMaps
+from engine.readers.masks import MaskFiles
+from engine.readers.truth import TruthFile
+
+
+class Pictures(Protocol):
+    """Where a clip's frames come from.
+
+    Attributes
+    ----------
+    files : list of Path
+        The files that hold the frames: one each, or one for all.
+    size : (width, height)
+    """
+
+    files: list[Path]
+    size: tuple[int, int]
+
+    def __len__(self) -> int: ...
+
+    def read(self, index: int) -> np.ndarray:
+        """RGB, uint8 [H, W, 3]."""
+
+
+@dataclass(kw_only=True)
+class StoredClip(Clip):
+    """A clip on disk. Frames, validity and depth are read when asked for; the ones used last stay in memory, up to 256 MB together.
+
+    Attributes
+    ----------
+    pictures : Pictures
+    field : bool [H, W]
+        The optical field of view; all true when there is no dark border.
+    masks : MaskFiles, optional
+    distances : DepthFiles or DepthPrior
+    label_maps : LabelMaps, optional
+    truth_file : TruthFile, optional
+    """
+
+    pictures: Pictures
+    field: np.ndarray
+    distances: DepthFiles | DepthPrior
+    masks: MaskFiles | None = None
+    label_maps: LabelMaps | None = None
+    truth_file: TruthFile | None = None
+    cache: ArrayCache = field(default_factory=ArrayCache, repr=False)
+
+    def frame(self, index: int) -> np.ndarray:
+        i = self._checked(index)
+        return self.cache.get(("frame", i), lambda: self.pictures.read(i))
+
+    def valid(self, index: int) -> np.ndarray:
+        i = self._checked(index)
+        if self.masks is None:
+            return self.field.copy()
+        masks = self.masks
+        return self.cache.get(("valid", i), lambda: masks.keep(i) & self.field)
+
+    def depth(self, index: int) -> np.ndarray:
+        i = self._checked(index)
+        distances = self.distances
+        if isinstance(distances, DepthFiles):
+            return self.cache.get(("depth", i), lambda: distances.read(i))
+        return self.cache.get(("depth", i), lambda: distances.depth(self.frame(i), self.valid(i), self.field))
+
+    @property
+    def depth_measured(self) -> bool:
+        return isinstance(self.distances, DepthFiles)
+
+    @property
+    def labelled_frames(self) -> list[int]:
+        return sorted(self.label_maps.files) if self.label_maps else []
+
+    def labels(self, index: int) -> np.ndarray | None:
+        i = self._checked(index)
+        maps = self.label_maps
+        return self.cache.get(("labels", i), lambda: maps.read(i)) if maps and i in maps.files else None
+
+    def truth(self) -> Truth | None:
+        return self.truth_file.read() if self.truth_file else None
+
+    def _checked(self, index: int) -> int:
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of a clip of {len(self)}")
+        return int(index)
+
+
+def sampled(count: int, most: int = 8) -> list[int]:
+    """Up to `most` frame indices spread over a clip, first and last among them."""
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()})
+
+
+def counted(files: Sequence[Path], size: tuple[int, int]) -> str:
+    """`provenance["frames"]` of a folder of pictures."""
+    return f"{len(files)} pictures of {size[0]} × {size[1]}, {files[0].name} to {files[-1].name}"
