@@ -1,0 +1,123 @@
+"""The latent space: D numbers a vector become d, without bending the angles between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: A vector keeps at least this share of its squared length, however little it weighs: a needle covers few pixels, yet its prompt must work.
+KEPT_BY_EACH = 0.9
+
+
+@dataclass(frozen=True)
+class Basis:
+    """An orthonormal basis B of the subspace that the features of a scene span.
+
+    A latent is z = Bᵀf. Then ⟨z, Bᵀv⟩ / (‖z‖‖v‖) is the cosine of the lifted latent Bz with the text vector v.
+    It differs from the true cosine of f and v by an angle of at most
+
+        |∠(Bz, v) − ∠(f, v)| ≤ ∠(Bz, f) = arcsin √(1 − ‖Bᵀf‖² / ‖f‖²)
+
+    (triangle inequality on the sphere), whatever v is. `angular_error` gives the right side.
+    ‖v‖ is the length before projection: words that nothing in the scene resembles keep a cosine near 0.
+
+    Attributes
+    ----------
+    matrix : float32 [D, d]
+        B, orthonormal columns, the strongest direction first.
+    energy : float
+        Weighted share of the squared lengths that the subspace holds, in [0, 1].
+    """
+
+    matrix: np.ndarray
+    energy: float
+
+    @property
+    def dimension(self) -> int:
+        """D."""
+        return self.matrix.shape[0]
+
+    @property
+    def rank(self) -> int:
+        """d."""
+        return self.matrix.shape[1]
+
+    def project(self, vectors: np.ndarray) -> np.ndarray:
+        """Bᵀv, float32 [..., d], of vectors [..., D]. ValueError when D is not this basis's."""
+        vectors = np.asarray(vectors, np.float32)
+        if vectors.shape[-1] != self.dimension:
+            raise ValueError(f"this basis takes vectors of length {self.dimension}, not {vectors.shape[-1]}")
+        return vectors @ self.matrix
+
+    def lift(self, latents: np.ndarray) -> np.ndarray:
+        """Bz, float32 [..., D], of latents [..., d]."""
+        return np.asarray(latents, np.float32) @ self.matrix.T
+
+    def angular_error(self, vectors: np.ndarray) -> np.ndarray:
+        """The bound above, radians in [0, π/2], float64 [...], of non-zero vectors [..., D]."""
+        vectors = np.asarray(vectors, np.float64)
+        outside = vectors - vectors @ self.matrix.astype(np.float64) @ self.matrix.T.astype(np.float64)
+        return np.arcsin(np.clip(np.linalg.norm(outside, axis=-1) / np.linalg.norm(vectors, axis=-1), 0.0, 1.0))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a file keeps: `matrix` and `energy`."""
+        return {"matrix": self.matrix, "energy": np.array([self.energy], np.float32)}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> Basis:
+        """The inverse of `arrays`. ValueError when the arrays are no orthonormal basis."""
+        matrix, energy = np.asarray(arrays["matrix"], np.float32), np.asarray(arrays["energy"], np.float32)
+        if matrix.ndim != 2 or not 1 <= matrix.shape[1] <= matrix.shape[0] or energy.shape != (1,):
+            raise ValueError(f"no basis: matrix {matrix.shape}, energy {energy.shape}")
+        if not np.allclose(matrix.T @ matrix, np.eye(matrix.shape[1]), atol=1e-3):
+            raise ValueError("no basis: its columns are not orthonormal")
+        return cls(matrix, float(energy[0]))
+
+
+def fit_basis(vectors: np.ndarray, weights: np.ndarray, energy: float = 0.999, max_rank: int = 32) -> Basis:
+    """Truncated singular value decomposition of weighted feature vectors, not centred: the origin stays where angles are measured from.
+
+    Parameters
+    ----------
+    vectors : float [n, D]
+        Feature vectors (of unit length for the bound in `Basis` to speak of them alike).
+    weights : float [n]
+        How much each matters, e.g. its number of pixels; not negative.
+    energy : float
+        Weighted share of the squared lengths to keep, in (0, 1].
+    max_rank : int
+        Never more columns than this.
+
+    Returns
+    -------
+    Basis
+        Of the smallest rank that keeps `energy` of all and `KEPT_BY_EACH` of every vector with a weight above 0, up to `max_rank`.
+
+    Raises
+    ------
+    ValueError
+        If shapes disagree, a number is not finite, a weight is negative, or nothing has weight and length.
+    """
+    vectors, weights = np.asarray(vectors, np.float64), np.asarray(weights, np.float64)
+    if vectors.ndim != 2 or weights.shape != vectors.shape[:1]:
+        raise ValueError(f"vectors must be [n, D] and weights [n], not {vectors.shape} and {weights.shape}")
+    if not (np.isfinite(vectors).all() and np.isfinite(weights).all() and (weights >= 0).all()):
+        raise ValueError("vectors and weights must be finite, and no weight negative")
+    if not 0.0 < energy <= 1.0 or max_rank < 1:
+        raise ValueError(f"energy must lie in (0, 1] and max_rank be at least 1, not {energy} and {max_rank}")
+    counted = (weights > 0) & (np.linalg.norm(vectors, axis=1) > 0)
+    if not counted.any():
+        raise ValueError("no vector has both weight and length")
+    vectors, weights = vectors[counted], weights[counted] / weights[counted].sum()
+    # eigenvectors of the D × D second moment: the right singular vectors of √w·V, at a cost that does not grow with n beyond one product
+    values, directions = np.linalg.eigh((vectors * weights[:, None]).T @ vectors)
+    values, directions = np.maximum(values[::-1], 0.0), directions[:, ::-1]
+    kept = np.cumsum(values) / values.sum()
+    own = np.cumsum((vectors @ directions) ** 2, axis=1)
+    enough = (kept >= energy - 1e-12) & (own / own[:, -1:] >= KEPT_BY_EACH).all(0)
+    rank = min(int(np.argmax(enough)) + 1, max_rank)
+    matrix = directions[:, :rank]
+    # an eigenvector has no sign of its own: the largest entry is made positive so that runs compare
+    matrix = matrix * np.sign(matrix[np.abs(matrix).argmax(0), np.arange(rank)])
+    return Basis(matrix.astype(np.float32), float(min(kept[rank - 1], 1.0)))
