@@ -14,7 +14,7 @@ import numpy as np
 from engine.clip import UNLABELLED, Clip
 from engine.depth import DepthPrior
 from engine.errors import ClipError
-from engine.readers.field_of_view import brightest, field_of_view
+from engine.readers.field_of_view import border_words, brightest, field_of_view
 from engine.readers.files import list_files, regular_file, shown
 from engine.readers.images import ImageFiles, check_sizes, checked, read_raw, read_rgb
 from engine.readers.options import ClipOptions
@@ -54,7 +54,7 @@ _ORDER = np.argsort(_COLOURS)
 
 
 def from_watershed(mask: np.ndarray) -> np.ndarray:
-    """Label map of a watershed mask, uint8 [H, W] or [H, W, C] with equal channels (a fourth one, alpha, is left aside); unknown codes → `UNLABELLED`."""
+    """Label map of a watershed mask, uint8 [H, W] or [H, W, C] with equal channels and alpha at will; unknown codes → `UNLABELLED`."""
     grey = mask if mask.ndim == 2 else mask[..., 0]
     labels = _GREY[grey]
     if mask.ndim == 3 and mask.shape[2] >= 3:
@@ -136,7 +136,7 @@ def open_cholecseg8k(path: Path, options: ClipOptions) -> Clip:
             **words,
         },
         pictures=pictures,
-        field=seen,
+        inside=seen,
         distances=prior,
         label_maps=maps if masks else None,
     )
@@ -162,19 +162,11 @@ def _field(maps: CholecMaps, few: list[np.ndarray]) -> tuple[np.ndarray | None, 
         keys = sorted(maps.files)
         outside = np.all([maps.read(keys[i]) == BACKGROUND for i in sampled(len(keys))], axis=0)
         if 0.002 < outside.mean() < 0.95:
-            inside = field_of_view(np.where(outside, 0, 255).astype(np.uint8))
-            field = ~outside if inside is None else inside & ~outside
-            return (
-                field,
-                f"none; outside the field of view (labelled Black Background, {100 * float((~field).mean()):.0f} % of the frame) nothing is reconstructed",
-            )
-    field = field_of_view(brightest(few))
-    if field is None:
-        return None, "none: nothing is left out"
-    return (
-        field,
-        f"none; outside the field of view (dark border, {100 * float((~field).mean()):.0f} % of the frame) nothing is reconstructed",
-    )
+            hull = field_of_view(np.where(outside, 0, 255).astype(np.uint8))  # also takes the white outlines on the border away
+            inside = ~outside if hull is None else hull & ~outside
+            return inside, border_words(inside, "labelled Black Background")
+    inside_border = field_of_view(brightest(few))
+    return inside_border, border_words(inside_border, "dark border")
 
 
 def _label_words(maps: CholecMaps, kinds: dict[str, int], count: int) -> str:

@@ -1,6 +1,6 @@
 """The EndoNeRF layout: `images/`, `masks/` or `gt_masks/`, `depth/` or `monodepth/`, `poses_bounds.npy`.
 
-Shared by EndoGaussian, Deform3DGS, SurgicalGaussian, G-SHARP and, with masks of the opposite polarity and without poses, SurgTPGS's CholecSeg8k.
+EndoGaussian, Deform3DGS, SurgicalGaussian and G-SHARP share it; SurgTPGS's CholecSeg8k has masks of the opposite polarity and no poses.
 """
 
 from __future__ import annotations
@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.camera import Camera
 from engine.clip import Clip
 from engine.readers.files import regular_file
 from engine.readers.folder import open_folder
 from engine.readers.options import ClipOptions
-from engine.readers.poses import guessed_cameras, llff_cameras
+from engine.readers.poses import Found, guessed_cameras, llff_cameras
 
 
 def open_endonerf(path: Path, options: ClipOptions) -> Clip:
@@ -25,7 +24,7 @@ def open_endonerf(path: Path, options: ClipOptions) -> Clip:
     ClipError
     """
 
-    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> tuple[list[Camera], dict[str, str]]:
+    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> Found:
         poses = path / "poses_bounds.npy"
         if poses.exists():
             return llff_cameras(regular_file(poses, path), count, size, options)

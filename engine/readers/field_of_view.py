@@ -10,6 +10,14 @@ import numpy as np
 DARK = 24  # 8-bit brightness under which a border counts as black; compression noise stays below it
 
 
+def border_words(inside: np.ndarray | None, what: str) -> str:
+    """`provenance["masks"]` of a clip without mask files. `what` tells how the border was found."""
+    if inside is None:
+        return "none: nothing is left out"
+    share = 100 * float((~inside).mean())
+    return f"none; outside the field of view ({what}, {share:.0f} % of the frame) nothing is reconstructed"
+
+
 def brightest(frames: Iterable[np.ndarray]) -> np.ndarray:
     """Largest channel of each pixel over some RGB frames, uint8 [H, W]: what is dark in it is dark all the time."""
     best: np.ndarray | None = None

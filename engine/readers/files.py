@@ -36,7 +36,9 @@ def regular_file(path: Path, root: Path) -> Path:
 
 
 def list_files(folder: Path, root: Path, suffixes: Sequence[str] = PICTURES) -> list[Path]:
-    """Regular files of a folder with one of the suffixes, in natural order; empty when there is no such folder. Hidden files are no part of a clip.
+    """Regular files of a folder with one of the suffixes, in natural order; empty when there is no such folder.
+
+    Hidden files are no part of a clip.
 
     Raises
     ------
@@ -53,9 +55,7 @@ def list_files(folder: Path, root: Path, suffixes: Sequence[str] = PICTURES) -> 
     for file in files:
         other = by_stem.setdefault(file.stem, file)
         if other is not file:
-            raise ClipError(
-                f"{shown(file)} and {other.name} have the same name up to the ending, so they would be the same frame; remove one."
-            )
+            raise ClipError(f"{shown(file)} and {other.name} would be the same frame; remove one of them.")
     return files
 
 
@@ -76,12 +76,11 @@ def pair(frames: Sequence[Path], others: Sequence[Path], what: str) -> None:
     """
     if len(frames) != len(others):
         raise ClipError(f"{shown(others[0].parent)} holds {len(others)} {what}, but there are {len(frames)} frames; each frame needs one.")
-    numbers = [(last_number(f), last_number(o)) for f, o in zip(frames, others, strict=True)]
-    if any(f is None or o is None for f, o in numbers):
-        return
-    offset = numbers[0][1] - numbers[0][0]
-    for (f, o), frame, other in zip(numbers, frames, others, strict=True):
+    offset = None
+    for frame, other in zip(frames, others, strict=True):
+        f, o = last_number(frame), last_number(other)
+        if f is None or o is None:
+            return
+        offset = o - f if offset is None else offset
         if o - f != offset:
-            raise ClipError(
-                f"{shown(other)} does not belong to {frame.name}: the numbers in their names run apart here; one of them is missing."
-            )
+            raise ClipError(f"{shown(other)} does not belong to {frame.name}: their numbers run apart here, so a file is missing.")

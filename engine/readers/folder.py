@@ -8,19 +8,21 @@ from pathlib import Path
 import numpy as np
 
 from engine.camera import Camera
-from engine.depth import DepthFiles, DepthPrior
+from engine.depth import DepthPrior
 from engine.errors import ClipError
-from engine.readers.field_of_view import brightest, field_of_view
+from engine.readers.depth_files import DepthFiles
+from engine.readers.field_of_view import border_words, brightest, field_of_view
 from engine.readers.files import list_files, pair, regular_file, shown
 from engine.readers.images import ImageFiles, check_sizes
 from engine.readers.labels import index_maps
 from engine.readers.masks import MaskFiles, decide, read_mask
 from engine.readers.numpyfile import open_npy
 from engine.readers.options import ClipOptions
+from engine.readers.poses import Found
 from engine.readers.stored import StoredClip, counted, sampled
 from engine.readers.truth import TruthFile
 
-CameraRule = Callable[[int, tuple[int, int], np.ndarray | None], tuple[list[Camera], dict[str, str]]]
+CameraRule = Callable[[int, tuple[int, int], np.ndarray | None], Found]
 
 
 def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_depth: bool) -> StoredClip:
@@ -48,21 +50,22 @@ def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_dept
     frames = [pictures.read(i) for i in looked_at]
     provenance = {"frames": counted(files, size)}
 
-    decided, border, words = None, True, "none: nothing is left out"
+    decided, border = None, field_of_view(brightest(frames))
+    words, disc = border_words(border, "dark border"), border
     if masks:
         highs, tops = zip(*(read_mask(masks[i], size) for i in looked_at), strict=True)
         polarity = decide(highs, frames, max(tops), options.mask_means)
-        decided, words = MaskFiles(masks, size, polarity), f"{masks[0].parent.name}/: {polarity.words}"
-        border = polarity.means == "tool"  # masks that keep the field of view have said where it is
-    seen = field_of_view(brightest(frames)) if border else None
-    if seen is not None:
-        words += f"; outside the field of view (dark border, {100 * float((~seen).mean()):.0f} % of the frame) nothing is reconstructed"
+        decided = MaskFiles(masks, size, polarity)
+        if polarity.means == "keep":  # such masks have said where the field of view is
+            border, disc = None, field_of_view(np.any(highs, axis=0).astype(np.uint8) * 255)
+        extra = "" if border is None else border_words(border, "dark border").removeprefix("none")
+        words = f"{masks[0].parent.name}/: {polarity.words}{extra}"
     provenance["masks"] = words
-    field = np.ones(size[::-1], bool) if seen is None else seen
-    views, camera_words = cameras(count, size, seen)
+    inside = np.ones(size[::-1], bool) if border is None else border
+    views, camera_words = cameras(count, size, disc)
     provenance |= camera_words
 
-    usable = [field if decided is None else field & decided.keep(i) for i in looked_at]
+    usable = [inside if decided is None else inside & decided.keep(i) for i in looked_at]
     distances, provenance["depth"] = _distances(path, files, size, clip_depth) or _prior(frames, usable, views[0])
     labels = index_maps(path, files, size)
     provenance["labels"] = f"{len(labels.files)} of {count} frames, {len(labels.classes)} classes, from labels/" if labels else "none"
@@ -74,7 +77,7 @@ def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_dept
         classes=labels.classes if labels else (),
         provenance=provenance,
         pictures=pictures,
-        field=field,
+        inside=inside,
         distances=distances,
         masks=decided,
         label_maps=labels,
@@ -127,10 +130,8 @@ def _distances(path: Path, frames: list[Path], size: tuple[int, int], clip_depth
         few = sampled(len(files))
         limits = distances.robust_limits(few)
         if limits is None:
-            raise ClipError(
-                f"{shown(path / name)} holds no depth at all: every value looked at is 0 or not finite; remove the folder or mend it."
-            )
-        kind = "one-eyed estimate, up to a scale" if name == "monodepth" else "measured"
+            raise ClipError(f"{shown(path / name)} holds no depth: every value looked at is 0 or not finite; remove the folder or mend it.")
+        kind = "monocular estimate, up to a scale" if name == "monodepth" else "measured"
         words = f"{kind}, from {name}/ ({'.npy' if exact else 'raw picture values'}), 0 = unknown"
         if clip_depth:
             distances.limits = limits

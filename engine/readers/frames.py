@@ -1,4 +1,7 @@
-"""Loose frames: pictures in a folder or in its `images/`, and optionally `masks/`, `depth/`, `labels/` + `classes.json`, `camera.json`, `gt.npz`."""
+"""Loose frames: pictures in a folder or in its `images/`.
+
+Beside them may lie `masks/`, `depth/`, `labels/` with `classes.json`, `camera.json`, and `gt.npz`.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.camera import Camera
 from engine.clip import Clip
 from engine.readers.files import regular_file
 from engine.readers.folder import open_folder
 from engine.readers.options import ClipOptions
-from engine.readers.poses import guessed_cameras, json_cameras
+from engine.readers.poses import Found, guessed_cameras, json_cameras
 
 
 def open_frames(path: Path, options: ClipOptions) -> Clip:
@@ -22,7 +24,7 @@ def open_frames(path: Path, options: ClipOptions) -> Clip:
     ClipError
     """
 
-    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> tuple[list[Camera], dict[str, str]]:
+    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> Found:
         camera = path / "camera.json"
         if camera.exists():
             return json_cameras(regular_file(camera, path), count, size, options)

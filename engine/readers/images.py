@@ -88,7 +88,7 @@ def read_index(path: Path) -> np.ndarray:
 
 
 def picture_size(path: Path) -> tuple[int, int]:
-    """(width, height) from the header. A file that does not end as its format does is decoded once, to find out now rather than amid training.
+    """(width, height) from the header. A file that does not end as its format does is decoded, to find out now and not amid training.
 
     Raises
     ------

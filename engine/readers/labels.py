@@ -49,7 +49,7 @@ class IndexMaps:
         beyond = labels[(labels >= len(self.classes)) & (labels != UNLABELLED)]
         if beyond.size:
             raise ClipError(
-                f"{shown(path)} has the label value {int(beyond.max())}, but classes.json names {len(self.classes)} classes (0 to {len(self.classes) - 1})."
+                f"{shown(path)} has the label value {int(beyond.max())}, but classes.json names only {len(self.classes)} classes."
             )
         return labels
 

@@ -20,7 +20,7 @@ MAX_JSON = 64 * 2**20
 
 
 def assumed_focal(size: tuple[int, int], field: np.ndarray | None) -> tuple[float, str]:
-    """Focal length (pixels) and its provenance when nothing tells it: 70° across the visible disc, or across the diagonal of a full frame."""
+    """Focal length (pixels) and its provenance when nothing tells it: 70° across the visible disc, else across the diagonal."""
     if field is None:
         across, what = math.hypot(*size), "the diagonal"
     else:
@@ -33,6 +33,9 @@ def assumed_focal(size: tuple[int, int], field: np.ndarray | None) -> tuple[floa
 def still_cameras(count: int, size: tuple[int, int], focal: float) -> list[Camera]:
     """One camera at the origin for all frames, principal point in the middle."""
     return [Camera(*size, focal, focal, size[0] / 2, size[1] / 2)] * count
+
+
+Found = tuple[list[Camera], dict[str, str]]  # cameras, and provenance of "poses" and "focal"
 
 
 def guessed_cameras(
@@ -64,7 +67,7 @@ def llff_viewmats(poses: np.ndarray, axes: str = "llff") -> np.ndarray:
     return np.linalg.inv(to_world) @ to_world[0]
 
 
-def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> tuple[list[Camera], dict[str, str]]:
+def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> Found:
     """Cameras and provenance from `poses_bounds.npy`: [N, 17] rows of 3 × 5 [R | t | (height, width, focal)] and near, far.
 
     Rows that agree mean a camera that stands still. Focal lengths are scaled when the pictures are smaller or larger than the file says.
@@ -121,8 +124,8 @@ def read_json(path: Path) -> Any:
         raise ClipError(f"{shown(path)} is not valid JSON.") from error
 
 
-def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> tuple[list[Camera], dict[str, str]]:
-    """Cameras and provenance from `camera.json`: `width`, `height`, `fx`, `fy`, `cx`, `cy` and, when the camera moves, `viewmats` [frames][4][4].
+def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> Found:
+    """Cameras and provenance from `camera.json`: `width`, `height`, `fx`, `fy`, `cx`, `cy` and at will `viewmats` [frames][4][4].
 
     Raises
     ------

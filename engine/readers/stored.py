@@ -10,8 +10,9 @@ from typing import Protocol
 import numpy as np
 
 from engine.clip import Clip, Truth
-from engine.depth import DepthFiles, DepthPrior
+from engine.depth import DepthPrior
 from engine.readers.cache import ArrayCache
+from engine.readers.depth_files import DepthFiles
 from engine.readers.labels import LabelMaps
 from engine.readers.masks import MaskFiles
 from engine.readers.truth import TruthFile
@@ -43,7 +44,7 @@ class StoredClip(Clip):
     Attributes
     ----------
     pictures : Pictures
-    field : bool [H, W]
+    inside : bool [H, W]
         The optical field of view; all true when there is no dark border.
     masks : MaskFiles, optional
     distances : DepthFiles or DepthPrior
@@ -52,7 +53,7 @@ class StoredClip(Clip):
     """
 
     pictures: Pictures
-    field: np.ndarray
+    inside: np.ndarray
     distances: DepthFiles | DepthPrior
     masks: MaskFiles | None = None
     label_maps: LabelMaps | None = None
@@ -66,16 +67,16 @@ class StoredClip(Clip):
     def valid(self, index: int) -> np.ndarray:
         i = self._checked(index)
         if self.masks is None:
-            return self.field.copy()
+            return self.inside.copy()
         masks = self.masks
-        return self.cache.get(("valid", i), lambda: masks.keep(i) & self.field)
+        return self.cache.get(("valid", i), lambda: masks.keep(i) & self.inside)
 
     def depth(self, index: int) -> np.ndarray:
         i = self._checked(index)
         distances = self.distances
         if isinstance(distances, DepthFiles):
             return self.cache.get(("depth", i), lambda: distances.read(i))
-        return self.cache.get(("depth", i), lambda: distances.depth(self.frame(i), self.valid(i), self.field))
+        return self.cache.get(("depth", i), lambda: distances.depth(self.frame(i), self.valid(i), self.inside))
 
     @property
     def depth_measured(self) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 from engine.clip import Clip
 from engine.depth import DepthPrior
 from engine.errors import ClipError
-from engine.readers.field_of_view import field_of_view
+from engine.readers.field_of_view import border_words, field_of_view
 from engine.readers.files import shown
 from engine.readers.images import MAX_PIXELS
 from engine.readers.options import ClipOptions
@@ -33,11 +33,15 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 def is_container(path: Path) -> bool:
-    """Whether a file starts as MP4/MOV, AVI or Matroska/WebM does. FFmpeg goes by content, and a playlist called .mp4 would send it to other files."""
+    """Whether a file starts as MP4/MOV, AVI or Matroska does. FFmpeg goes by content, and a playlist called .mp4 would open other files."""
     with path.open("rb") as file:
         head = file.read(12)
     mp4 = head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
     return mp4 or (head[:4] == b"RIFF" and head[8:12] == b"AVI ") or head[:4] == b"\x1a\x45\xdf\xa3"
+
+
+def _checksum(image: np.ndarray) -> int:
+    return zlib.crc32(np.ascontiguousarray(image).data)
 
 
 class VideoFrames:
@@ -104,7 +108,7 @@ class VideoFrames:
                 raise ClipError(f"{shown(self.files[0])} changes its picture size at frame {self._next - 1}; cut it there.")
             if len(self._sums) % every == 0:
                 self.brightest = np.maximum(self.brightest, image.max(axis=2))
-            self._sums.append(zlib.crc32(image))
+            self._sums.append(_checksum(image))
         self._next += self.more  # the frame that showed there is more was grabbed too
         if not self._sums:
             reason = (
@@ -131,11 +135,11 @@ class VideoFrames:
                 self._capture.set(cv2.CAP_PROP_POS_FRAMES, target)
                 self._next = target
             image = self._advance(target)
-            if image is None or zlib.crc32(image) != self._sums[index]:
+            if image is None or _checksum(image) != self._sums[index]:
                 self._capture.release()
                 self._capture, self._next = self._reopened(), 0
                 image = self._advance(target)
-                if image is None or zlib.crc32(image) != self._sums[index]:
+                if image is None or _checksum(image) != self._sums[index]:
                     raise ClipError(
                         f"{shown(self.files[0])} was changed since it was opened: frame {target} is another one now; open it again."
                     )
@@ -160,19 +164,15 @@ def open_video(path: Path, options: ClipOptions) -> Clip:
     """
     pictures = VideoFrames(path, options.start, options.stride, options.max_frames)
     seen = field_of_view(pictures.brightest)
-    field = np.ones(pictures.size[::-1], bool) if seen is None else seen
+    inside = np.ones(pictures.size[::-1], bool) if seen is None else seen
     cameras, provenance = guessed_cameras(len(pictures), pictures.size, seen, options)
     few = [pictures.read(i) for i in sampled(len(pictures), 4)]
-    prior = DepthPrior(few, [field] * len(few), cameras[0])
+    prior = DepthPrior(few, [inside] * len(few), cameras[0])
     provenance["frames"] = _frame_words(pictures, options)
-    provenance["masks"] = (
-        "none: nothing is left out"
-        if seen is None
-        else f"none; outside the field of view (dark border, {100 * float((~seen).mean()):.0f} % of the frame) nothing is reconstructed"
-    )
+    provenance["masks"] = border_words(seen, "dark border")
     provenance["depth"] = prior.words
     provenance["labels"] = "none"
-    return StoredClip(name=path.stem, path=path, cameras=cameras, provenance=provenance, pictures=pictures, field=field, distances=prior)
+    return StoredClip(name=path.stem, path=path, cameras=cameras, provenance=provenance, pictures=pictures, inside=inside, distances=prior)
 
 
 def _frame_words(pictures: VideoFrames, options: ClipOptions) -> str:
