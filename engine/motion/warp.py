@@ -1,0 +1,71 @@
+"""How far the model says that tissue moved, and how much of that the images do not support."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from engine.camera import Camera
+
+
+def displacement(means_t: Tensor, means_ref: Tensor) -> Tensor:
+    """Distance of every Gaussian from its place at the reference time, ‖μᵢ(t) − μᵢ(ref)‖, float [N], scene units."""
+    return torch.linalg.vector_norm(means_t - means_ref, dim=-1)
+
+
+def model_flow(depth: np.ndarray, offset: np.ndarray, camera: Camera, reference: Camera) -> np.ndarray:
+    """Where the model says that the points seen now were seen in the reference frame: π_ref(P(p) − Δ(p)) − p.
+
+    Parameters
+    ----------
+    depth : float [H, W]
+        Rendered depth z of this frame, scene units; what is not positive gives NaN.
+    offset : float [H, W, 3]
+        Rendered displacement Δ of the points since the reference time, scene units, world axes.
+    camera, reference : Camera
+        Of this frame and of the reference frame.
+
+    Returns
+    -------
+    float32 [H, W, 2]
+        Pixels, from this frame to the reference frame. NaN also where the point would lie behind the reference camera.
+    """
+    height, width = depth.shape
+    pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1)
+    points = camera.unproject(pixels, np.asarray(depth, np.float64)) - offset
+    landed, z = reference.project(points)
+    flow = (landed - pixels).astype(np.float32)
+    flow[(depth <= 0) | (z <= 0)] = np.nan
+    return flow
+
+
+def spurious(model_flow: np.ndarray, observed_flow: np.ndarray, supported: np.ndarray, tolerance: float = 1.0) -> np.ndarray:
+    """Model motion that the images contradict: max(0, ‖m(p) − o(p)‖ − tolerance), pixels.
+
+    m is the model's motion projected into the image (`model_flow`), o the observed optical flow between the same two frames in the same direction.
+
+    Where the images say nothing (no consistent flow: hidden, tools, out of the image) the result is NaN: not known, which is not the same as 0.
+
+    What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from the centre by r · Δz / z);
+    errors below the tolerance, which should be the flow's own error (about a pixel over a long clip); sliding along plain surfaces or straight edges, where
+    optical flow itself is a guess (`engine.motion.confidence`); and motion that flow invents, for example a moving highlight. Missing motion counts like
+    motion too many: both are a difference.
+
+    Parameters
+    ----------
+    model_flow, observed_flow : float [H, W, 2]
+        Pixels.
+    supported : bool [H, W]
+        Where the observed flow can be believed.
+    tolerance : float
+        Pixels.
+
+    Returns
+    -------
+    float32 [H, W]
+        Pixels; NaN where unsupported or where either flow is not finite.
+    """
+    difference = np.linalg.norm(np.asarray(model_flow, np.float32) - np.asarray(observed_flow, np.float32), axis=-1)
+    excess = np.maximum(difference - tolerance, 0)  # NaN stays NaN
+    return np.where(supported, excess, np.nan).astype(np.float32)
