@@ -95,9 +95,9 @@ class EmbeddedEncoder:
         return np.array([_balanced(self._rows(text)) for text in texts], np.float32).reshape(-1, self.dimension)
 
     def expand(self, text: str) -> np.ndarray:
-        """float32 [m, D]: a row for each session class the text covers (all instruments for "tool"), else the text's own row.
+        """float32 [m, D]: a row for each session class the text covers (all instruments for "tool"), else its own row.
 
-        A `MaskQuery` takes such rows and keeps the best in each pixel: sharper than the one vector of `encode` when a kind has many members.
+        A `MaskQuery` keeps the best of such rows in each pixel: sharper than the one vector of `encode` when a kind has many members.
         """
         return self._rows(text).astype(np.float32)
 
