@@ -52,7 +52,7 @@ class HexPlane(nn.Module):
 
         No gradient reaches `points`: a field that can be changed by moving the query point is one more way to explain colour by motion.
         """
-        points = points.detach().clamp(-1.0, 1.0)
+        points = points.detach().nan_to_num().clamp(-1.0, 1.0)  # a NaN must not become an index
         sample = hexplane_cpu.sample if points.device.type == "cpu" and points.dtype == torch.float32 else sample_level
         return torch.cat([sample(points, space, line) for space, line in zip(self.space, self.lines(t), strict=True)], 1)
 

@@ -115,7 +115,7 @@ class Run:
     def save_basis(self, basis: Basis) -> None:
         write_tensors(
             self.path / "basis.safetensors",
-            {name: torch.from_numpy(np.ascontiguousarray(value)) for name, value in basis.to_arrays().items()},
+            {name: torch.from_numpy(np.ascontiguousarray(value)) for name, value in basis.arrays().items()},
         )
 
     def load_basis(self) -> Basis | None:
@@ -123,7 +123,10 @@ class Run:
         path = self.path / "basis.safetensors"
         if not self.info["field"]["rank"]:
             return None
-        return Basis.from_arrays({name: tensor.numpy() for name, tensor in finite(read_tensors(path), path).items()})
+        try:
+            return Basis.from_arrays({name: tensor.numpy() for name, tensor in finite(read_tensors(path), path).items()})
+        except (KeyError, ValueError) as error:
+            raise RunError(f"{path} is damaged: {error}") from error
 
 
 def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: Path) -> SceneModel:

@@ -2,6 +2,6 @@
 
 from engine.training.config import PRESETS, TrainConfig
 from engine.training.estimate import estimate
-from engine.training.train import train
+from engine.training.job import train
 
 __all__ = ["PRESETS", "TrainConfig", "estimate", "train"]

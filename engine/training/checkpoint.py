@@ -8,7 +8,7 @@ from typing import Any
 from engine.errors import RunError
 from engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
 
-PARTS = ("model", "moments", "density")
+PARTS = ("model", "moments", "density", "neighbours")
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from engine.clip import Clip
 from engine.training.config import TrainConfig
+from engine.training.device import choose_device
 
 # Measured with `degense train` (docs/benchmarks.md): seconds a step = overhead + per Gaussian + per pixel, on two laptop-class cores and on one H200.
 CPU_STEP = (4e-3, 3.2e-6, 1.6e-7)
@@ -14,13 +15,14 @@ CUDA_STEP = (9e-3, 2e-8, 2e-9)
 FLOW_SECONDS = 0.05  # a frame, both ways, all partners, one core
 
 
-def estimate(clip: Clip, config: TrainConfig, device: str) -> dict[str, Any]:
-    """Seconds, megabytes and words for training `clip` with `config` on `device` ("cpu" or "cuda"). Order of magnitude, not a promise.
+def estimate(clip: Clip, config: TrainConfig) -> dict[str, Any]:
+    """Seconds, megabytes and words for training `clip` with `config` on its device. Order of magnitude, not a promise.
 
     Returns
     -------
     dict with `seconds`, `memory_mb`, `gaussians`, `words`
     """
+    device = choose_device(config.device).type
     width, height = clip.size
     pixels = min(width * height, config.max_pixels)
     overhead, per_gaussian, per_pixel = CUDA_STEP if device == "cuda" else CPU_STEP

@@ -66,8 +66,8 @@ class Trainer:
         self.caution = 1.0  # every rollback halves all learning rates
         self.rollbacks = 0
         self.running = torch.zeros(2, device=self.device)  # sums of loss and squared error since the last report
-        self.good = self.state()
         self._neighbours: tuple[Tensor, Tensor] | None = None
+        self.good = self.state()
 
     # -- state ---------------------------------------------------------------------------------------------------------------------------------
     def state(self) -> dict[str, Any]:
@@ -78,6 +78,7 @@ class Trainer:
             if held := self.optimizer.state.get(parameter):
                 moments |= {f"{name}.{key}": torch.as_tensor(held[key]).detach().clone() for key in ("step", "exp_avg", "exp_avg_sq")}
         evidence = {name: getattr(self.density, name).clone() for name in ("gradient", "seen", "opacity", "radius")}
+        neighbours = dict(zip(("index", "weight"), self._neighbours, strict=True)) if self._neighbours is not None else {}
         plain = {
             "iteration": self.iteration,
             "order": list(self.order),
@@ -85,7 +86,14 @@ class Trainer:
             "random": self.random.bit_generator.state,
             "rollbacks": self.rollbacks,
         }
-        return {"model": copied, "moments": moments, "density": evidence, "generator": self.generator.get_state(), "plain": plain}
+        return {
+            "model": copied,
+            "moments": moments,
+            "density": evidence,
+            "neighbours": neighbours,
+            "generator": self.generator.get_state(),
+            "plain": plain,
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to what `state()` returned."""
@@ -109,7 +117,8 @@ class Trainer:
             plain["rollbacks"],
         )
         self.random.bit_generator.state = plain["random"]
-        self._neighbours = None
+        held = state["neighbours"]
+        self._neighbours = (held["index"].to(self.device), held["weight"].to(self.device)) if held else None
 
     # -- one step ------------------------------------------------------------------------------------------------------------------------------
     def step(self) -> None:

@@ -77,3 +77,10 @@ def test_smoothness_is_zero_on_flat_planes_only():
     with torch.no_grad():
         planes.time[0][0, 1, 2, 3] += 1
     assert all(v.item() > 0 for v in planes.smoothness())
+
+
+def test_points_that_are_not_numbers_stay_inside_the_planes():
+    planes = HexPlane(8, 8, 4)
+    out = planes(torch.tensor([[float("nan"), float("inf"), -float("inf")]]), 0.0)
+    out.sum().backward()
+    assert torch.isfinite(out).all()

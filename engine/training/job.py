@@ -15,7 +15,7 @@ import torch
 from engine.clip import Clip
 from engine.errors import Cancelled, DegenseError
 from engine.field import FieldConfig, SceneModel
-from engine.language import teacher_by_name
+from engine.language.teachers import teacher_by_name
 from engine.progress import Progress
 from engine.readers import fingerprint
 from engine.store import Run
@@ -23,6 +23,7 @@ from engine.store.files import replacing
 from engine.store.run import hardware
 from engine.training.checkpoint import load_checkpoint, save_checkpoint
 from engine.training.config import TrainConfig
+from engine.training.device import choose_device
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.initialise import initial_gaussians
@@ -32,15 +33,6 @@ from engine.training.trainer import Diverged, Trainer, draw, run_steps
 Events = Callable[[dict[str, Any]], None]
 REPORT_EVERY = 25
 PREVIEW_SECONDS = 5.0
-
-
-def choose_device(name: str) -> torch.device:
-    """`auto` takes a GPU when there is one. DegenseError when `cuda` is asked for and absent."""
-    if name not in ("auto", "cpu", "cuda"):
-        raise DegenseError(f"there is no device {name!r}; choose auto, cpu or cuda")
-    if name == "cuda" and not torch.cuda.is_available():
-        raise DegenseError("no CUDA GPU was found; train with --device cpu, or see degense doctor")
-    return torch.device("cuda" if name == "cuda" or (name == "auto" and torch.cuda.is_available()) else "cpu")
 
 
 def default_teacher(clip: Clip) -> str:

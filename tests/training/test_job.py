@@ -1,0 +1,167 @@
+"""A whole training on a tiny clip: it learns, stops, resumes exactly, survives divergence, and leaves a run that opens."""
+
+import json
+
+import pytest
+import torch
+
+import engine.training.job as training
+from engine.errors import DegenseError, RunError
+from engine.scene import Scene
+from engine.store import Run
+from engine.store.files import read_tensors
+from engine.training import TrainConfig, train
+from tests.fakes import MemoryClip
+
+
+@pytest.fixture(autouse=True)
+def _memory_clips_have_a_fingerprint(monkeypatch):
+    monkeypatch.setattr(training, "fingerprint", lambda clip: str(clip.path))
+
+
+def tiny(**overrides):
+    values = {"iterations": 60, "max_gaussians": 400, "resolution": 8, "channels": 8, "checkpoint_seconds": 1e9, "device": "cpu"}
+    return TrainConfig.preset_of("quick", **(values | overrides))
+
+
+def run_it(clip, out, config, stop_at=None, **options):
+    events = []
+
+    def stop():
+        return stop_at is not None and any(e["event"] == "progress" and e["iteration"] >= stop_at for e in events)
+
+    return train(clip, out, config, events=events.append, stop=stop, **options), events
+
+
+@pytest.mark.parametrize("routing", ["isolated", "paper", "coupled"])
+def test_it_learns_and_leaves_a_run(tmp_path, routing):
+    clip = MemoryClip()
+    run, events = run_it(clip, tmp_path / "run", tiny(routing=routing, iterations=150))
+    progress = [e for e in events if e["event"] == "progress"]
+    assert progress[-1]["psnr"] > progress[0]["psnr"] + 3
+    assert [e["stage"] for e in events if e["event"] == "stage"] == ["load", "teacher", "flow", "coarse", "joint"]
+    assert events[-1] == {"event": "done", "run": str(tmp_path / "run")}
+    assert (tmp_path / "run" / "previews" / "last.png").stat().st_size > 100
+    assert len((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()) == len(progress)
+    scene = Scene.open(tmp_path / "run", device="cpu", clip=clip)
+    assert scene.has_semantics
+    assert scene.render(3)["rgb"].shape == (40, 48, 3)
+    assert run.info["state"] == "finished"
+    assert run.info["unit"] == pytest.approx(0.5)
+
+
+def test_test_frames_are_never_read(tmp_path):
+    class Watching(MemoryClip):
+        def frame(self, index):
+            assert index not in self.test_frames
+            return super().frame(index)
+
+        def labels(self, index):
+            assert index not in self.test_frames
+            return super().labels(index)
+
+    run, _ = run_it(Watching(), tmp_path / "run", tiny(iterations=30))
+    assert run is not None
+
+
+def test_stopped_and_resumed_is_the_same_as_not_stopped(tmp_path):
+    clip = MemoryClip()
+    run_it(clip, tmp_path / "whole", tiny(iterations=130, densify_every=50))
+    stopped, events = run_it(clip, tmp_path / "parts", tiny(iterations=130, densify_every=50), stop_at=75)
+    assert stopped is None
+    assert events[-1] == {"event": "stopped", "iteration": 75}
+    assert Run.open(tmp_path / "parts").info["state"] == "stopped"
+    with pytest.raises(RunError, match="resume"):
+        Run.open(tmp_path / "parts").load_model()
+    finished, _ = run_it(clip, tmp_path / "parts", tiny(), resume=True)
+    assert finished.info["state"] == "finished"
+    whole, parts = (read_tensors(tmp_path / name / "model.safetensors") for name in ("whole", "parts"))
+    for name in whole:
+        assert torch.equal(whole[name], parts[name]), name
+
+
+def test_divergence_rolls_back_and_says_so(tmp_path, monkeypatch):
+    real, poisoned = training.Trainer.step, []
+
+    def step(self):
+        real(self)
+        if self.iteration == 150 and not poisoned:
+            poisoned.append(True)
+            self.model.canonical["means"].data[0] = float("nan")
+
+    monkeypatch.setattr(training.Trainer, "step", step)
+    run, events = run_it(MemoryClip(), tmp_path / "run", tiny(iterations=220))
+    rollback = next(e for e in events if e["event"] == "rollback")
+    assert rollback["iteration"] == 100
+    assert "halved" in rollback["reason"]
+    assert run.info["state"] == "finished"
+    assert all(torch.isfinite(t).all() for t in read_tensors(tmp_path / "run" / "model.safetensors").values())
+
+
+def test_endless_divergence_ends_in_one_sentence(tmp_path, monkeypatch):
+    real = training.Trainer.step
+
+    def step(self):
+        real(self)
+        if self.iteration > 100:
+            self.model.canonical["means"].data[0] = float("inf")
+
+    monkeypatch.setattr(training.Trainer, "step", step)
+    with pytest.raises(DegenseError, match="diverged"):
+        run_it(MemoryClip(), tmp_path / "run", tiny(iterations=400))
+    assert Run.open(tmp_path / "run").info["state"] == "diverged"
+
+
+def test_a_clip_without_labels_trains_without_semantics(tmp_path):
+    clip = MemoryClip(labels=False, measured=False)
+    run_it(clip, tmp_path / "run", tiny(iterations=30))
+    scene = Scene.open(tmp_path / "run", device="cpu", clip=clip)
+    assert not scene.has_semantics
+    with pytest.raises(DegenseError, match="without semantics"):
+        scene.query(0)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_very_short_clips(tmp_path, frames):
+    run, _ = run_it(MemoryClip(frames), tmp_path / "run", tiny(iterations=20))
+    assert run.info["state"] == "finished"
+
+
+def test_refusals_are_one_sentence(tmp_path):
+    clip = MemoryClip()
+    run_it(clip, tmp_path / "run", tiny(iterations=5))
+    with pytest.raises(DegenseError, match="already holds a run"):
+        run_it(clip, tmp_path / "run", tiny())
+    with pytest.raises(DegenseError, match="finished"):
+        run_it(clip, tmp_path / "run", tiny(), resume=True)
+    with pytest.raises(DegenseError, match="not the clip"):
+        run_it(MemoryClip(seed=5), tmp_path / "run", tiny(), resume=True)
+    with pytest.raises(DegenseError, match="preset"):
+        TrainConfig.preset_of("fast")
+    with pytest.raises(DegenseError, match="routing"):
+        TrainConfig.preset_of("quick", routing="loose")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.txt").write_text("mine")
+    with pytest.raises(RunError, match="not empty"):
+        run_it(clip, tmp_path / "other", tiny())
+
+
+def test_hostile_run_folders(tmp_path):
+    clip = MemoryClip()
+    run_it(clip, tmp_path / "run", tiny(iterations=5))
+    path = tmp_path / "run" / "run.json"
+    good = json.loads(path.read_text())
+    for change, match in (
+        ({"format": 99}, "newer"),
+        ({"format": "x"}, "not written"),
+        ({"field": {**good["field"], "channels": 16}}, "does not fit"),
+        ({"field": {**good["field"], "surprise": 1}}, "does not fit"),
+        ({"cameras": {**good["cameras"], "width": -4}}, "no sense"),
+        ({"cameras": {**good["cameras"], "count": 10**12}}, "no sense"),
+    ):
+        path.write_text(json.dumps(good | change))
+        with pytest.raises(RunError, match=match):
+            Scene.open(tmp_path / "run", device="cpu", clip=clip)
+    path.write_text("{")
+    with pytest.raises(RunError, match="cannot be read"):
+        Run.open(tmp_path / "run")
