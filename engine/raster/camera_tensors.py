@@ -1,0 +1,27 @@
+"""A camera's matrices as tensors, kept per device: a copy to the GPU at every call would cost more than the drawing's own overhead."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from engine.camera import Camera
+
+
+def view_matrix(camera: Camera, device: torch.device, dtype: torch.dtype = torch.float32) -> Tensor:
+    """World to camera, [4, 4]; not to be changed in place."""
+    return _tensor(np.ascontiguousarray(camera.viewmat, np.float64).tobytes(), 4, device, dtype)
+
+
+def intrinsic_matrix(camera: Camera, device: torch.device, dtype: torch.dtype = torch.float32) -> Tensor:
+    """K, [3, 3]; not to be changed in place."""
+    return _tensor(camera.intrinsics.tobytes(), 3, device, dtype)
+
+
+@lru_cache(maxsize=1024)
+def _tensor(values: bytes, size: int, device: torch.device, dtype: torch.dtype) -> Tensor:
+    with torch.inference_mode(False):  # kept tensors must stay usable where gradients are recorded
+        return torch.tensor(np.frombuffer(values).reshape(size, size), dtype=dtype, device=device)

@@ -1,0 +1,129 @@
+"""The numba back end: float32 on all cores, forward and backward of projection and blending in one autograd function."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numba import get_num_threads
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from engine.camera import Camera
+from engine.raster.binning import bin_by_tile, sort_by_depth
+from engine.raster.blend import AREA, blend
+from engine.raster.blend_backward import add_slots, blend_backward, first_slots
+from engine.raster.project import FIELDS, MOMENTS, TILE_HEIGHT, TILE_WIDTH, project, project_backward
+from engine.raster.simd import LANES
+from engine.threads import KERNEL_LOCK
+
+SLOT_BYTES = 256 << 20  # the backward pass works through the picture in bands of tile rows that need no more than this
+
+
+def rasterize_cpu(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    features: Tensor,
+    camera: Camera,
+    background: Tensor | None,
+    screen_offsets: Tensor | None,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Image float32 [H, W, C], alpha float32 [H, W], radii int32 [N]; arguments as for `engine.raster.rasterize`."""
+    background = features.new_zeros(features.shape[1]) if background is None else background
+    screen_offsets = means.new_zeros(0, 2) if screen_offsets is None else screen_offsets
+    tensors = (means, quats, scales, opacities, features, background, screen_offsets)
+    return _Rasterize.apply(camera, *(tensor.float().contiguous() for tensor in tensors))
+
+
+class _Rasterize(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, camera, means, quats, scales, opacities, features, background, offsets):
+        arrays = [tensor.detach().numpy() for tensor in (means, quats, scales, opacities, features, offsets)]
+        count, channels = features.shape
+        view = np.ascontiguousarray(camera.viewmat, np.float64)
+        lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height], np.float64)
+        columns, rows = -(-camera.width // TILE_WIDTH), -(-camera.height // TILE_HEIGHT)
+        splats = np.empty((count, FIELDS), np.float32)
+        tiles = np.empty((count, 4), np.int32)
+        depths = np.empty(count, np.float32)
+        radii = torch.empty(count, dtype=torch.int32)
+        image = torch.empty(camera.height, camera.width, channels)
+        transmittance = torch.empty(camera.height, camera.width)
+        with KERNEL_LOCK:
+            project(*arrays, view, lens, splats, tiles, depths, radii.numpy())
+            starts, members = bin_by_tile(sort_by_depth(tiles, depths), tiles, columns, rows)
+            threads = get_num_threads()
+            planes = np.empty((threads, (1 + channels) * AREA), np.float32)
+            lives = np.empty((threads, TILE_HEIGHT), np.bool_)
+            blend(
+                starts, members, splats, arrays[4], background.detach().numpy(), image.numpy(), transmittance.numpy(), planes, lives, np.zeros(1, np.int64)
+            )  # fmt: skip
+        ctx.save_for_backward(means, quats, scales, opacities, features, image, transmittance, radii)
+        ctx.geometry = (view, lens)
+        ctx.lists = (starts, members, splats, tiles)
+        ctx.mark_non_differentiable(radii)
+        ctx.set_materialize_grads(False)
+        return image, 1.0 - transmittance, radii
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, grad_image, grad_alpha, _):
+        means, quats, scales, opacities, features, image, transmittance, radii = ctx.saved_tensors
+        grad_image = torch.zeros_like(image) if grad_image is None else grad_image.contiguous()
+        grad_alpha = torch.zeros_like(transmittance) if grad_alpha is None else grad_alpha.contiguous()
+        _, *needs = ctx.needs_input_grad
+        needs_geometry = any(needs[:4]) or needs[6]
+        grads: list[Tensor | None] = [None] * 7
+        if needs[5]:
+            grads[5] = transmittance.reshape(1, -1).mm(grad_image.reshape(transmittance.numel(), -1))[0]
+        if needs_geometry or needs[4]:
+            with KERNEL_LOCK:
+                sums = _sum_over_pixels(ctx.lists, features, image, transmittance, grad_image, grad_alpha, needs_geometry)
+                if needs_geometry:
+                    grads[:4] = [torch.empty_like(tensor) for tensor in (means, quats, scales, opacities)]
+                    grads[6] = torch.empty(means.shape[0], 2)
+                    inputs = [tensor.detach().numpy() for tensor in (means, quats, scales, opacities)]
+                    outputs = [grads[i].numpy() for i in (0, 1, 2, 3, 6)]
+                    project_backward(*inputs, *ctx.geometry, radii.numpy(), sums.numpy(), *outputs)
+            grads[4] = sums[:, MOMENTS:]
+        return None, *(grad if needed else None for grad, needed in zip(grads, needs, strict=True))
+
+
+def _sum_over_pixels(
+    lists: tuple[np.ndarray, ...],
+    features: Tensor,
+    image: Tensor,
+    transmittance: Tensor,
+    grad_image: Tensor,
+    grad_alpha: Tensor,
+    geometry: bool,
+) -> Tensor:
+    """What blending's backward pass sums for each Gaussian, float32 [N, MOMENTS + C]."""
+    starts, members, splats, tiles = lists
+    (height, width, channels), threads = image.shape, get_num_threads()
+    columns, rows = -(-width // TILE_WIDTH), -(-height // TILE_HEIGHT)
+    sums = torch.zeros(features.shape[0], MOMENTS + channels)
+    planes = np.empty((threads, (2 + channels) * AREA + channels * LANES), np.float32)
+    lives = np.empty((threads, TILE_HEIGHT), np.bool_)
+    pixels = [tensor.detach().numpy() for tensor in (image, transmittance, grad_image, grad_alpha)]
+    for first_row, last_row in _bands(starts[::columns], SLOT_BYTES // (4 * (MOMENTS + channels))):
+        first = first_slots(tiles, first_row, last_row)
+        slots = np.empty((first[-1], MOMENTS + channels), np.float32)
+        blend_backward(
+            starts, members, splats, features.detach().numpy(), tiles, first, first_row, last_row, *pixels,
+            planes, lives, slots, np.zeros(1, np.int64), geometry,
+        )  # fmt: skip
+        add_slots(first, slots, sums.numpy())
+    assert last_row == rows
+    return sums
+
+
+def _bands(visits: np.ndarray, limit: int) -> list[tuple[int, int]]:
+    """Ranges of tile rows with at most `limit` visits each (a single row may exceed it); visits [rows + 1] counts up."""
+    bands, first = [], 0
+    for row in range(1, len(visits)):
+        if row + 1 == len(visits) or visits[row + 1] - visits[first] > limit:
+            bands.append((first, row))
+            first = row
+    return bands

@@ -1,0 +1,159 @@
+"""The one function that draws, and what it returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from engine.camera import Camera
+from engine.raster.camera_tensors import view_matrix
+
+Backend = Literal["auto", "cpu", "cuda", "reference"]
+
+
+@dataclass
+class Render:
+    """One picture.
+
+    Attributes
+    ----------
+    image : float32 [H, W, C]
+        Blended features, plus what is left of the background. (float64 from the reference.)
+    alpha : float32 [H, W]
+        Coverage in [0, 1]; the image is not divided by it.
+    radii : int32 [N]
+        Half of the longer side of the box that a Gaussian is drawn in, pixels; 0 where it is not drawn.
+    """
+
+    image: Tensor
+    alpha: Tensor
+    radii: Tensor
+
+
+def rasterize(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    features: Tensor,
+    camera: Camera,
+    *,
+    background: Tensor | None = None,
+    screen_offsets: Tensor | None = None,
+    backend: Backend = "auto",
+) -> Render:
+    """Draw N Gaussians, nearest first: C = Σᵢ cᵢ αᵢ Πⱼ₌₁..ᵢ₋₁ (1 − αⱼ) with α = min(0.999, o exp(−½ dᵀ Σ'⁻¹ d)), Σ' = J W Σ Wᵀ Jᵀ + 0.3 I.
+
+    The meaning is that of gsplat 1.5.3's classic mode. Differentiable (once) in everything but the camera; work for inputs that need no gradient is skipped.
+
+    Parameters
+    ----------
+    means : float [N, 3]
+        Centres, world.
+    quats : float [N, 4]
+        Rotations, wxyz, any length.
+    scales : float [N, 3]
+        Standard deviations along the rotated axes, same unit as the means.
+    opacities : float [N]
+        In [0, 1].
+    features : float [N, C]
+        Any C ≥ 1; all channels are blended in one pass.
+    camera : Camera
+        Its size is the picture's.
+    background : float [C] or None
+        Seen where light is left. None is zero.
+    screen_offsets : float [N, 2] or None
+        Added to the projected centres, pixels; zeros that require a gradient tell how the loss pulls on them. (CUDA decides before adding them whether a
+        Gaussian is outside the picture.)
+    backend : {"auto", "cpu", "cuda", "reference"}
+        "auto" follows the tensors' device.
+
+    Returns
+    -------
+    Render
+        float32 whatever the inputs' type: half precision and float64 are computed in float32, and their gradients come back in their own type.
+        The reference computes and returns float64.
+
+    Notes
+    -----
+    Input that means nothing is not an error, since optimisers make it:
+
+    - NaN or infinity (or a length above 1.8e19) in anything of a Gaussian, its features included: it is not drawn and its gradients are zero.
+    - Quaternions shorter than 1e-12 are the identity, with zero gradient.
+    - Scales may be zero (a dot of about half a pixel); above 1e4 they count as 1e4, with zero gradient.
+    - Opacities are clamped to [0, 1], with zero gradient outside; under 1/255 nothing is drawn.
+    - Centres with camera z < 0.01 or > 1e10 (units of the means) are not drawn.
+    - N may be 0; pictures may be 1 × 1.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, types or devices.
+    """
+    _check(means, quats, scales, opacities, features, camera, background, screen_offsets)
+    if backend == "auto":
+        backend = "cuda" if means.is_cuda else "cpu"
+    arguments = (means, quats, scales, opacities, features, camera, background, screen_offsets)
+    if backend == "reference":
+        from engine.raster.reference import rasterize_reference as draw
+    elif backend == "cpu":
+        from engine.raster.cpu import rasterize_cpu as draw
+    elif backend == "cuda":
+        from engine.raster.cuda import rasterize_cuda as draw
+    else:
+        raise ValueError(f"backend is {backend!r}; use one of 'auto', 'cpu', 'cuda', 'reference'")
+    if means.is_cuda != (backend == "cuda"):
+        raise ValueError(f"back end {backend!r} cannot draw tensors on {means.device}; move them, or use backend='auto'")
+    return Render(*draw(*arguments))
+
+
+def camera_depths(means: Tensor, camera: Camera) -> Tensor:
+    """Camera z [N] of world points [N, 3], differentiable; draw it as one more feature channel."""
+    means = means if means.dtype == torch.float64 else means.float()
+    row = view_matrix(camera, means.device, means.dtype)[2]
+    return means @ row[:3] + row[3]
+
+
+def _check(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    features: Tensor,
+    camera: Camera,
+    background: Tensor | None,
+    screen_offsets: Tensor | None,
+) -> None:
+    """ValueError unless shapes, types and devices fit together."""
+    if means.ndim != 2 or features.ndim != 2 or features.shape[1] < 1:
+        raise ValueError(
+            f"means must be [N, 3] and features [N, C] with C ≥ 1, but they are {list(means.shape)} and {list(features.shape)}"
+        )
+    count, channels = means.shape[0], features.shape[1]
+    expected: dict[str, tuple[Tensor | None, tuple[int, ...]]] = {
+        "means": (means, (count, 3)),
+        "quats": (quats, (count, 4)),
+        "scales": (scales, (count, 3)),
+        "opacities": (opacities, (count,)),
+        "features": (features, (count, channels)),
+        "background": (background, (channels,)),
+        "screen_offsets": (screen_offsets, (count, 2)),
+    }
+    for name, (tensor, shape) in expected.items():
+        if tensor is None:
+            continue
+        if tensor.shape != shape:
+            raise ValueError(f"{name} must have shape {list(shape)} to fit the others, but has {list(tensor.shape)}")
+        if not tensor.is_floating_point():
+            raise ValueError(f"{name} must hold floating-point numbers, but holds {tensor.dtype}")
+        if tensor.device != means.device:
+            raise ValueError(f"{name} is on {tensor.device} but means is on {means.device}; move them to one device")
+    if camera.width < 1 or camera.height < 1:
+        raise ValueError(f"the camera must see at least 1 × 1 pixels, but has {camera.width} × {camera.height}")
+    numbers = (camera.fx, camera.fy, camera.cx, camera.cy)
+    if not (np.isfinite(numbers).all() and camera.fx > 0 and camera.fy > 0 and np.isfinite(camera.viewmat).all()):
+        raise ValueError("the camera's focal lengths must be positive and its numbers finite")
