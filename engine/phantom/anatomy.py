@@ -1,6 +1,7 @@
 """The tissue at rest: its shape, which organ lies where, and how each organ looks.
 
-Material coordinates are a = z_ref · (x/z, y/z) of the reference camera, in mm. The surface at rest has one depth for each a, so every point of it is seen at frame 0.
+Material coordinates are a = z_ref · (x/z, y/z) of the reference camera, in mm. The surface at rest has one depth for each a, so every point of it is
+seen at frame 0.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ WALL, LIVER, GALLBLADDER, FAT, CONNECTIVE, CHARRED, GRASPER, HOOK = range(len(CL
 
 # sRGB of each tissue: main tone, second tone, vessels; then vessel strength, relief (mm), wetness
 LOOKS = {
-    WALL: ((206, 128, 104), (170, 82, 70), (140, 38, 40), 0.55, 0.22, 0.35),
-    LIVER: ((118, 48, 44), (84, 30, 32), (150, 72, 62), 0.30, 0.10, 0.85),
-    GALLBLADDER: ((226, 190, 150), (196, 168, 138), (142, 44, 50), 0.75, 0.10, 1.00),
-    FAT: ((232, 184, 96), (206, 142, 66), (172, 64, 50), 0.40, 0.40, 0.55),
-    CONNECTIVE: ((224, 178, 164), (196, 128, 120), (160, 52, 54), 0.50, 0.22, 0.70),
+    WALL: ((214, 132, 106), (176, 88, 74), (146, 40, 42), 0.55, 0.12, 0.35),
+    LIVER: ((116, 44, 42), (86, 30, 33), (146, 66, 60), 0.30, 0.045, 0.85),
+    GALLBLADDER: ((240, 206, 158), (214, 170, 136), (150, 46, 52), 0.75, 0.028, 1.00),
+    FAT: ((242, 196, 112), (222, 156, 78), (184, 70, 54), 0.40, 0.20, 0.60),
+    CONNECTIVE: ((228, 180, 166), (198, 122, 112), (160, 52, 54), 0.50, 0.10, 0.80),
 }
 
 # Channels of `Anatomy.texture`
@@ -184,7 +185,7 @@ def _paint(sheet: Sheet, rng: np.random.Generator, depths: np.ndarray, labels: n
     nets = {
         WALL: vessels(sheet, rng, 26, 0.45, 0.75),
         LIVER: vessels(sheet, rng, 40, 0.30, 0.6),
-        GALLBLADDER: vessels(sheet, rng, 70, 0.36, 0.6),
+        GALLBLADDER: vessels(sheet, rng, 52, 0.30, 0.66),
         FAT: vessels(sheet, rng, 30, 0.30, 0.6),
         CONNECTIVE: vessels(sheet, rng, 60, 0.28, 0.8),
     }
@@ -195,10 +196,10 @@ def _paint(sheet: Sheet, rng: np.random.Generator, depths: np.ndarray, labels: n
     for tissue, (main, second, vessel, strength, rough, wet) in LOOKS.items():
         tone = smoothstep(0.5 + 0.4 * patches + 0.16 * grain)[..., None]
         colour = _linear(main) * (1 - tone) + _linear(second) * tone
-        colour = colour * np.exp(0.10 * grain + 0.06 * speckle)[..., None]
-        bumps = 0.8 * grain + 0.5 * speckle
+        colour = colour * np.exp(0.06 * grain + 0.03 * speckle)[..., None]
+        bumps = 0.9 * grain + 0.4 * speckle
         if tissue == LIVER:
-            colour = colour * np.exp(0.16 * speckle)[..., None]
+            colour = colour * np.exp(0.09 * speckle)[..., None]
         if tissue == FAT:
             colour = colour * (1 - 0.45 * lobules[..., None] * np.array([0.6, 0.9, 1.0]))
             bumps = bumps - 1.2 * lobules
@@ -221,9 +222,9 @@ def _char(sheet: Sheet, rng: np.random.Generator, burn: np.ndarray, burning: tup
     """When each point begins to char (clip time) and how far it gets (0 to 1)."""
     x, y = sheet.points
     distance, along = distance_to_path(x, y, burn)
-    ragged = CHAR_RADIUS * (0.82 + 0.09 * np.clip(fractal(sheet, rng, 3.0, 3), -2, 2))
+    ragged = CHAR_RADIUS * (0.74 + 0.13 * np.clip(fractal(sheet, rng, 3.0, 3), -2, 2))
     start = burning[0] + (burning[1] - burning[0]) * along + 0.06 * distance / CHAR_RADIUS
-    return start, smoothstep((1 - distance / ragged) / 0.45)
+    return start, smoothstep((1 - distance / ragged) / 0.6)
 
 
 CHAR_RADIUS = 4.2  # mm of material; charring ends within it

@@ -70,10 +70,10 @@ def write_script(anatomy: Anatomy, rng: np.random.Generator, camera: float) -> S
     depth_of_breath = rng.uniform(1.1, 1.6) * (1 + 0.25 * np.sin(x / 31 + rng.uniform(0, 6)) + 0.2 * np.cos(y / 27))[..., None]
     breath = still * depth_of_breath * np.array([0.18, 0.72, -0.55])
     hold = anatomy.at_rest(anatomy.grasp[None])[0]
-    near = np.clip(np.linalg.norm(anatomy.rest - hold, axis=-1) / 34.0, 0, 1)
+    near = np.clip(np.linalg.norm(anatomy.rest - hold, axis=-1) / 46.0, 0, 1)
     support = (1 - near) ** 4 * (4 * near + 1)  # Wendland's C² function: compact, smooth
-    towards = np.array([0.62, -0.55, -0.62]) + rng.uniform(-0.1, 0.1, 3)
-    pull = still * support[..., None] * towards / np.linalg.norm(towards) * rng.uniform(10.5, 12.0)
+    towards = np.array([0.66, -0.60, -0.45]) + rng.uniform(-0.1, 0.1, 3)
+    pull = still * support[..., None] * towards / np.linalg.norm(towards) * rng.uniform(9.5, 11.5)
     return Script(breath, pull, float(rng.uniform(0, 2 * np.pi)), camera)
 
 

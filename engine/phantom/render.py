@@ -25,7 +25,7 @@ from engine.phantom.anatomy import (
 
 SAMPLES = 3
 NEAREST = 8.0  # mm: triangles that come nearer to the camera are not drawn
-LIT_DEPTH = 74.0  # mm: a white surface that faces the camera from here is drawn just white
+LIT_DEPTH = 80.0  # mm: a white surface that faces the camera from here is drawn just white
 CHAR_BEGUN = 0.05
 CHAR_CLASS = 0.5  # tissue charred further than this is called charred
 
