@@ -112,16 +112,14 @@ def check_sizes(files: Iterable[Path], size: tuple[int, int] | None = None) -> t
     ------
     ClipError
     """
-    first = None
+    others = "the frames are"
     for file in files:
         found = picture_size(file)
-        size = size or found
-        first = first or file
+        if size is None:
+            size, others = found, f"{file.name} is"
         if found != size:
-            other = f"{first.name} is" if first is not file else "the frames are"
-            raise ClipError(
-                f"{shown(file)} is {found[0]} × {found[1]} pixels, but {other} {size[0]} × {size[1]}; all pictures of a clip need one size."
-            )
+            told = f"{found[0]} × {found[1]}"
+            raise ClipError(f"{shown(file)} is {told} pixels, but {others} {size[0]} × {size[1]}; all pictures of a clip need one size.")
     if size is None:
         raise ValueError("no files")
     return size
@@ -156,7 +154,8 @@ def checked(image: np.ndarray, path: Path, size: tuple[int, int]) -> np.ndarray:
     ClipError
     """
     if image.shape[1::-1] != size:
+        found = f"{image.shape[1]} × {image.shape[0]}"
         raise ClipError(
-            f"{shown(path)} is now {image.shape[1]} × {image.shape[0]} pixels, but was {size[0]} × {size[1]} when the clip was opened."
+            f"{shown(path)} was changed since the clip was opened: it is {found} pixels, not {size[0]} × {size[1]}; open it again."
         )
     return image

@@ -39,7 +39,9 @@ def save(path: Path, array: np.ndarray) -> Path:
     return path
 
 
-def write_frames(folder: Path, rng: np.random.Generator, count: int = 5, with_tool: bool = False, name: str = "{:06d}.png") -> list[np.ndarray]:
+def write_frames(
+    folder: Path, rng: np.random.Generator, count: int = 5, with_tool: bool = False, name: str = "{:06d}.png"
+) -> list[np.ndarray]:
     """Frames with an optional grey instrument; returns them."""
     frames = []
     base = tissue(rng)
