@@ -176,15 +176,17 @@ class Vocabulary:
 
     def _read(self, tokens: list[str]) -> tuple[list[str], list[str]]:
         """Concepts named in the tokens, longest names first at each place, and the words that were not understood."""
-        concepts, unknown, at = [], [], 0
+        named, in_passing, unknown, at = [], [], [], 0
         while at < len(tokens):
             name, used = self._name_at(tokens, at)
+            filler = used == 1 and tokens[at] in self.fillers
             if name is not None:
-                concepts.append(name)
-            elif tokens[at] not in self.fillers:
+                # "highlight" names a reflection when it stands alone, and is a verb in "highlight the hook"
+                (in_passing if filler else named).append(name)
+            elif not filler:
                 unknown.append(tokens[at])
             at += used
-        return list(dict.fromkeys(concepts)), unknown
+        return list(dict.fromkeys(named or in_passing)), unknown
 
     def _name_at(self, tokens: list[str], at: int) -> tuple[str | None, int]:
         sizes = range(min(LONGEST_NAME, len(tokens) - at), 0, -1)

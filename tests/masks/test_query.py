@@ -1,0 +1,143 @@
+"""`MaskQuery`: decoders, caches, prompts that cover several classes, and pictures of any kind."""
+
+import numpy as np
+import pytest
+
+from engine.clip import UNLABELLED
+from engine.language import EmbeddedEncoder, fit_basis
+from engine.masks import DECODERS, MaskQuery
+from engine.masks.bench import latents, overlap, scene
+
+CLASSES = ("liver", "fat", "gallbladder", "grasper", "L-hook electrocautery")
+
+
+@pytest.fixture(scope="module")
+def asked():
+    """A query, its class vectors, its encoder and the truth."""
+    rgb, labels = scene(256, 200, seed=5)
+    labels = labels.copy()
+    labels[(labels == 3) & (np.arange(256) > 140)] = 4
+    encoder = EmbeddedEncoder(CLASSES)
+    vectors = encoder.encode(CLASSES)
+    basis = fit_basis(vectors, np.ones(len(vectors)))
+    return MaskQuery(rgb, latents(labels, basis.project(vectors), 0.5, 0.05, 0.002), basis), vectors, encoder, labels
+
+
+def test_similarity_is_the_cosine_in_the_long_space(asked):
+    query, vectors, encoder, _ = asked
+    lifted = query.basis.lift(query._unit)
+    expected = lifted @ encoder.encode(["organ"])[0]
+    np.testing.assert_allclose(query.similarity(3.0 * encoder.encode(["organ"])[0]), expected, atol=1e-5)
+    np.testing.assert_allclose(query.similarity(vectors), (lifted @ vectors.T).max(-1), atol=1e-5)
+
+
+@pytest.mark.parametrize("decoder", DECODERS)
+def test_masks_find_their_classes(asked, decoder):
+    query, vectors, _, labels = asked
+    scores = [overlap(query.mask(vectors[c], decoder, negatives=vectors), labels == c) for c in range(5)]
+    assert np.mean(scores) > 0.93
+    label_map = query.label_map(vectors, decoder)
+    assert label_map.dtype == np.uint8
+    assert np.mean(label_map == labels) > 0.97
+
+
+@pytest.mark.parametrize("decoder", DECODERS)
+def test_a_kind_covers_its_members_and_they_do_not_compete(asked, decoder):
+    query, vectors, encoder, labels = asked
+    for prompt in (encoder.encode(["all tools"])[0], encoder.expand("all tools")):
+        assert overlap(query.mask(prompt, decoder, 0.5, negatives=vectors), labels >= 3) > 0.9
+
+
+def test_plain_decoders_match_loops(asked):
+    query, vectors, _, _ = asked
+    cosines = query.basis.lift(query._unit) @ vectors.T
+    mask, best = query.mask(vectors[1], "threshold", 0.42), query.mask(vectors[1], "argmax", 0.5, vectors)
+    labels = query.label_map(vectors, "argmax")
+    for y, x in np.random.default_rng(0).integers(0, (200, 256), (400, 2)):
+        own, others = cosines[y, x, 1], np.delete(cosines[y, x], 1)
+        assert mask[y, x] == (own > 0.42)
+        assert best[y, x] == (own > 0.25 and own >= others.max())
+        assert labels[y, x] == cosines[y, x].argmax()
+
+
+def test_absent_words_give_empty_masks(asked):
+    query, vectors, encoder, _ = asked
+    for decoder in DECODERS:
+        mask = query.mask(encoder.encode(["smoke"])[0], decoder, 0.5, vectors)
+        assert not mask.any()
+        assert query.confidence(encoder.encode(["smoke"])[0], mask, vectors) == 0.0
+
+
+def test_a_higher_threshold_never_adds_pixels(asked):
+    query, vectors, _, _ = asked
+    areas = [query.mask(vectors[0], "threshold", t).sum() for t in np.linspace(-1, 1, 9)]
+    assert areas == sorted(areas, reverse=True)
+
+
+def test_confidence_falls_with_rivals_and_doubt(asked):
+    query, vectors, _, labels = asked
+    sure = query.confidence(vectors[0], labels == 0, vectors)
+    assert 0.8 < sure <= 1.0
+    assert query.confidence(vectors[0], labels >= 0, vectors) < 0.7 * sure
+    assert query.confidence(vectors[3], labels == 3, vectors) < query.confidence(vectors[3], labels == 3)
+
+
+def test_maps_are_kept_and_shared_but_not_writable(asked):
+    query, vectors, _, _ = asked
+    assert query.refined(vectors[2]) is query.refined(vectors[2].copy())
+    with pytest.raises(ValueError, match="read-only"):
+        query.refined(vectors[2])[0, 0] = 1
+
+
+def test_alpha_weighs_the_similarity(asked):
+    query, vectors, _, _ = asked
+    alpha = np.full((200, 256), 0.25, np.float32)
+    thin = MaskQuery(query._rgb, query._unit, query.basis, alpha)
+    np.testing.assert_allclose(thin.similarity(vectors[0]), 0.25 * query.similarity(vectors[0]), atol=1e-5)
+    assert not thin.mask(vectors[0]).any()
+
+
+@pytest.mark.parametrize("decoder", DECODERS)
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (3, 2), (17, 23)])
+@pytest.mark.parametrize("kind", ["random", "constant", "zero", "nan"])
+def test_no_picture_is_too_odd(decoder, shape, kind):
+    rng = np.random.default_rng(1)
+    rgb = np.full((*shape, 3), 9, np.uint8) if kind == "constant" else rng.integers(0, 256, (*shape, 3)).astype(np.uint8)
+    latent = {
+        "random": rng.normal(size=(*shape, 1)),
+        "constant": np.ones((*shape, 1)),
+        "zero": np.zeros((*shape, 1)),
+        "nan": np.full((*shape, 1), np.nan),
+    }[kind].astype(np.float32)
+    basis = fit_basis(np.eye(4)[:1], np.ones(1))
+    query = MaskQuery(rgb, latent, basis, np.ones(shape, np.float32))
+    vectors = np.eye(4, dtype=np.float32)[:2]
+    assert np.isfinite(query.similarity(vectors[0])).all()
+    assert np.isfinite(query.refined(vectors[0])).all()
+    assert query.superpixels.shape == shape
+    mask, labels = query.mask(vectors[0], decoder, 0.5, vectors), query.label_map(vectors, decoder)
+    assert mask.shape == labels.shape == shape
+    assert np.isfinite(query.confidence(vectors[0], mask, vectors))
+    if kind in ("zero", "nan"):
+        assert not mask.any()
+        assert (labels == UNLABELLED).all()
+    if kind == "constant":
+        assert mask.all()
+        assert (labels == 0).all()
+
+
+def test_wrong_shapes_are_refused(asked):
+    query, vectors, _, _ = asked
+    rgb, unit, basis = query._rgb, query._unit, query.basis
+    with pytest.raises(ValueError, match="latent must be"):
+        MaskQuery(rgb, unit[..., :2], basis)
+    with pytest.raises(ValueError, match="rgb must be"):
+        MaskQuery(rgb.astype(np.float32), unit, basis)
+    with pytest.raises(ValueError, match="alpha must be"):
+        MaskQuery(rgb, unit, basis, np.ones((2, 2), np.float32))
+    with pytest.raises(ValueError, match="unknown decoder 'magic'"):
+        query.mask(vectors[0], "magic")
+    with pytest.raises(ValueError, match="1 to 255 classes"):
+        query.label_map(np.zeros((300, 128), np.float32))
+    with pytest.raises(ValueError, match="vectors of length 128"):
+        query.similarity(np.ones(5))
