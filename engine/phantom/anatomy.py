@@ -1,7 +1,7 @@
 """The tissue at rest: its shape, which organ lies where, and how each organ looks.
 
-Material coordinates are a = z_ref · (x/z, y/z) of the reference camera, in mm. The surface at rest has one depth for each a, so every point of it is
-seen at frame 0.
+Material coordinates are a = z_ref · (x/z, y/z) of the reference camera, in mm. The surface at rest has one depth for each a, so every point
+of it is seen at frame 0.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def distance_to_path(x: np.ndarray, y: np.ndarray, path: np.ndarray) -> tuple[np
     return best, along
 
 
-def smoothstep(x: np.ndarray) -> np.ndarray:
+def smoothstep(x: np.ndarray | float) -> np.ndarray:
     """0 below 0, 1 above 1, with continuous slope."""
     x = np.clip(x, 0, 1)
     return x * x * (3 - 2 * x)
@@ -151,7 +151,7 @@ def _organ_depths(mesh: Sheet, axis: np.ndarray, warp: list[np.ndarray], swell: 
     wx, wy = x + warp[0], y + warp[1]
     wall = 113 - 0.10 * (wx + wy) + 1.5 * swell
 
-    def dome(centre, radii, angle, base, height):
+    def dome(centre: np.ndarray, radii: tuple[float, float], angle: float, base: float, height: float) -> np.ndarray:
         cos, sin = np.cos(angle), np.sin(angle)
         dx, dy = wx - centre[0], wy - centre[1]
         r2 = ((dx * cos + dy * sin) / radii[0]) ** 2 + ((dy * cos - dx * sin) / radii[1]) ** 2

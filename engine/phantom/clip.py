@@ -37,7 +37,8 @@ class PhantomOptions:
     camera_motion : float
         Amplitude of the camera's smooth path, mm, 0 to 15; 0 stands still.
     noise : float
-        Standard deviation of the sensor noise, 8-bit grey levels. 1.5 puts the noise floor at 44.4 dB: a perfect reconstruction scores no more.
+        Standard deviation of the sensor noise, 8-bit grey levels. 1.5 (with rounding) puts the noise floor at 44.5 dB: a perfect
+        reconstruction scores no more.
     kind : str
         "cautery": a grasper pulls the gallbladder while an electrocautery hook chars tissue that stands still.
     """
@@ -65,18 +66,19 @@ class PhantomOptions:
                 raise DegenseError(f"A phantom cannot be made with {name} {value}: choose {low} to {high}.")
         if not 0.5 <= self.height / self.width <= 1.5:
             raise DegenseError(
-                f"A phantom of {self.width} × {self.height} pixels is too narrow: choose a height of 0.5 to 1.5 times the width."
+                f"A phantom of {self.width} × {self.height} pixels has a strange shape: choose a height of 0.5 to 1.5 times the width."
             )
         if self.kind not in KINDS:
             raise DegenseError(f"There is no phantom of the kind '{self.kind}': choose {' or '.join(KINDS)}.")
 
 
-def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress: Progress = silent) -> None:  # noqa: B008 (frozen)
+def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress: Progress = silent) -> None:
     """Write a synthetic clip.
 
-    `images/NNNNNN.png`; `labels/NNNNNN.png` (8-bit index with a palette) and `classes.json`; `depth/NNNNNN.npy` (float32 camera z, mm); `camera.json`
-    (intrinsics, `viewmats` world → camera); `gt.npz` with `displacement` float32 [T, H, W, 3] and `cautery` bool [T, H, W] (see `engine.clip.Truth`).
-    Displacement is a property of the tissue: it is in the axes of the camera at frame 0, which are the world's, even when the camera moves.
+    `images/NNNNNN.png`; `labels/NNNNNN.png` (8-bit index with a palette) and `classes.json`; `depth/NNNNNN.npy` (float32 camera z, mm);
+    `camera.json` (intrinsics, `viewmats` world → camera); `gt.npz` with `displacement` float32 [T, H, W, 3], mm, and `cautery` bool
+    [T, H, W], see `engine.clip.Truth`. Displacement is a property of the tissue: it is in the axes of the camera at frame 0, which are
+    the world's, even when the camera moves. Charring counts from its first visible change of colour.
 
     Parameters
     ----------

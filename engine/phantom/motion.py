@@ -24,7 +24,7 @@ class Script:
     ----------
     breath, pull : float64 [Hm, Wm, 3]
         Displacement of every mesh vertex at full inspiration and at full traction, mm.
-    swallow : float
+    sway : float
         Phase of the slow sway of the pulling hand.
     camera : float
         Amplitude of the camera's path, mm.
@@ -32,7 +32,7 @@ class Script:
 
     breath: np.ndarray
     pull: np.ndarray
-    swallow: float
+    sway: float
     camera: float
 
     def displacement(self, s: float) -> np.ndarray:
@@ -42,7 +42,7 @@ class Script:
     def traction(self, s: float) -> float:
         """How far the pull has got, 0 to about 1."""
         amount = smoothstep((s - PULL[0]) / (PULL[1] - PULL[0]))
-        return float(amount * (1 + 0.07 * np.sin(2 * np.pi * 2.3 * s + self.swallow)))
+        return float(amount * (1 + 0.07 * np.sin(2 * np.pi * 2.3 * s + self.sway)))
 
     def viewmat(self, s: float) -> np.ndarray:
         """World to camera, float64 [4, 4]; the identity at s = 0."""

@@ -1,7 +1,7 @@
 """Draws triangle meshes with a z-buffer and shades them as an endoscope sees them: one light, at the camera.
 
-Every pixel is cut into 3 × 3 samples. Colour is their mean; depth, label, displacement and char are those of the middle sample, which lies exactly on the
-pixel's centre. All of them are interpolated on the same triangle, so they agree with each other to rounding.
+Every pixel is cut into 3 × 3 samples. Colour is their mean; depth, label, displacement and char are those of the middle sample,
+which lies exactly on the pixel's centre. All of them are interpolated on the same triangle, so they agree with each other to rounding.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ def shade(
 
     Returns
     -------
-    colour float64 [H, W, 3] (linear), depth float64 [H, W] (0: nothing), label uint8 [H, W] (255: nothing), displacement float64 [H, W, 3] (NaN: no tissue),
-    char float64 [H, W]
+    colour float64 [H, W, 3] (linear), depth float64 [H, W] (0: nothing), label uint8 [H, W] (255: nothing),
+    displacement float64 [H, W, 3] (NaN: no tissue), char float64 [H, W]
     """
     height, width = owner.shape[0] // SAMPLES, owner.shape[1] // SAMPLES
     colour = np.zeros((height, width, 3))
@@ -135,11 +135,9 @@ def shade(
             px, py = u + 0.5, v + 0.5
             ax, ay, bx, by, cx, cy = pixels[a, 0], pixels[a, 1], pixels[b, 0], pixels[b, 1], pixels[c, 0], pixels[c, 1]
             area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-            wa = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area / z[a]
-            wb = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area / z[b]
-            wc = (
-                1.0 - ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area - ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area
-            ) / z[c]
+            wa = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area
+            wb = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area
+            wa, wb, wc = wa / z[a], wb / z[b], (1.0 - wa - wb) / z[c]
             distance = 1.0 / (wa + wb + wc)
             wa, wb, wc = wa * distance, wb * distance, wc * distance
             for i in range(5):

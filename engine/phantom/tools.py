@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from engine.phantom.motion import BURN, GRASP, Script, approach, burn_point, smo
 METAL = (0.34, 0.34, 0.36)
 DARK = (0.035, 0.035, 0.04)
 CERAMIC = (0.62, 0.60, 0.55)
+Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # vertices, normals, triangles, colours
+SIDES = 28
 OUT_OF_VIEW = 55.0  # mm that a tool is drawn back before it enters
 
 
@@ -35,7 +38,7 @@ class Tool:
     label: int
 
 
-def tube(line: np.ndarray, radii: np.ndarray, colour: tuple[float, float, float], flat: np.ndarray | None = None, sides: int = 28):
+def tube(line: np.ndarray, radii: np.ndarray, colour: tuple[float, float, float], flat: np.ndarray | None = None) -> Part:
     """A tube around a polyline [k, 3] with a radius at each point, closed at both ends.
 
     Returns vertices, normals, triangles and colours. `flat` [3] is a direction across which the tube is half as thick.
@@ -46,26 +49,25 @@ def tube(line: np.ndarray, radii: np.ndarray, colour: tuple[float, float, float]
     tangents = np.concatenate([tangents[:1], tangents, tangents[-1:]])
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     side = np.array([0.3, 0.9, 0.2]) if flat is None else flat
-    angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
-    vertices, normals = [], []
+    angles = np.linspace(0, 2 * np.pi, SIDES, endpoint=False)
+    rings, outwards = [], []
     for point, tangent, radius in zip(line, tangents, radii, strict=True):
         u = side - tangent * (side @ tangent)
         u /= np.linalg.norm(u)
         v = np.cross(tangent, u)
         thin = 1.0 if flat is None else 0.5
-        vertices.append(point + radius * (thin * np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * v))
-        normals.append(np.cos(angles)[:, None] * u + thin * np.sin(angles)[:, None] * v)
-    normals = np.concatenate(normals)
-    normals[:sides], normals[-sides:] = -tangents[0], tangents[-1]
-    ring = np.arange(sides)
-    quads = [(i * sides + ring, i * sides + (ring + 1) % sides) for i in range(len(line))]
-    faces = [np.stack(corners, -1) for (a, b), (c, d) in zip(quads[:-1], quads[1:], strict=True) for corners in ((a, b, c), (b, d, c))]
-    vertices = np.concatenate(vertices)
+        rings.append(point + radius * (thin * np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * v))
+        outwards.append(np.cos(angles)[:, None] * u + thin * np.sin(angles)[:, None] * v)
+    vertices, normals = np.concatenate(rings), np.concatenate(outwards)
+    normals[:SIDES], normals[-SIDES:] = -tangents[0], tangents[-1]
+    ring = np.arange(SIDES)
+    quads = [(i * SIDES + ring, i * SIDES + (ring + 1) % SIDES) for i in range(len(line))]
+    faces = [np.stack(corners, -1) for (a, b), (c, d) in pairwise(quads) for corners in ((a, b, c), (b, d, c))]
     return (
         vertices,
         normals / np.linalg.norm(normals, axis=1, keepdims=True),
         np.concatenate(faces).astype(np.int32),
-        np.tile(np.float32(colour), (len(vertices), 1)),
+        np.tile(np.array(colour, np.float32), (len(vertices), 1)),
     )
 
 
@@ -96,11 +98,9 @@ def hook(anatomy: Anatomy, s: float) -> Tool:
     tip = burn_point(anatomy, s) + back * OUT_OF_VIEW * drawn
     foot = _unit(0.25, -0.35, 0.90)
     heel = tip - 3.6 * foot
-    bend = np.linspace(0, 1, 6)[:, None]
-    corner = heel + back * 1.6
-    line = np.concatenate(
-        [tip[None], (1 - bend) ** 2 * heel + 2 * bend * (1 - bend) * (heel - 0.8 * foot) + bend**2 * corner, (heel + 11 * back)[None]]
-    )
+    t = np.linspace(0, 1, 6)[:, None]
+    bend = (1 - t) ** 2 * heel + 2 * t * (1 - t) * (heel - 0.8 * foot) + t**2 * (heel + 1.6 * back)
+    line = np.concatenate([tip[None], bend, (heel + 11 * back)[None]])
     parts = [
         tube(line, np.linspace(0.62, 0.8, len(line)), METAL),
         tube(np.stack([heel + 10 * back, heel + 14 * back]), np.array([1.6, 2.0]), CERAMIC),
@@ -109,7 +109,7 @@ def hook(anatomy: Anatomy, s: float) -> Tool:
     return _join(parts, HOOK)
 
 
-def _shaft(start: np.ndarray, back: np.ndarray, radius: float):
+def _shaft(start: np.ndarray, back: np.ndarray, radius: float) -> Part:
     """A straight dark tube of 100 mm, in short pieces because the renderer leaves out triangles that reach behind the camera."""
     return tube(start + np.linspace(0, 100, 41)[:, None] * back, np.full(41, radius), DARK)
 
@@ -118,7 +118,7 @@ def _unit(x: float, y: float, z: float) -> np.ndarray:
     return np.array([x, y, z]) / np.sqrt(x * x + y * y + z * z)
 
 
-def _join(parts: list, label: int) -> Tool:
+def _join(parts: list[Part], label: int) -> Tool:
     offsets = np.cumsum([0] + [len(p[0]) for p in parts[:-1]])
     triangles = np.concatenate([p[2] + o for p, o in zip(parts, offsets, strict=True)]).astype(np.int32)
     vertices, normals, colours = (np.concatenate([p[i] for p in parts]) for i in (0, 1, 3))
