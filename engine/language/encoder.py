@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from engine.errors import PromptError, RunError
+from engine.errors import RunError
 from engine.language.vocabulary import Vocabulary, key, surgical_vocabulary, words
 
 
@@ -107,7 +107,7 @@ class EmbeddedEncoder:
     def _rows(self, text: str) -> np.ndarray:
         if (named := self._class_named(text)) is not None:
             return self._class_vectors[named][None]
-        concept = self._resolve(text)
+        concept = self.vocabulary.resolve(text, self.literal)
         return np.stack([self._class_vectors[name] for name in self._members(concept)] or [self._vectors[concept]])
 
     def _class_named(self, text: str) -> str | None:
@@ -116,15 +116,6 @@ class EmbeddedEncoder:
             return text
         meant = "".join(word for word in words(text) if word not in self.vocabulary.fillers)
         return self._by_key.get(key(text)) or self._by_key.get(meant)
-
-    def _resolve(self, text: str) -> str:
-        try:
-            return self.vocabulary.resolve(text)
-        except PromptError:
-            near = self.vocabulary.nearest(text, self.literal)
-            if near[0] in self.literal:
-                raise PromptError(f"'{text.strip()}' is not in the vocabulary; nearest are {', '.join(near)}.") from None
-            raise
 
     def _members(self, concept: str) -> list[str]:
         """Session classes that are the concept or belong to it; a concept that is a session class itself means just that one."""

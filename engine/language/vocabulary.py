@@ -70,7 +70,8 @@ def key(text: str) -> str:
 
 def edit_distance(a: str, b: str) -> int:
     """Insertions, deletions, substitutions and swaps of neighbours between two words (optimal string alignment)."""
-    before, row = [], list(range(len(b) + 1))
+    before: list[int] = []
+    row = list(range(len(b) + 1))
     for i, x in enumerate(a, 1):
         oldest, before, row = before, row, [i]
         for j, y in enumerate(b, 1):
@@ -116,24 +117,23 @@ class Vocabulary:
 
     def ancestors(self, name: str) -> list[str]:
         """The wholes and kinds a concept belongs to, nearest first."""
-        found = []
-        while (name := self.by_name[name].of) is not None:
-            found.append(name)
-        return found
+        whole = self.by_name[name].of
+        return [] if whole is None else [whole, *self.ancestors(whole)]
 
     def exact(self, text: str) -> str | None:
         """The concept with this very wording (case, plural, hyphens and spaces aside), or None."""
         return self._by_key.get(key(text))
 
-    def resolve(self, text: str) -> str:
-        """The name of the concept that a prompt means.
+    def resolve(self, text: str, also: Sequence[str] = ()) -> str:
+        """The name of the concept that a prompt means; `also` are further names that an error may suggest.
 
         Raises
         ------
         PromptError
             If the prompt is empty, holds a word that is not understood, or names more than one thing.
         """
-        tokens = words(text[:MAX_PROMPT])
+        text = text[:MAX_PROMPT]
+        tokens = words(text)
         if not tokens:
             raise PromptError("The prompt is empty; type the name of an organ, a tissue or an instrument.")
         concepts, unknown = self._read(tokens)
@@ -141,7 +141,8 @@ class Vocabulary:
             # "fat around the gallbladder" is about fat: the noun phrase before the preposition is the head
             concepts = next((found for phrase in self._phrases(tokens) if (found := self._read(phrase)[0])), concepts)
         if unknown or not concepts:
-            raise self._not_understood(text, " ".join(unknown) or text.strip())
+            nearest = ", ".join(self.nearest(text, also))
+            raise PromptError(f"'{_short(' '.join(unknown) or text)}' is not in the vocabulary; nearest are {nearest}.")
         if len(concepts) > 1:
             raise PromptError(f"'{_short(text)}' names {' and '.join(concepts)}; prompt them one at a time.")
         return concepts[0]
@@ -160,7 +161,8 @@ class Vocabulary:
 
     def nearest(self, text: str, also: Sequence[str] = (), count: int = 3) -> list[str]:
         """The wordings that look most like a text, best first, one a concept; for error messages."""
-        wanted, scores = key(text), {}
+        wanted = key(text)
+        scores: dict[str, float] = {}
         for wording, name in [*((extra, extra) for extra in also), *((w, c.name) for c in self.concepts for w in (c.name, *c.also))]:
             scores[name] = max(scores.get(name, 0.0), SequenceMatcher(None, wanted, key(wording)).ratio())
         return sorted(scores, key=scores.__getitem__, reverse=True)[:count]
@@ -176,7 +178,10 @@ class Vocabulary:
 
     def _read(self, tokens: list[str]) -> tuple[list[str], list[str]]:
         """Concepts named in the tokens, longest names first at each place, and the words that were not understood."""
-        named, in_passing, unknown, at = [], [], [], 0
+        named: list[str] = []
+        in_passing: list[str] = []
+        unknown: list[str] = []
+        at = 0
         while at < len(tokens):
             name, used = self._name_at(tokens, at)
             filler = used == 1 and tokens[at] in self.fillers
@@ -215,9 +220,6 @@ class Vocabulary:
                 best[name] = min(d, best.get(name, limit))
         nearest = [name for name, distance in best.items() if distance == min(best.values())]
         return nearest[0] if len(nearest) == 1 else None
-
-    def _not_understood(self, text: str, unknown: str) -> PromptError:
-        return PromptError(f"'{_short(unknown)}' is not in the vocabulary; nearest are {', '.join(self.nearest(text))}.")
 
 
 def _short(text: str) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from engine.language.basis import fit_basis
+from engine.language.basis import Basis, fit_basis
 from engine.language.encoder import EmbeddedEncoder
 from engine.masks.decoders import DECODERS
 from engine.masks.query import MaskQuery
@@ -74,47 +74,58 @@ def milliseconds(work: Callable[[], object]) -> float:
     return 1e3 * float(np.median(times))
 
 
+def timings(width: int, height: int, basis: Basis, vectors: np.ndarray) -> list[float]:
+    """Milliseconds for superpixels, a frame's first query, a new prompt, a moved threshold, a prompt with rivals, a first label map."""
+    rgb, labels = scene(width, height)
+    latent = latents(labels, basis.project(vectors))
+    query = MaskQuery(rgb, latent, basis)
+    rng = np.random.default_rng(1)
+
+    def new_prompt() -> np.ndarray:
+        # a fresh direction near a class, so that nothing is answered from kept maps
+        return query.mask(vectors[3] + rng.normal(0, 1e-3, vectors.shape[1]))
+
+    return [
+        milliseconds(lambda: superpixels(rgb)),
+        milliseconds(lambda: MaskQuery(rgb, latent, basis).mask(vectors[3])),
+        milliseconds(new_prompt),
+        milliseconds(lambda: query.mask(vectors[3], threshold=rng.uniform(0.3, 0.7))),
+        milliseconds(lambda: query.mask(vectors[3], "rnse+argmax", negatives=vectors)),
+        milliseconds(lambda: MaskQuery(rgb, latent, basis).label_map(vectors)),
+    ]
+
+
+def scores(blur: float, noise: float, specks: float, basis: Basis, vectors: np.ndarray) -> list[float]:
+    """For each decoder: mean overlap of the four classes in the scene, then that of the instruments."""
+    rgb, labels = scene(640, 512)
+    query = MaskQuery(rgb, latents(labels, basis.project(vectors), blur, noise, specks), basis)
+    found = []
+    for decoder in DECODERS:
+        classes = [overlap(query.mask(vectors[c], decoder, negatives=vectors), labels == c) for c in range(4)]
+        found += [float(np.mean(classes)), classes[3]]
+    return found
+
+
 def main() -> None:
-    encoder = EmbeddedEncoder(CLASSES)
-    vectors = encoder.encode(CLASSES)
+    vectors = EmbeddedEncoder(CLASSES).encode(CLASSES)
     basis = fit_basis(vectors, np.ones(len(vectors)))
-    projected = basis.project(vectors)
-    # fresh directions near the classes, so that nothing is answered from kept maps
-    fresh = iter(
-        vectors[np.arange(4096) % len(vectors)] + np.random.default_rng(1).normal(0, 1e-3, (4096, encoder.dimension)).astype(np.float32)
-    )
 
     print(f"times in milliseconds, median of {REPEATS}; {len(CLASSES)} classes, latent rank {basis.rank}")
-    print(f"{'size':>9} {'superpixels':>12} {'first query':>12} {'new prompt':>11} {'threshold':>10} {'argmax+rnse':>12} {'label map':>10}")
+    columns = ("superpixels", "first query", "new prompt", "threshold", "with rivals", "label map")
+    print(f"{'size':>8} " + " ".join(f"{column:>12}" for column in columns))
     for width, height in ((640, 512), (854, 480)):
-        rgb, labels = scene(width, height)
-        latent = latents(labels, projected)
-        query = MaskQuery(rgb, latent, basis)
-        thresholds = iter(np.linspace(0.3, 0.7, 64))
-        row = (
-            milliseconds(lambda rgb=rgb: superpixels(rgb)),
-            milliseconds(lambda rgb=rgb, latent=latent: MaskQuery(rgb, latent, basis).mask(vectors[3])),
-            milliseconds(lambda query=query: query.mask(next(fresh))),
-            milliseconds(lambda query=query, thresholds=thresholds: query.mask(vectors[3], threshold=next(thresholds))),
-            milliseconds(lambda query=query: query.mask(vectors[3], "rnse+argmax", negatives=vectors)),
-            milliseconds(lambda rgb=rgb, latent=latent: MaskQuery(rgb, latent, basis).label_map(vectors)),
-        )
-        print(
-            f"{width:>4}x{height:<4} " + " ".join(f"{value:>{size}.1f}" for value, size in zip(row, (12, 12, 11, 10, 12, 10), strict=True))
-        )
+        row = timings(width, height, basis, vectors)
+        print(f"{f'{width}x{height}':>8} " + " ".join(f"{value:>12.1f}" for value in row))
 
-    print("\nintersection over union on a synthetic scene, 640x512: mean of classes, and instruments 2 to 5 pixels wide")
-    print(f"{'latents':>8} " + " ".join(f"{decoder:>16}" for decoder in DECODERS))
-    rgb, labels = scene(640, 512)
+    print("\nintersection over union on a synthetic scene, 640x512: mean of the classes, and the instruments 2 to 5 pixels wide")
+    print(f"{'latents':>8} " + " ".join(f"{decoder:>17}" for decoder in DECODERS))
     for name, blur, noise, specks in (
         ("exact", 0.0, 0.0, 0.0),
         ("specked", 0.0, 0.05, 0.004),
         ("mild", 1.0, 0.1, 0.002),
         ("hard", 1.5, 0.3, 0.004),
     ):
-        query = MaskQuery(rgb, latents(labels, projected, blur, noise, specks), basis)
-        scores = {d: [overlap(query.mask(vectors[c], d, negatives=vectors), labels == c) for c in range(4)] for d in DECODERS}
-        print(f"{name:>8} " + " ".join(f"{np.mean(scores[d]):>8.3f} {scores[d][3]:>7.3f}" for d in DECODERS))
+        print(f"{name:>8} " + " ".join(f"{value:>8.3f}" for value in scores(blur, noise, specks, basis, vectors)))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from functools import cached_property
 
 import numpy as np
@@ -46,7 +45,7 @@ class MaskQuery:
         self.basis = basis
         self._rgb = rgb
         self._unit = normalised(latent, alpha)
-        self._maps: OrderedDict[tuple[bool, bytes], np.ndarray] = OrderedDict()
+        self._maps: dict[tuple[bool, bytes], np.ndarray] = {}
 
     @property
     def superpixels(self) -> np.ndarray:
@@ -124,7 +123,7 @@ class MaskQuery:
             found.flags.writeable = False
             self._maps[key] = found
             while len(self._maps) > KEPT_MAPS:
-                self._maps.popitem(last=False)
+                del self._maps[next(iter(self._maps))]
         return found
 
     def _rivals(self, vectors: np.ndarray, negatives: np.ndarray | None, refined: bool) -> np.ndarray | None:

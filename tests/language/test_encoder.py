@@ -90,6 +90,9 @@ def test_literal_classes_are_promptable_by_name_only():
         encoder.encode(["fooo"])
     with pytest.raises(PromptError):
         EmbeddedEncoder().encode(["foo"])
+    with pytest.raises(PromptError) as caught:
+        encoder.encode(["x" * 100_000])
+    assert len(str(caught.value)) < 200
 
 
 def test_many_literal_classes_stay_apart():

@@ -63,8 +63,8 @@ WORDINGS = {
 }  # fmt: skip
 
 FOREIGN = [
-    "banana", "airplane", "car", "dog", "table", "unicorn", "quantum", "spaceship", "guitar", "river", "heart", "lever", "brain", "elephant",
-    "window", "keyboard", "pizza", "mountain", "umbrella", "bicycle", "football",
+    "banana", "airplane", "car", "dog", "table", "unicorn", "quantum", "spaceship", "guitar", "river", "heart", "lever", "brain",
+    "elephant", "window", "keyboard", "pizza", "mountain", "umbrella", "bicycle", "football",
 ]  # fmt: skip
 
 DATASETS = {
