@@ -5,34 +5,31 @@ With gᵢ = cᵢ · ∂L/∂C, the light Tᵢ that reaches Gaussian i and its we
     ∂L/∂αᵢ = Tᵢ gᵢ − Rᵢ / (1 − αᵢ),    Rᵢ = Σ_{j > i} wⱼ gⱼ + T_end (background · ∂L/∂C − ∂L/∂alpha),
 
 and R starts as C · ∂L/∂C − T_end ∂L/∂alpha, which the forward pass knows, and loses wᵢ gᵢ at each step: nothing else has to be remembered.
-Every tile writes its sums for a Gaussian to a slot of their own; a second kernel adds the slots up in a fixed order. No races, and the same result
-whatever the number of threads.
+Every tile writes its sums for a Gaussian to a slot of their own; a second kernel adds the slots up in a fixed order. No races, and the same
+result whatever the number of threads.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from engine.raster.blend import AREA, CHECK_EVERY, blocks_of, clear_transmittance, find_live_rows, rows_of
-from engine.raster.limits import MAX_ALPHA, MIN_TRANSMITTANCE
-from engine.raster.project import (
-    ACROSS,
-    BOTTOM,
-    LEFT,
-    LOG2_MIN_ALPHA,
-    MOMENTS,
-    RIGHT,
-    TILE_HEIGHT,
-    TILE_WIDTH,
-    TOP,
-    VE,
-    VEE,
-    VEY,
-    VY,
-    VYY,
-    V,
+from engine.raster.blend import (
+    AREA,
+    BLOCKS_A_ROW,
+    CENTER,
+    CHECK_EVERY,
+    HEIGHT,
+    MAX_ALPHA32,
+    MIN_LEVEL,
+    MIN_TRANSMITTANCE32,
+    PEAK,
+    ROW_NUMBERS,
+    clear_transmittance,
+    live_blocks,
+    touched_blocks,
 )
+from engine.raster.project import ACROSS, BOTTOM, CHUNK, LEFT, MOMENTS, RIGHT, TILE_HEIGHT, TILE_WIDTH, TOP, VE, VEE, VEY, VY, VYY, V
 from engine.raster.simd import (
     LANES,
     add,
@@ -43,6 +40,7 @@ from engine.raster.simd import (
     fma,
     greater,
     load,
+    lowest_bit,
     minimum,
     mul,
     ramp,
@@ -54,9 +52,7 @@ from engine.raster.simd import (
     total,
 )
 
-_MIN_LEVEL = np.float32(LOG2_MIN_ALPHA)
-_MAX_ALPHA = np.float32(MAX_ALPHA)
-_MIN_TRANSMITTANCE = np.float32(MIN_TRANSMITTANCE)
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -70,14 +66,14 @@ def first_slots(tiles, first_row, last_row):
 
 
 @njit(nogil=True, error_model="numpy")
-def _load_tile(image, transmittance, grad_image, grad_alpha, left, top, width, rows, planes, at):
+def _load_tile(image, transmittance, grad_image, grad_alpha, left, top, width, rows, planes):
     """Planes of a tile: transmittance (1), R, then ∂L/∂C by channel."""
     channels = image.shape[2]
-    clear_transmittance(planes, at, width)
-    planes[at + AREA : at + (2 + channels) * AREA] = 0.0
+    clear_transmittance(planes, width, rows)
+    planes[AREA : (2 + channels) * AREA] = 0.0
     for row in range(rows):
         for column in range(width):
-            pixel = at + AREA + row * TILE_WIDTH + column
+            pixel = AREA + row * TILE_WIDTH + column
             behind = -transmittance[top + row, left + column] * grad_alpha[top + row, left + column]
             for channel in range(channels):
                 grad = grad_image[top + row, left + column, channel]
@@ -87,105 +83,49 @@ def _load_tile(image, transmittance, grad_image, grad_alpha, left, top, width, r
 
 
 @njit(nogil=True, error_model="numpy")
-def _backward_tile(
-    members,
-    start,
-    stop,
-    splats,
-    features,
-    first,
-    tiles,
-    first_tile_row,
-    column,
-    tile_row,
-    width,
-    rows,
-    planes,
-    at,
-    live,
-    sums,
-    lanes,
-    slots,
-    geometry,
-):
-    """Walk one tile and write a slot for each of its Gaussians. `sums` (from `lanes`) is work space for C × LANES numbers."""
-    channels = features.shape[1]
-    left, top = column * TILE_WIDTH, tile_row * TILE_HEIGHT
-    live[:rows] = True
-    zero, one, floor, ceiling, dark = (
-        splat(np.float32(0.0)),
-        splat(np.float32(1.0)),
-        splat(_MIN_LEVEL),
-        splat(_MAX_ALPHA),
-        splat(_MIN_TRANSMITTANCE),
-    )
-    flat_features = features.reshape(features.size)
-    visible = True
-    for i in range(start, stop):
-        g = np.int64(members[i])
-        slot = first[g] + (tile_row - max(first_tile_row, tiles[g, TOP])) * (tiles[g, RIGHT] - tiles[g, LEFT]) + column - tiles[g, LEFT]
-        if visible and (i - start) % CHECK_EVERY == CHECK_EVERY - 1:
-            visible = find_live_rows(planes, at, rows, live)
-        if not visible:
-            slots[slot, :] = 0.0
-            continue
-        feature = g * channels
-        minus_across = splat(-splats[g, ACROSS])
-        for channel in range(channels):
-            store(sums, lanes + channel * LANES, zero)
-        v = ve = vee = vy = vey = vyy = zero
-        first_row, last_row = rows_of(splats, g, top, top + rows)
-        for row in range(first_row, last_row):
-            if not live[row - top]:
-                continue
-            first_block, last_block, center, peak, height = blocks_of(splats, g, row, left, width)
-            level = splat(peak)
-            row_v = row_ve = zero
-            for block in range(first_block, last_block):
-                pixel = at + (row - top) * TILE_WIDTH + block * LANES
-                dx = ramp(np.float32(block * LANES) - center)
-                exponent = fma(mul(minus_across, dx), dx, level)
-                uncapped = exp2(exponent)
-                alpha = minimum(uncapped, ceiling)
-                before = load(planes, pixel)
-                weight = mul(alpha, before)
-                after = sub(before, weight)
-                seen = greater(exponent, floor)
-                drawn = both(seen, greater(after, dark))
-                weight = select(drawn, weight, zero)
-                store(planes, pixel, select(drawn, after, select(seen, finished(before), before)))
-                grad_pixel = pixel + 2 * AREA
-                if geometry:
-                    pull = zero
-                    for channel in range(channels):
-                        grad = load(planes, grad_pixel + channel * AREA)
-                        pull = fma(splat(flat_features[feature + channel]), grad, pull)
-                        lane = lanes + channel * LANES
-                        store(sums, lane, fma(weight, grad, load(sums, lane)))
-                    rest = sub(load(planes, pixel + AREA), mul(weight, pull))
-                    store(planes, pixel + AREA, rest)
-                    grad_alpha = sub(mul(before, pull), div(rest, sub(one, alpha)))
-                    grad_exponent = select(both(drawn, greater(ceiling, uncapped)), mul(alpha, grad_alpha), zero)
-                    moment = mul(grad_exponent, dx)
-                    row_v = add(row_v, grad_exponent)
-                    row_ve = add(row_ve, moment)
-                    vee = fma(moment, dx, vee)
-                else:
-                    for channel in range(channels):
-                        lane = lanes + channel * LANES
-                        store(sums, lane, fma(weight, load(planes, grad_pixel + channel * AREA), load(sums, lane)))
-            if geometry:
-                dy = splat(height)
-                moment = mul(row_v, dy)
-                v, ve, vy = add(v, row_v), add(ve, row_ve), add(vy, moment)
-                vey, vyy = fma(row_ve, dy, vey), fma(moment, dy, vyy)
-        slots[slot, V], slots[slot, VE], slots[slot, VEE] = total(v), total(ve), total(vee)
-        slots[slot, VY], slots[slot, VEY], slots[slot, VYY] = total(vy), total(vey), total(vyy)
-        for channel in range(channels):
-            slots[slot, MOMENTS + channel] = total(load(sums, lanes + channel * LANES))
+def _backward_gaussian(blocks, minus_across, features, feature, channels, planes, rows, sums, geometry):
+    """Walk one Gaussian over its blocks of a tile: its moments, and its feature gradients in `sums` [C LANES]."""
+    zero, one = splat(_ZERO), splat(_ONE)
+    floor, ceiling, dark = splat(MIN_LEVEL), splat(MAX_ALPHA32), splat(MIN_TRANSMITTANCE32)
+    v = ve = vee = vy = vey = vyy = zero
+    sums[:] = 0.0
+    while blocks != 0:
+        block = lowest_bit(blocks)
+        blocks &= blocks - np.uint64(1)
+        row, pixel = block // BLOCKS_A_ROW, block * LANES
+        dx = ramp(np.float32(pixel % TILE_WIDTH) - rows[CENTER + row])
+        exponent = fma(mul(minus_across, dx), dx, splat(rows[PEAK + row]))
+        uncapped = exp2(exponent)
+        alpha = minimum(uncapped, ceiling)
+        before = load(planes, pixel)
+        weight = mul(alpha, before)
+        after = sub(before, weight)
+        seen = greater(exponent, floor)
+        drawn = both(seen, greater(after, dark))
+        weight = select(drawn, weight, zero)
+        store(planes, pixel, select(drawn, after, select(seen, finished(before), before)))
+        if geometry:
+            pull = zero
+            for channel in range(channels):
+                grad = load(planes, pixel + (2 + channel) * AREA)
+                pull = fma(splat(features[feature + channel]), grad, pull)
+                store(sums, channel * LANES, fma(weight, grad, load(sums, channel * LANES)))
+            rest = sub(load(planes, pixel + AREA), mul(weight, pull))
+            store(planes, pixel + AREA, rest)
+            grad_alpha = sub(mul(before, pull), div(rest, sub(one, alpha)))
+            grad_exponent = select(both(drawn, greater(ceiling, uncapped)), mul(alpha, grad_alpha), zero)
+            dy = splat(rows[HEIGHT + row])
+            by_dx, by_dy = mul(grad_exponent, dx), mul(grad_exponent, dy)
+            v, ve, vy = add(v, grad_exponent), add(ve, by_dx), add(vy, by_dy)
+            vee, vey, vyy = fma(by_dx, dx, vee), fma(by_dx, dy, vey), fma(by_dy, dy, vyy)
+        else:
+            for channel in range(channels):
+                grad = load(planes, pixel + (2 + channel) * AREA)
+                store(sums, channel * LANES, fma(weight, grad, load(sums, channel * LANES)))
+    return total(v), total(ve), total(vee), total(vy), total(vey), total(vyy)
 
 
-@njit(nogil=True, parallel=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def blend_backward(
     starts,
     members,
@@ -199,39 +139,53 @@ def blend_backward(
     transmittance,
     grad_image,
     grad_alpha,
-    planes,
-    lives,
     slots,
-    counter,
     geometry,
+    counter,
 ):
-    """Fill `slots` [tile visits, MOMENTS + C] for tile rows [first_row, last_row); the moments are zero unless `geometry`.
-
-    `planes` [threads, (2 + C) AREA + C LANES] and `lives` [threads, TILE_HEIGHT] are work space, `counter` [1] is zero.
-    """
+    """Fill `slots` [visits, MOMENTS + C] for tile rows [first_row, last_row), moments zero unless `geometry`; run by several threads at once."""
     height, width, channels = image.shape
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    flat = planes.reshape(planes.size)
-    for thread in prange(planes.shape[0]):
-        at = thread * planes.shape[1]
-        while True:
-            tile = first_row * columns + take_ticket(counter)
-            if tile >= last_row * columns:
-                break
-            column, row = tile % columns, tile // columns
-            left, top = column * TILE_WIDTH, row * TILE_HEIGHT
-            tile_width, rows = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
-            _load_tile(image, transmittance, grad_image, grad_alpha, left, top, tile_width, rows, flat, at)
-            _backward_tile(
-                members, starts[tile], starts[tile + 1], splats, features, first, tiles, first_row, column, row, tile_width, rows,
-                flat, at, lives[thread], flat, at + (2 + channels) * AREA, slots, geometry,
-            )  # fmt: skip
+    planes = np.empty((2 + channels) * AREA, np.float32)
+    numbers = np.empty(ROW_NUMBERS, np.float32)
+    sums = np.empty(channels * LANES, np.float32)
+    flat_features = features.reshape(features.size)
+    while True:
+        tile = first_row * columns + take_ticket(counter)
+        if tile >= last_row * columns:
+            break
+        column, tile_row = tile % columns, tile // columns
+        left, top = column * TILE_WIDTH, tile_row * TILE_HEIGHT
+        tile_width, rows = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
+        _load_tile(image, transmittance, grad_image, grad_alpha, left, top, tile_width, rows, planes)
+        live = live_blocks(planes)
+        for i in range(starts[tile], starts[tile + 1]):
+            g = np.int64(members[i])
+            slot = first[g] + (tile_row - max(first_row, tiles[g, TOP])) * (tiles[g, RIGHT] - tiles[g, LEFT]) + column - tiles[g, LEFT]
+            if (i - starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and live != 0:
+                live = live_blocks(planes)
+            blocks = np.uint64(0)
+            if live != 0:
+                blocks = live & touched_blocks(splats, g, left, top, tile_width, numbers)
+            if blocks == 0:
+                slots[slot, :] = 0.0
+                continue
+            moments = _backward_gaussian(
+                blocks, splat(-splats[g, ACROSS]), flat_features, g * channels, channels, planes, numbers, sums, geometry
+            )
+            slots[slot, V], slots[slot, VE], slots[slot, VEE], slots[slot, VY], slots[slot, VEY], slots[slot, VYY] = moments
+            for channel in range(channels):
+                slots[slot, MOMENTS + channel] = total(load(sums, channel * LANES))
 
 
-@njit(nogil=True, parallel=True, cache=True, error_model="numpy")
-def add_slots(first, slots, sums):
-    """sums[g] += every slot of g, in order."""
-    for g in prange(sums.shape[0]):
-        for slot in range(first[g], first[g + 1]):
-            for i in range(sums.shape[1]):
-                sums[g, i] += slots[slot, i]
+@njit(nogil=True, cache=True, error_model="numpy")
+def add_slots(first, slots, sums, counter):
+    """sums[g] += every slot of g, in order; run by several threads at once."""
+    while True:
+        begin = take_ticket(counter) * CHUNK
+        if begin >= sums.shape[0]:
+            break
+        for g in range(begin, min(begin + CHUNK, sums.shape[0])):
+            for slot in range(first[g], first[g + 1]):
+                for i in range(sums.shape[1]):
+                    sums[g, i] += slots[slot, i]

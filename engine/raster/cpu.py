@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numba import get_num_threads
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from engine.camera import Camera
 from engine.raster.binning import bin_by_tile, sort_by_depth
-from engine.raster.blend import AREA, blend
+from engine.raster.blend import blend
 from engine.raster.blend_backward import add_slots, blend_backward, first_slots
+from engine.raster.pool import run_kernel
 from engine.raster.project import FIELDS, MOMENTS, TILE_HEIGHT, TILE_WIDTH, project, project_backward
-from engine.raster.simd import LANES
-from engine.threads import KERNEL_LOCK
 
 SLOT_BYTES = 256 << 20  # the backward pass works through the picture in bands of tile rows that need no more than this
 
@@ -50,15 +48,9 @@ class _Rasterize(torch.autograd.Function):
         radii = torch.empty(count, dtype=torch.int32)
         image = torch.empty(camera.height, camera.width, channels)
         transmittance = torch.empty(camera.height, camera.width)
-        with KERNEL_LOCK:
-            project(*arrays, view, lens, splats, tiles, depths, radii.numpy())
-            starts, members = bin_by_tile(sort_by_depth(tiles, depths), tiles, columns, rows)
-            threads = get_num_threads()
-            planes = np.empty((threads, (1 + channels) * AREA), np.float32)
-            lives = np.empty((threads, TILE_HEIGHT), np.bool_)
-            blend(
-                starts, members, splats, arrays[4], background.detach().numpy(), image.numpy(), transmittance.numpy(), planes, lives, np.zeros(1, np.int64)
-            )  # fmt: skip
+        run_kernel(project, *arrays, view, lens, splats, tiles, depths, radii.numpy())
+        starts, members = bin_by_tile(sort_by_depth(tiles, depths), tiles, columns, rows)
+        run_kernel(blend, starts, members, splats, arrays[4], background.detach().numpy(), image.numpy(), transmittance.numpy())
         ctx.save_for_backward(means, quats, scales, opacities, features, image, transmittance, radii)
         ctx.geometry = (view, lens)
         ctx.lists = (starts, members, splats, tiles)
@@ -78,14 +70,13 @@ class _Rasterize(torch.autograd.Function):
         if needs[5]:
             grads[5] = transmittance.reshape(1, -1).mm(grad_image.reshape(transmittance.numel(), -1))[0]
         if needs_geometry or needs[4]:
-            with KERNEL_LOCK:
-                sums = _sum_over_pixels(ctx.lists, features, image, transmittance, grad_image, grad_alpha, needs_geometry)
-                if needs_geometry:
-                    grads[:4] = [torch.empty_like(tensor) for tensor in (means, quats, scales, opacities)]
-                    grads[6] = torch.empty(means.shape[0], 2)
-                    inputs = [tensor.detach().numpy() for tensor in (means, quats, scales, opacities)]
-                    outputs = [grads[i].numpy() for i in (0, 1, 2, 3, 6)]
-                    project_backward(*inputs, *ctx.geometry, radii.numpy(), sums.numpy(), *outputs)
+            sums = _sum_over_pixels(ctx.lists, features, image, transmittance, grad_image, grad_alpha, needs_geometry)
+            if needs_geometry:
+                grads[:4] = [torch.empty_like(tensor) for tensor in (means, quats, scales, opacities)]
+                grads[6] = torch.empty(means.shape[0], 2)
+                inputs = [tensor.detach().numpy() for tensor in (means, quats, scales, opacities)]
+                outputs = [grads[i].numpy() for i in (0, 1, 2, 3, 6)]
+                run_kernel(project_backward, *inputs, *ctx.geometry, radii.numpy(), sums.numpy(), *outputs)
             grads[4] = sums[:, MOMENTS:]
         return None, *(grad if needed else None for grad, needed in zip(grads, needs, strict=True))
 
@@ -101,21 +92,14 @@ def _sum_over_pixels(
 ) -> Tensor:
     """What blending's backward pass sums for each Gaussian, float32 [N, MOMENTS + C]."""
     starts, members, splats, tiles = lists
-    (height, width, channels), threads = image.shape, get_num_threads()
-    columns, rows = -(-width // TILE_WIDTH), -(-height // TILE_HEIGHT)
-    sums = torch.zeros(features.shape[0], MOMENTS + channels)
-    planes = np.empty((threads, (2 + channels) * AREA + channels * LANES), np.float32)
-    lives = np.empty((threads, TILE_HEIGHT), np.bool_)
+    columns, numbers = -(-image.shape[1] // TILE_WIDTH), MOMENTS + image.shape[2]
+    sums = torch.zeros(features.shape[0], numbers)
     pixels = [tensor.detach().numpy() for tensor in (image, transmittance, grad_image, grad_alpha)]
-    for first_row, last_row in _bands(starts[::columns], SLOT_BYTES // (4 * (MOMENTS + channels))):
-        first = first_slots(tiles, first_row, last_row)
-        slots = np.empty((first[-1], MOMENTS + channels), np.float32)
-        blend_backward(
-            starts, members, splats, features.detach().numpy(), tiles, first, first_row, last_row, *pixels,
-            planes, lives, slots, np.zeros(1, np.int64), geometry,
-        )  # fmt: skip
-        add_slots(first, slots, sums.numpy())
-    assert last_row == rows
+    for rows in _bands(starts[::columns], SLOT_BYTES // (4 * numbers)):
+        first = first_slots(tiles, *rows)
+        slots = np.empty((first[-1], numbers), np.float32)
+        run_kernel(blend_backward, starts, members, splats, features.detach().numpy(), tiles, first, *rows, *pixels, slots, geometry)
+        run_kernel(add_slots, first, slots, sums.numpy())
     return sums
 
 

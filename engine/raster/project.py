@@ -12,18 +12,20 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from engine.raster.limits import EPS2D, FAR, FOV_MARGIN, MAX_EXTENT, MAX_SCALE, MAX_SQUARE, MIN_ALPHA, MIN_QUAT, NEAR
+from engine.raster.simd import take_ticket
 
 LOG2E = math.log2(math.e)
 LOG2_MIN_ALPHA = math.log2(MIN_ALPHA)
 TILE_WIDTH, TILE_HEIGHT = 32, 16
 
-# Fields of a projected Gaussian, float32 [N, FIELDS]: centre (pixels), k, ½ log2(e) / s, ½ log2(e) / c, log2 of the opacity,
-# log2(opacity / MIN_ALPHA), and half the height of the ellipse where alpha falls to MIN_ALPHA.
-X, Y, SHEAR, ACROSS, ALONG, LEVEL, HEADROOM, REACH = range(8)
-FIELDS = 8
+CHUNK = 512  # Gaussians that a thread takes at once
+
+# Fields of a projected Gaussian, float32 [N, FIELDS]: centre (pixels), k, ½ log2(e) / s and its inverse, ½ log2(e) / c, log2(opacity / MIN_ALPHA).
+X, Y, SHEAR, ACROSS, WIDTH, ALONG, HEADROOM = range(7)
+FIELDS = 8  # one is unused, so that a Gaussian lies in one half of a cache line
 # Tiles that it may touch, int32 [N, 4]: columns [LEFT, RIGHT) and rows [TOP, BOTTOM); empty where it is not drawn.
 LEFT, RIGHT, TOP, BOTTOM = range(4)
 
@@ -103,56 +105,60 @@ def _covariance(p0, p1):
     return a + EPS2D, b, c + EPS2D, determinant
 
 
-@njit(nogil=True, parallel=True, cache=True, error_model="numpy")
-def project(means, quats, scales, opacities, features, offsets, view, lens, splats, tiles, depths, radii):
+@njit(nogil=True, cache=True, error_model="numpy")
+def project(means, quats, scales, opacities, features, offsets, view, lens, splats, tiles, depths, radii, counter):
     """Fill `splats` [N, FIELDS], `tiles` [N, 4], `depths` [N] (camera z) and `radii` [N] from float32 Gaussians.
 
     `view` is the world-to-camera matrix, `lens` is (fx, fy, cx, cy, width, height), both float64; `offsets` [N or 0, 2].
     """
     fx, fy, cx, cy, width, height = lens
     columns, rows = math.ceil(width / TILE_WIDTH), math.ceil(height / TILE_HEIGHT)
-    for g in prange(means.shape[0]):
-        tiles[g, LEFT] = tiles[g, RIGHT] = tiles[g, TOP] = tiles[g, BOTTOM] = 0
-        radii[g] = 0
-        opacity = min(1.0, np.float64(opacities[g]))
-        x, y, z = _local(g, means, view)
-        finite = _is_finite(g, means) and _is_finite(g, quats) and _is_finite(g, scales) and _is_finite(g, features)
-        if not (finite and opacities[g] <= math.sqrt(MAX_SQUARE) and opacity >= MIN_ALPHA and NEAR <= z <= FAR):
-            continue
-        u, v = fx * x / z + cx, fy * y / z + cy
-        if offsets.shape[0] > 0:
-            if not _is_finite(g, offsets):
+    while True:
+        begin = take_ticket(counter) * CHUNK
+        if begin >= means.shape[0]:
+            break
+        for g in range(begin, min(begin + CHUNK, means.shape[0])):
+            tiles[g, LEFT] = tiles[g, RIGHT] = tiles[g, TOP] = tiles[g, BOTTOM] = 0
+            radii[g] = 0
+            opacity = min(1.0, np.float64(opacities[g]))
+            x, y, z = _local(g, means, view)
+            finite = _is_finite(g, means) and _is_finite(g, quats) and _is_finite(g, scales) and _is_finite(g, features)
+            if not (finite and opacities[g] <= math.sqrt(MAX_SQUARE) and opacity >= MIN_ALPHA and NEAR <= z <= FAR):
                 continue
-            u += offsets[g, 0]
-            v += offsets[g, 1]
+            u, v = fx * x / z + cx, fy * y / z + cy
+            if offsets.shape[0] > 0:
+                if not _is_finite(g, offsets):
+                    continue
+                u += offsets[g, 0]
+                v += offsets[g, 1]
 
-        qw, qx, qy, qz, _ = _unit_quaternion(g, quats)
-        q0, q1, q2 = _rotate(view, qw, qx, qy, qz)
-        sx, sy, sz = _scale(g, scales, 0), _scale(g, scales, 1), _scale(g, scales, 2)
-        j0, j1 = -fx * _slope(x / z, fx, cx, width) / z, -fy * _slope(y / z, fy, cy, height) / z
-        p0 = _mix(fx / z, q0, j0, q2, 0.0, q2)
-        p1 = _mix(fy / z, q1, j1, q2, 0.0, q2)
-        p0 = (p0[0] * sx, p0[1] * sy, p0[2] * sz)
-        p1 = (p1[0] * sx, p1[1] * sy, p1[2] * sz)
-        a, b, c, determinant = _covariance(p0, p1)
+            qw, qx, qy, qz, _ = _unit_quaternion(g, quats)
+            q0, q1, q2 = _rotate(view, qw, qx, qy, qz)
+            sx, sy, sz = _scale(g, scales, 0), _scale(g, scales, 1), _scale(g, scales, 2)
+            j0, j1 = -fx * _slope(x / z, fx, cx, width) / z, -fy * _slope(y / z, fy, cy, height) / z
+            p0 = _mix(fx / z, q0, j0, q2, 0.0, q2)
+            p1 = _mix(fy / z, q1, j1, q2, 0.0, q2)
+            p0 = (p0[0] * sx, p0[1] * sy, p0[2] * sz)
+            p1 = (p1[0] * sx, p1[1] * sy, p1[2] * sz)
+            a, b, c, determinant = _covariance(p0, p1)
 
-        reach = math.sqrt(2.0 * math.log(opacity / MIN_ALPHA))
-        extent = min(MAX_EXTENT, reach)
-        half_x, half_y = math.ceil(extent * math.sqrt(a)), math.ceil(extent * math.sqrt(c))
-        if not (u + half_x > 0.0 and u - half_x < width and v + half_y > 0.0 and v - half_y < height):
-            continue
-        radii[g] = np.int32(min(max(half_x, half_y), 2147483647.0))
-        depths[g] = z
-        half_x, half_y = reach * math.sqrt(a), reach * math.sqrt(c)
-        tiles[g, LEFT] = int(min(width, max(0.0, u - half_x)) / TILE_WIDTH)
-        tiles[g, RIGHT] = min(columns, int(min(width, max(0.0, u + half_x)) / TILE_WIDTH) + 1)
-        tiles[g, TOP] = int(min(height, max(0.0, v - half_y)) / TILE_HEIGHT)
-        tiles[g, BOTTOM] = min(rows, int(min(height, max(0.0, v + half_y)) / TILE_HEIGHT) + 1)
-        splats[g, X], splats[g, Y], splats[g, SHEAR] = u, v, b / c
-        splats[g, ACROSS], splats[g, ALONG] = 0.5 * LOG2E * c / determinant, 0.5 * LOG2E / c
-        splats[g, LEVEL] = math.log2(opacity)
-        splats[g, HEADROOM] = math.log2(opacity) - LOG2_MIN_ALPHA
-        splats[g, REACH] = half_y
+            reach = math.sqrt(2.0 * math.log(opacity / MIN_ALPHA))
+            extent = min(MAX_EXTENT, reach)
+            half_x, half_y = math.ceil(extent * math.sqrt(a)), math.ceil(extent * math.sqrt(c))
+            if not (u + half_x > 0.0 and u - half_x < width and v + half_y > 0.0 and v - half_y < height):
+                continue
+            radii[g] = np.int32(min(max(half_x, half_y), 2147483647.0))
+            depths[g] = z
+            half_x, half_y = reach * math.sqrt(a), reach * math.sqrt(c)
+            tiles[g, LEFT] = int(min(width, max(0.0, u - half_x)) / TILE_WIDTH)
+            tiles[g, RIGHT] = min(columns, int(min(width, max(0.0, u + half_x)) / TILE_WIDTH) + 1)
+            tiles[g, TOP] = int(min(height, max(0.0, v - half_y)) / TILE_HEIGHT)
+            tiles[g, BOTTOM] = min(rows, int(min(height, max(0.0, v + half_y)) / TILE_HEIGHT) + 1)
+            splats[g, X], splats[g, Y], splats[g, SHEAR] = u, v, b / c
+            splats[g, ACROSS] = 0.5 * LOG2E * c / determinant
+            splats[g, WIDTH] = determinant / (0.5 * LOG2E * c)
+            splats[g, ALONG] = 0.5 * LOG2E / c
+            splats[g, HEADROOM] = math.log2(opacity) - LOG2_MIN_ALPHA
 
 
 # What blending's backward pass sums for a Gaussian over its pixels, with v = ∂L/∂ln α, e = dx − k dy: Σ v, v e, v e², v dy, v e dy, v dy²; then Σ w ∂L/∂C.
@@ -160,84 +166,88 @@ V, VE, VEE, VY, VEY, VYY = range(6)
 MOMENTS = 6
 
 
-@njit(nogil=True, parallel=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy")
 def project_backward(
-    means, quats, scales, opacities, view, lens, radii, sums, grad_means, grad_quats, grad_scales, grad_opacities, grad_offsets
+    means, quats, scales, opacities, view, lens, radii, sums, grad_means, grad_quats, grad_scales, grad_opacities, grad_offsets, counter
 ):
     """Gradients of all geometry from the sums [N, MOMENTS + C] that blending left. Every row of the outputs is written."""
     fx, fy, cx, cy, width, height = lens
-    for g in prange(means.shape[0]):
-        grad_means[g, 0] = grad_means[g, 1] = grad_means[g, 2] = 0.0
-        grad_quats[g, 0] = grad_quats[g, 1] = grad_quats[g, 2] = grad_quats[g, 3] = 0.0
-        grad_scales[g, 0] = grad_scales[g, 1] = grad_scales[g, 2] = 0.0
-        grad_offsets[g, 0] = grad_offsets[g, 1] = 0.0
-        grad_opacities[g] = 0.0
-        if radii[g] == 0:
-            continue
-        x, y, z = _local(g, means, view)
-        qw, qx, qy, qz, inverse_length = _unit_quaternion(g, quats)
-        q0, q1, q2 = _rotate(view, qw, qx, qy, qz)
-        sx, sy, sz = _scale(g, scales, 0), _scale(g, scales, 1), _scale(g, scales, 2)
-        slope_x, slope_y = _slope(x / z, fx, cx, width), _slope(y / z, fy, cy, height)
-        i0, i1, j0, j1 = fx / z, fy / z, -fx * slope_x / z, -fy * slope_y / z
-        b0 = _mix(i0, q0, j0, q2, 0.0, q2)
-        b1 = _mix(i1, q1, j1, q2, 0.0, q2)
-        p0 = (b0[0] * sx, b0[1] * sy, b0[2] * sz)
-        p1 = (b1[0] * sx, b1[1] * sy, b1[2] * sz)
-        a, b, c, determinant = _covariance(p0, p1)
+    while True:
+        begin = take_ticket(counter) * CHUNK
+        if begin >= means.shape[0]:
+            break
+        for g in range(begin, min(begin + CHUNK, means.shape[0])):
+            grad_means[g, 0] = grad_means[g, 1] = grad_means[g, 2] = 0.0
+            grad_quats[g, 0] = grad_quats[g, 1] = grad_quats[g, 2] = grad_quats[g, 3] = 0.0
+            grad_scales[g, 0] = grad_scales[g, 1] = grad_scales[g, 2] = 0.0
+            grad_offsets[g, 0] = grad_offsets[g, 1] = 0.0
+            grad_opacities[g] = 0.0
+            if radii[g] == 0:
+                continue
+            x, y, z = _local(g, means, view)
+            qw, qx, qy, qz, inverse_length = _unit_quaternion(g, quats)
+            q0, q1, q2 = _rotate(view, qw, qx, qy, qz)
+            sx, sy, sz = _scale(g, scales, 0), _scale(g, scales, 1), _scale(g, scales, 2)
+            slope_x, slope_y = _slope(x / z, fx, cx, width), _slope(y / z, fy, cy, height)
+            i0, i1, j0, j1 = fx / z, fy / z, -fx * slope_x / z, -fy * slope_y / z
+            b0 = _mix(i0, q0, j0, q2, 0.0, q2)
+            b1 = _mix(i1, q1, j1, q2, 0.0, q2)
+            p0 = (b0[0] * sx, b0[1] * sy, b0[2] * sz)
+            p1 = (b1[0] * sx, b1[1] * sy, b1[2] * sz)
+            a, b, c, determinant = _covariance(p0, p1)
 
-        # ln α = ln o − ½ (u e)² − ½ dy² / c with precision across u² = c / det
-        across, along, shear = c / determinant, 1.0 / c, b / c
-        grad_u = across * sums[g, VE]
-        grad_v = along * sums[g, VY] - across * shear * sums[g, VE]
-        grad_across, grad_along, grad_shear = -0.5 * sums[g, VEE], -0.5 * sums[g, VYY], across * sums[g, VEY]
-        grad_a = -across * across * grad_across
-        grad_b = along * grad_shear - 2.0 * shear * grad_a
-        grad_c = -along * along * grad_along - shear * along * grad_shear + shear * shear * grad_a
-        grad_offsets[g, 0], grad_offsets[g, 1] = grad_u, grad_v
-        if opacities[g] <= 1.0:
-            grad_opacities[g] = sums[g, V] / opacities[g]
+            # ln α = ln o − ½ (u e)² − ½ dy² / c with precision across u² = c / det
+            across, along, shear = c / determinant, 1.0 / c, b / c
+            grad_u = across * sums[g, VE]
+            grad_v = along * sums[g, VY] - across * shear * sums[g, VE]
+            grad_across, grad_along, grad_shear = -0.5 * sums[g, VEE], -0.5 * sums[g, VYY], across * sums[g, VEY]
+            grad_a = -across * across * grad_across
+            grad_b = along * grad_shear - 2.0 * shear * grad_a
+            grad_c = -along * along * grad_along - shear * along * grad_shear + shear * shear * grad_a
+            grad_offsets[g, 0], grad_offsets[g, 1] = grad_u, grad_v
+            if opacities[g] <= 1.0:
+                grad_opacities[g] = sums[g, V] / opacities[g]
 
-        # Σ' = P Pᵀ, P = B S, B = J Q
-        grad_p0 = _mix(2.0 * grad_a, p0, grad_b, p1, 0.0, p1)
-        grad_p1 = _mix(grad_b, p0, 2.0 * grad_c, p1, 0.0, p1)
-        if scales[g, 0] <= MAX_SCALE:
-            grad_scales[g, 0] = grad_p0[0] * b0[0] + grad_p1[0] * b1[0]
-        if scales[g, 1] <= MAX_SCALE:
-            grad_scales[g, 1] = grad_p0[1] * b0[1] + grad_p1[1] * b1[1]
-        if scales[g, 2] <= MAX_SCALE:
-            grad_scales[g, 2] = grad_p0[2] * b0[2] + grad_p1[2] * b1[2]
-        grad_b0 = (grad_p0[0] * sx, grad_p0[1] * sy, grad_p0[2] * sz)
-        grad_b1 = (grad_p1[0] * sx, grad_p1[1] * sy, grad_p1[2] * sz)
-        grad_i0, grad_j0 = _dot(grad_b0, q0), _dot(grad_b0, q2)
-        grad_i1, grad_j1 = _dot(grad_b1, q1), _dot(grad_b1, q2)
+            # Σ' = P Pᵀ, P = B S, B = J Q
+            grad_p0 = _mix(2.0 * grad_a, p0, grad_b, p1, 0.0, p1)
+            grad_p1 = _mix(grad_b, p0, 2.0 * grad_c, p1, 0.0, p1)
+            if scales[g, 0] <= MAX_SCALE:
+                grad_scales[g, 0] = grad_p0[0] * b0[0] + grad_p1[0] * b1[0]
+            if scales[g, 1] <= MAX_SCALE:
+                grad_scales[g, 1] = grad_p0[1] * b0[1] + grad_p1[1] * b1[1]
+            if scales[g, 2] <= MAX_SCALE:
+                grad_scales[g, 2] = grad_p0[2] * b0[2] + grad_p1[2] * b1[2]
+            grad_b0 = (grad_p0[0] * sx, grad_p0[1] * sy, grad_p0[2] * sz)
+            grad_b1 = (grad_p1[0] * sx, grad_p1[1] * sy, grad_p1[2] * sz)
+            grad_i0, grad_j0 = _dot(grad_b0, q0), _dot(grad_b0, q2)
+            grad_i1, grad_j1 = _dot(grad_b1, q1), _dot(grad_b1, q2)
 
-        # the centre moves the projected centre and the Jacobian
-        grad_x, grad_y = grad_u * i0, grad_v * i1
-        grad_z = -(grad_x * x + grad_y * y) / z - (grad_i0 * i0 + grad_i1 * i1 + grad_j0 * j0 + grad_j1 * j1) / z
-        if slope_x == x / z:
-            grad_x -= grad_j0 * i0 / z
-            grad_z += grad_j0 * i0 * slope_x / z
-        if slope_y == y / z:
-            grad_y -= grad_j1 * i1 / z
-            grad_z += grad_j1 * i1 * slope_y / z
-        for axis in range(3):
-            grad_means[g, axis] = view[0, axis] * grad_x + view[1, axis] * grad_y + view[2, axis] * grad_z
+            # the centre moves the projected centre and the Jacobian
+            grad_x, grad_y = grad_u * i0, grad_v * i1
+            grad_z = -(grad_x * x + grad_y * y) / z - (grad_i0 * i0 + grad_i1 * i1 + grad_j0 * j0 + grad_j1 * j1) / z
+            if slope_x == x / z:
+                grad_x -= grad_j0 * i0 / z
+                grad_z += grad_j0 * i0 * slope_x / z
+            if slope_y == y / z:
+                grad_y -= grad_j1 * i1 / z
+                grad_z += grad_j1 * i1 * slope_y / z
+            for axis in range(3):
+                grad_means[g, axis] = view[0, axis] * grad_x + view[1, axis] * grad_y + view[2, axis] * grad_z
 
-        # Q = W R(q)
-        if inverse_length > 0.0:
-            grad_q0 = _mix(i0, grad_b0, 0.0, grad_b0, 0.0, grad_b0)
-            grad_q1 = _mix(i1, grad_b1, 0.0, grad_b1, 0.0, grad_b1)
-            grad_q2 = _mix(j0, grad_b0, j1, grad_b1, 0.0, grad_b1)
-            r0 = _mix(view[0, 0], grad_q0, view[1, 0], grad_q1, view[2, 0], grad_q2)
-            r1 = _mix(view[0, 1], grad_q0, view[1, 1], grad_q1, view[2, 1], grad_q2)
-            r2 = _mix(view[0, 2], grad_q0, view[1, 2], grad_q1, view[2, 2], grad_q2)
-            dw = 2.0 * (qx * (r2[1] - r1[2]) + qy * (r0[2] - r2[0]) + qz * (r1[0] - r0[1]))
-            dx = 2.0 * (-2.0 * qx * (r1[1] + r2[2]) + qy * (r1[0] + r0[1]) + qz * (r2[0] + r0[2]) + qw * (r2[1] - r1[2]))
-            dy = 2.0 * (qx * (r1[0] + r0[1]) - 2.0 * qy * (r0[0] + r2[2]) + qz * (r2[1] + r1[2]) + qw * (r0[2] - r2[0]))
-            dz = 2.0 * (qx * (r2[0] + r0[2]) + qy * (r2[1] + r1[2]) - 2.0 * qz * (r0[0] + r1[1]) + qw * (r1[0] - r0[1]))
-            radial = dw * qw + dx * qx + dy * qy + dz * qz
-            grad_quats[g, 0] = (dw - radial * qw) * inverse_length
-            grad_quats[g, 1] = (dx - radial * qx) * inverse_length
-            grad_quats[g, 2] = (dy - radial * qy) * inverse_length
-            grad_quats[g, 3] = (dz - radial * qz) * inverse_length
+            # Q = W R(q)
+            if inverse_length > 0.0:
+                grad_q0 = _mix(i0, grad_b0, 0.0, grad_b0, 0.0, grad_b0)
+                grad_q1 = _mix(i1, grad_b1, 0.0, grad_b1, 0.0, grad_b1)
+                grad_q2 = _mix(j0, grad_b0, j1, grad_b1, 0.0, grad_b1)
+                r0 = _mix(view[0, 0], grad_q0, view[1, 0], grad_q1, view[2, 0], grad_q2)
+                r1 = _mix(view[0, 1], grad_q0, view[1, 1], grad_q1, view[2, 1], grad_q2)
+                r2 = _mix(view[0, 2], grad_q0, view[1, 2], grad_q1, view[2, 2], grad_q2)
+                dw = 2.0 * (qx * (r2[1] - r1[2]) + qy * (r0[2] - r2[0]) + qz * (r1[0] - r0[1]))
+                dx = 2.0 * (-2.0 * qx * (r1[1] + r2[2]) + qy * (r1[0] + r0[1]) + qz * (r2[0] + r0[2]) + qw * (r2[1] - r1[2]))
+                dy = 2.0 * (qx * (r1[0] + r0[1]) - 2.0 * qy * (r0[0] + r2[2]) + qz * (r2[1] + r1[2]) + qw * (r0[2] - r2[0]))
+                dz = 2.0 * (qx * (r2[0] + r0[2]) + qy * (r2[1] + r1[2]) - 2.0 * qz * (r0[0] + r1[1]) + qw * (r1[0] - r0[1]))
+                radial = dw * qw + dx * qx + dy * qy + dz * qz
+                grad_quats[g, 0] = (dw - radial * qw) * inverse_length
+                grad_quats[g, 1] = (dx - radial * qx) * inverse_length
+                grad_quats[g, 2] = (dy - radial * qy) * inverse_length
+                grad_quats[g, 3] = (dz - radial * qz) * inverse_length

@@ -45,9 +45,13 @@ def _broadcast(builder, scalar):
     return builder.shuffle_vector(first, ir.Constant(_VECTOR, ir.Undefined), _integers(0))
 
 
+def _call(builder, name, *arguments):
+    function_type = ir.FunctionType(_VECTOR, [_VECTOR] * len(arguments))
+    return builder.call(cgutils.get_or_insert_function(builder.module, function_type, f"llvm.{name}.v{LANES}f32"), arguments)
+
+
 def _fma(builder, a, b, c):
-    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_VECTOR, [_VECTOR] * 3), f"llvm.fmuladd.v{LANES}f32")
-    return builder.call(function, [a, b, c])
+    return _call(builder, "fmuladd", a, b, c)
 
 
 def _pointer(context, builder, array_type, array, index, element):
@@ -118,6 +122,11 @@ def minimum(builder, a, b):
     return builder.select(builder.fcmp_ordered("<", a, b), a, b)
 
 
+@_operation(float8, float8, float8)
+def maximum(builder, a, b):
+    return builder.select(builder.fcmp_ordered(">", a, b), a, b)
+
+
 @_operation(mask8, float8, float8)
 def greater(builder, a, b):
     return builder.fcmp_ordered(">", a, b)
@@ -155,6 +164,30 @@ def total(builder, value):
         order = ir.Constant(_INTS, [ir.Constant(_INT, min(i + width, LANES - 1)) for i in range(LANES)])
         value = builder.fadd(value, builder.shuffle_vector(value, ir.Constant(_VECTOR, ir.Undefined), order))
     return builder.extract_element(value, ir.Constant(_INT, 0))
+
+
+@_operation(float8, float8)
+def sqrt(builder, a):
+    return _call(builder, "sqrt", a)
+
+
+@_operation(types.uint64, float8, float8)
+def blocks_between(builder, low, high):
+    """For eight rows of 4 × 8 pixels, the blocks that hold a pixel x with low ≤ x ≤ high: row r's are bits 4 r to 4 r + 3.
+
+    `low` must be in [0, 32] and `high` in [-1, 31].
+    """
+    low, high = _call(builder, "ceil", low), _call(builder, "floor", high)
+    empty = builder.fcmp_ordered(">", low, high)
+    first = builder.ashr(builder.fptosi(low, _INTS), _integers(3))
+    last = builder.ashr(builder.fptosi(high, _INTS), _integers(3))
+    bits = builder.sub(builder.shl(_integers(2), builder.and_(last, _integers(7))), builder.shl(_integers(1), first))
+    bits = builder.select(empty, _integers(0), bits)
+    bits = builder.shl(bits, ir.Constant(_INTS, [ir.Constant(_INT, 4 * i) for i in range(LANES)]))
+    for width in (4, 2, 1):
+        order = ir.Constant(_INTS, [ir.Constant(_INT, min(i + width, LANES - 1)) for i in range(LANES)])
+        bits = builder.or_(bits, builder.shuffle_vector(bits, ir.Constant(_INTS, ir.Undefined), order))
+    return builder.zext(builder.extract_element(bits, ir.Constant(_INT, 0)), ir.IntType(64))
 
 
 # 2^f on [−½, ½], least greatest relative error (1e-7); highest power first.
@@ -206,3 +239,13 @@ def take_ticket(typing, counter):
         return builder.atomic_rmw("add", pointer, ir.Constant(ir.IntType(64), 1), "monotonic")
 
     return types.int64(counter), codegen
+
+
+@intrinsic
+def lowest_bit(typing, bits):
+    """Index of the lowest set bit of a non-zero uint64."""
+
+    def codegen(context, builder, signature, values):
+        return builder.cttz(values[0], ir.Constant(_BIT, 1))
+
+    return types.int64(types.uint64), codegen
