@@ -85,7 +85,8 @@ class MaskQuery:
             For an unknown decoder or vectors of another length than the basis takes.
         """
         refined = reads_regions(decoder)
-        return decode_mask(self._best(vectors, refined), self._rivals(vectors, negatives, refined), decoder, threshold)
+        rivals = None if decoder == "threshold" else self._rivals(vectors, negatives, refined)
+        return decode_mask(self._best(vectors, refined), rivals, decoder, threshold)
 
     def label_map(self, vectors: np.ndarray, decoder: str = DEFAULT_DECODER) -> np.ndarray:
         """Index of the best class in each pixel, uint8 [H, W], of class vectors [n, D], n ≤ 255; `UNLABELLED` where nothing is similar."""
