@@ -1,39 +1,45 @@
-"""Dense optical flow between two frames, and where it can be believed.
+"""Dense optical flow between two frames.
 
-Flow is in pixels, float32 [H, W, 2] (x to the right, y down): the point seen at pixel p of the first frame is seen at p + flow(p) in the second.
+Flow is in pixels, float32 [H, W, 2] (x to the right, y down): the point seen at pixel p of the first frame is seen at p + flow(p) in
+the second.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import cv2
 import numpy as np
 
-WINDOW = 7  # pixels: side of the window that confidence looks at
+FINEST = 200_000  # pixels: larger frames are matched at half resolution, where the same motion has as few pixels
 
 
-def flow_between(rgb_a: np.ndarray, rgb_b: np.ndarray) -> np.ndarray:
+def flow_between(rgb_a: np.ndarray, rgb_b: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
     """Optical flow a → b by dense inverse search (Kroeger et al., ECCV 2016) with variational refinement.
 
-    Local contrast is evened out first, so that the light that travels with an endoscope is not taken for motion.
-    Safe to call from several threads.
+    Local contrast is evened out first, so that the light that travels with an endoscope is not taken for motion. Motion of more than
+    some 5 % of the width within a small region is missed, often consistently in both directions: start from an `initial` guess, as
+    `follow` does. Safe to call from several threads.
 
     Parameters
     ----------
     rgb_a, rgb_b : uint8 [H, W, 3]
-        At least 12 pixels on each side.
+        At least 16 pixels on each side.
+    initial : float32 [H, W, 2], optional
+        Where to begin the search; finite.
 
     Returns
     -------
     float32 [H, W, 2]
     """
-    if rgb_a.shape != rgb_b.shape:
-        raise ValueError(f"frames differ in size: {rgb_a.shape} and {rgb_b.shape}")
-    search = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    return search.calc(_grey(rgb_a), _grey(rgb_b), None)
+    return _search(_even(rgb_a), _even(rgb_b), initial)
 
 
 def sample(field: np.ndarray, flow: np.ndarray) -> np.ndarray:
-    """A field [H, W] or [H, W, C] of the second frame, looked up bilinearly where the flow of the first frame leads; NaN outside the image."""
+    """A field [H, W] or [H, W, C] of the second frame, looked up bilinearly where the flow of the first frame leads.
+
+    float32; NaN where the way leaves the image.
+    """
     height, width = flow.shape[:2]
     x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
     x, y = x + flow[..., 0].astype(np.float32), y + flow[..., 1].astype(np.float32)
@@ -43,55 +49,62 @@ def sample(field: np.ndarray, flow: np.ndarray) -> np.ndarray:
     return found
 
 
-def consistent(forward: np.ndarray, backward: np.ndarray, tolerance: float = 0.7, share: float = 0.02) -> np.ndarray:
-    """Where going there and back ends where it began: ‖f(p) + b(p + f(p))‖ ≤ tolerance + share · (‖f(p)‖ + ‖b(p + f(p))‖).
-
-    Points that become hidden, leave the image or were matched wrongly fail. Points on texture-free surfaces may pass: see `confidence`.
-
-    Parameters
-    ----------
-    forward, backward : float32 [H, W, 2]
-        Flow a → b and b → a, pixels.
-    tolerance : float
-        Pixels.
-    share : float
-        Part of the length of the way that may be lost in addition.
-
-    Returns
-    -------
-    bool [H, W]
-    """
-    back = sample(backward, forward)
-    error = np.linalg.norm(forward + back, axis=-1)
-    return error <= tolerance + share * (np.linalg.norm(forward, axis=-1) + np.linalg.norm(back, axis=-1))
-
-
 def chain(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Flow a → c from a → b and b → c: f(p) + g(p + f(p)); NaN where the way leaves the image."""
     return first + sample(second, first)
 
 
-def confidence(rgb: np.ndarray, noise: float = 2.0) -> np.ndarray:
-    """How well texture pins down motion, float32 [H, W] in [0, 1].
+def follow(frames: Iterable[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Flow between the first frame and every later one, as it grows from frame to frame.
 
-    1 − e / λ₂ clipped at 0, where λ₂ is the smaller eigenvalue of the structure tensor averaged over a window and e is what noise alone would give. Near 0 on plain
-    or overexposed surfaces and along straight edges, where flow is a guess of the smoothness term; near 1 on texture in two directions.
+    Small steps are chained, which follows motion of any size but drifts; the result starts a search of its own between the two far
+    frames, which removes drift but may lose large motion; each pixel keeps the one after which the frames look more alike.
 
     Parameters
     ----------
-    rgb : uint8 [H, W, 3]
-    noise : float
-        Standard deviation of the sensor noise, grey levels.
+    frames : iterable of uint8 [H, W, 3]
+        In the order of time, near enough to each other for `flow_between`.
+
+    Yields
+    ------
+    (float32 [H, W, 2], float32 [H, W, 2])
+        first → frame and frame → first, for the second frame, the third, …
     """
-    grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
-    dx, dy = cv2.Scharr(grey, cv2.CV_32F, 1, 0) / 32, cv2.Scharr(grey, cv2.CV_32F, 0, 1) / 32
-    xx, yy, xy = (cv2.boxFilter(product, -1, (WINDOW, WINDOW)) for product in (dx * dx, dy * dy, dx * dy))
-    smaller = 0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4 * xy**2))
-    # White noise of unit variance has the gradient variance 1 / (8 π σ⁴) after a Gaussian of σ = 1; the channels' mean has a little less.
-    floor = noise**2 / (8 * np.pi)
-    return np.clip(1 - floor / np.maximum(smaller, 1e-12), 0, 1)
+    first = before = None
+    for frame in frames:
+        here = _even(frame)
+        if first is None or before is None:
+            first = before = here
+            out = back = np.zeros((*here.shape, 2), np.float32)
+            continue
+        out = _prolong(first, here, out, chain(out, _search(before, here)))
+        step = _search(here, before)
+        back = _prolong(here, first, step, chain(step, back))
+        before = here
+        yield out, back
 
 
-def _grey(rgb: np.ndarray) -> np.ndarray:
-    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    return cv2.createCLAHE(2.0, (8, 8)).apply(grey)
+def _prolong(a: np.ndarray, b: np.ndarray, start: np.ndarray, chained: np.ndarray) -> np.ndarray:
+    """The better, pixel by pixel, of a chained flow a → b and of a search that begins there."""
+    chained = np.where(np.isfinite(chained), chained, start)
+    searched = _search(a, b, chained)
+    return np.where((_unlikeness(a, b, searched) <= _unlikeness(a, b, chained))[..., None], searched, chained)
+
+
+def _unlikeness(a: np.ndarray, b: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """Mean difference in grey around a pixel after a flow a → b; a way out of the image counts as the greatest difference."""
+    difference = np.abs(a - sample(b, flow))
+    return cv2.GaussianBlur(np.where(np.isfinite(difference), difference, np.float32(255)), (0, 0), 2.0)
+
+
+def _search(a: np.ndarray, b: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
+    if a.shape != b.shape:
+        raise ValueError(f"frames differ in size: {a.shape} and {b.shape}")
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    search.setFinestScale(0 if a.size <= FINEST else 1)
+    return search.calc(a, b, None if initial is None else np.array(initial, np.float32, order="C"))
+
+
+def _even(rgb: np.ndarray) -> np.ndarray:
+    """Grey, uint8 [H, W], with its contrast evened out."""
+    return cv2.createCLAHE(2.0, (8, 8)).apply(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))

@@ -43,14 +43,14 @@ def model_flow(depth: np.ndarray, offset: np.ndarray, camera: Camera, reference:
 def spurious(model_flow: np.ndarray, observed_flow: np.ndarray, supported: np.ndarray, tolerance: float = 1.0) -> np.ndarray:
     """Model motion that the images contradict: max(0, ‖m(p) − o(p)‖ − tolerance), pixels.
 
-    m is the model's motion projected into the image (`model_flow`), o the observed optical flow between the same two frames in the same direction.
+    m is the model's motion projected into the image (`model_flow`), o the observed optical flow between the same two frames in the same
+    direction. Where the images say nothing (no believable flow: hidden, tools, out of the image) the result is NaN: not known, which is
+    not the same as 0.
 
-    Where the images say nothing (no consistent flow: hidden, tools, out of the image) the result is NaN: not known, which is not the same as 0.
-
-    What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from the centre by r · Δz / z);
-    errors below the tolerance, which should be the flow's own error (about a pixel over a long clip); sliding along plain surfaces or straight edges, where
-    optical flow itself is a guess (`engine.motion.confidence`); and motion that flow invents, for example a moving highlight. Missing motion counts like
-    motion too many: both are a difference.
+    What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
+    the principal point by about r · Δz / z); errors below the tolerance, which should be the flow's own error; sliding along plain
+    surfaces or straight edges, where flow itself is a guess (`engine.motion.confidence`); and motion that flow invents, for example of
+    a highlight or where tissue chars (`engine.motion.alike`). Missing motion counts like motion too many: both are a difference.
 
     Parameters
     ----------
