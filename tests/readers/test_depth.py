@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from engine.camera import Camera
-from engine.depth import DepthPrior
+from engine.depth import STRENGTH, DepthPrior
 from engine.readers import open_clip
 from tests.readers.makers import save
 
@@ -88,11 +88,23 @@ def test_one_scale_for_all_frames():
     near, far = (lit(np.full((HEIGHT, WIDTH), d), normal, rng) for d in (0.8, 1.1))
     prior = DepthPrior([near, far], [EVERYWHERE] * 2, CAMERA)
     a, b = (np.median(prior.depth(f, EVERYWHERE, EVERYWHERE)) for f in (near, far))
-    assert b / a == pytest.approx(1.1 / 0.8, rel=0.04)
+    assert b / a == pytest.approx((1.1 / 0.8) ** STRENGTH, rel=0.04)
     tooled = near.copy()
     tooled[:, 200:] = (12, 12, 12)
     with_tool = prior.depth(tooled, EVERYWHERE, EVERYWHERE)
     assert np.median(with_tool[:, :150]) == pytest.approx(a, rel=0.02)
+
+
+def test_colour_changes_are_taken_for_albedo():
+    rng = np.random.default_rng(9)
+    depth, normal = wall([0.4, 0, 1])
+    rgb = lit(depth, normal, rng).astype(np.float32)
+    pale = cv2.GaussianBlur(np.float32(cv2.circle(np.zeros((HEIGHT, WIDTH), np.uint8), (200, 120), 60, 1, -1)), (0, 0), 2)[..., None]
+    rgb = np.uint8(np.clip(rgb * (1 - pale) + rgb * np.float32([1.3, 1.7, 1.6]) * pale, 0, 255))
+    found = DepthPrior([rgb], [EVERYWHERE], CAMERA).depth(rgb, EVERYWHERE, EVERYWHERE)
+    flat_part = np.abs(np.log(depth)).mean()
+    assert np.abs(np.log(found / depth)).mean() < flat_part
+    assert found[120, 200] > 0.85 * found[120, 100:130].mean()
 
 
 @pytest.mark.parametrize("value", [0, 6, 128, 255])
