@@ -1,8 +1,8 @@
 """Blending forward: every tile walks its Gaussians from the nearest, eight pixels of a row at a time.
 
 A tile is 16 rows of 4 blocks of 8 pixels, so that a set of its blocks is one 64-bit number. A Gaussian visits exactly the blocks that its ellipse of
-alpha ≥ MIN_ALPHA touches and that are not finished yet. A tile's pixels lie in planes (transmittance, then one plane a channel) that fit the cache; a
-finished pixel's transmittance is kept with its sign turned, so that it passes no test again.
+alpha ≥ MIN_ALPHA touches and that are not finished yet. A block's numbers lie side by side in the cache: eight transmittances, then eight values of each
+channel. A finished pixel's transmittance is kept with its sign turned, so that it passes no test again.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from engine.raster.simd import (
     LANES,
     add,
     blocks_between,
-    both,
     exp2,
     finished,
     fma,
@@ -76,33 +75,41 @@ def touched_blocks(splats, g, left, top, width, rows):
 
 
 @njit(nogil=True, error_model="numpy")
-def clear_transmittance(planes, width, rows):
-    """Start a tile's first plane: 1 where there is a pixel, finished where there is none."""
+def start_tile(values, stride, width, rows):
+    """Set a tile's numbers to zero but the transmittances: 1 where there is a pixel, finished where there is none."""
+    values[:] = _ZERO
     for row in range(TILE_HEIGHT):
         for column in range(TILE_WIDTH):
-            planes[row * TILE_WIDTH + column] = _ONE if row < rows and column < width else -_ONE
+            values[index_of(row, column, stride)] = _ONE if row < rows and column < width else -_ONE
 
 
 @njit(nogil=True, error_model="numpy")
-def live_blocks(planes):
+def index_of(row, column, stride):
+    """Where a pixel's transmittance lies in a tile whose blocks have `stride` numbers; its other numbers follow at steps of LANES."""
+    return (row * BLOCKS_A_ROW + column // LANES) * stride + column % LANES
+
+
+@njit(nogil=True, error_model="numpy")
+def live_blocks(values, stride):
     """Blocks with an unfinished pixel, uint64."""
     zero, bits = splat(_ZERO), np.uint64(0)
     for block in range(AREA // LANES):
-        if some(greater(load(planes, block * LANES), zero)):
+        if some(greater(load(values, block * stride), zero)):
             bits |= np.uint64(1) << np.uint64(block)
     return bits
 
 
 @njit(nogil=True, error_model="numpy")
-def _blend_tile(members, start, stop, splats, features, left, top, width, planes, rows):
-    """Blend one tile into `planes`: transmittance first, then the channels."""
+def _blend_tile(members, start, stop, splats, features, left, top, width, values, rows):
+    """Blend one tile into `values`."""
     channels = features.shape[1]
+    stride = (1 + channels) * LANES
     flat_features = features.reshape(features.size)
     zero, floor, ceiling, dark = splat(_ZERO), splat(MIN_LEVEL), splat(MAX_ALPHA32), splat(MIN_TRANSMITTANCE32)
-    live = live_blocks(planes)
+    live = live_blocks(values, stride)
     for i in range(start, stop):
         if (i - start) % CHECK_EVERY == CHECK_EVERY - 1:
-            live = live_blocks(planes)
+            live = live_blocks(values, stride)
             if live == 0:
                 return
         g = np.int64(members[i])
@@ -112,20 +119,19 @@ def _blend_tile(members, start, stop, splats, features, left, top, width, planes
         while blocks != 0:
             block = lowest_bit(blocks)
             blocks &= blocks - np.uint64(1)
-            row, pixel = block // BLOCKS_A_ROW, block * LANES
-            dx = ramp(np.float32(pixel % TILE_WIDTH) - rows[CENTER + row])
+            row, place = block // BLOCKS_A_ROW, block * stride
+            dx = ramp(np.float32((block % BLOCKS_A_ROW) * LANES) - rows[CENTER + row])
             exponent = fma(mul(minus_across, dx), dx, splat(rows[PEAK + row]))
-            alpha = minimum(exp2(exponent), ceiling)
-            before = load(planes, pixel)
+            alpha = select(greater(exponent, floor), minimum(exp2(exponent), ceiling), zero)
+            before = load(values, place)
             weight = mul(alpha, before)
             after = sub(before, weight)
-            seen = greater(exponent, floor)
-            drawn = both(seen, greater(after, dark))
-            weight = select(drawn, weight, zero)
-            store(planes, pixel, select(drawn, after, select(seen, finished(before), before)))
+            alive = greater(after, dark)
+            weight = select(alive, weight, zero)
+            store(values, place, select(alive, after, finished(before)))
             for channel in range(channels):
-                pixel += AREA
-                store(planes, pixel, fma(splat(flat_features[feature + channel]), weight, load(planes, pixel)))
+                place += LANES
+                store(values, place, fma(splat(flat_features[feature + channel]), weight, load(values, place)))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -133,7 +139,8 @@ def blend(starts, members, splats, features, background, image, transmittance, c
     """Fill `image` [H, W, C] and `transmittance` [H, W] (what light is left) from tile lists; run by several threads at once."""
     height, width, channels = image.shape
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    planes = np.empty((1 + channels) * AREA, np.float32)
+    stride = (1 + channels) * LANES
+    values = np.empty((1 + channels) * AREA, np.float32)
     numbers = np.empty(ROW_NUMBERS, np.float32)
     while True:
         tile = take_ticket(counter)
@@ -141,14 +148,13 @@ def blend(starts, members, splats, features, background, image, transmittance, c
             break
         left, top = (tile % columns) * TILE_WIDTH, (tile // columns) * TILE_HEIGHT
         tile_width, rows = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
-        clear_transmittance(planes, tile_width, rows)
-        planes[AREA:] = 0.0
-        _blend_tile(members, starts[tile], starts[tile + 1], splats, features, left, top, tile_width, planes, numbers)
+        start_tile(values, stride, tile_width, rows)
+        _blend_tile(members, starts[tile], starts[tile + 1], splats, features, left, top, tile_width, values, numbers)
         for row in range(rows):
             for column in range(tile_width):
-                pixel = row * TILE_WIDTH + column
-                light = abs(planes[pixel])
+                place = index_of(row, column, stride)
+                light = abs(values[place])
                 transmittance[top + row, left + column] = light
                 for channel in range(channels):
-                    pixel += AREA
-                    image[top + row, left + column, channel] = planes[pixel] + light * background[channel]
+                    place += LANES
+                    image[top + row, left + column, channel] = values[place] + light * background[channel]

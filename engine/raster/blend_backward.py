@@ -25,8 +25,9 @@ from engine.raster.blend import (
     MIN_TRANSMITTANCE32,
     PEAK,
     ROW_NUMBERS,
-    clear_transmittance,
+    index_of,
     live_blocks,
+    start_tile,
     touched_blocks,
 )
 from engine.raster.project import ACROSS, BOTTOM, CHUNK, LEFT, MOMENTS, RIGHT, TILE_HEIGHT, TILE_WIDTH, TOP, VE, VEE, VEY, VY, VYY, V
@@ -66,25 +67,24 @@ def first_slots(tiles, first_row, last_row):
 
 
 @njit(nogil=True, error_model="numpy")
-def _load_tile(image, transmittance, grad_image, grad_alpha, left, top, width, rows, planes):
-    """Planes of a tile: transmittance (1), R, then ∂L/∂C by channel."""
-    channels = image.shape[2]
-    clear_transmittance(planes, width, rows)
-    planes[AREA : (2 + channels) * AREA] = 0.0
+def _load_tile(image, transmittance, grad_image, grad_alpha, left, top, width, rows, values, stride):
+    """Numbers of a tile's blocks: transmittance (1), R, then ∂L/∂C by channel."""
+    start_tile(values, stride, width, rows)
     for row in range(rows):
         for column in range(width):
-            pixel = AREA + row * TILE_WIDTH + column
+            place = index_of(row, column, stride)
             behind = -transmittance[top + row, left + column] * grad_alpha[top + row, left + column]
-            for channel in range(channels):
+            for channel in range(image.shape[2]):
                 grad = grad_image[top + row, left + column, channel]
                 behind += image[top + row, left + column, channel] * grad
-                planes[pixel + (1 + channel) * AREA] = grad
-            planes[pixel] = behind
+                values[place + (2 + channel) * LANES] = grad
+            values[place + LANES] = behind
 
 
 @njit(nogil=True, error_model="numpy")
-def _backward_gaussian(blocks, minus_across, features, feature, channels, planes, rows, sums, geometry):
+def _backward_gaussian(blocks, minus_across, features, feature, channels, values, rows, sums, geometry):
     """Walk one Gaussian over its blocks of a tile: its moments, and its feature gradients in `sums` [C LANES]."""
+    stride = (2 + channels) * LANES
     zero, one = splat(_ZERO), splat(_ONE)
     floor, ceiling, dark = splat(MIN_LEVEL), splat(MAX_ALPHA32), splat(MIN_TRANSMITTANCE32)
     v = ve = vee = vy = vey = vyy = zero
@@ -92,35 +92,34 @@ def _backward_gaussian(blocks, minus_across, features, feature, channels, planes
     while blocks != 0:
         block = lowest_bit(blocks)
         blocks &= blocks - np.uint64(1)
-        row, pixel = block // BLOCKS_A_ROW, block * LANES
-        dx = ramp(np.float32(pixel % TILE_WIDTH) - rows[CENTER + row])
+        row, place = block // BLOCKS_A_ROW, block * stride
+        dx = ramp(np.float32((block % BLOCKS_A_ROW) * LANES) - rows[CENTER + row])
         exponent = fma(mul(minus_across, dx), dx, splat(rows[PEAK + row]))
         uncapped = exp2(exponent)
-        alpha = minimum(uncapped, ceiling)
-        before = load(planes, pixel)
+        alpha = select(greater(exponent, floor), minimum(uncapped, ceiling), zero)
+        before = load(values, place)
         weight = mul(alpha, before)
         after = sub(before, weight)
-        seen = greater(exponent, floor)
-        drawn = both(seen, greater(after, dark))
-        weight = select(drawn, weight, zero)
-        store(planes, pixel, select(drawn, after, select(seen, finished(before), before)))
+        alive = greater(after, dark)
+        weight = select(alive, weight, zero)
+        store(values, place, select(alive, after, finished(before)))
         if geometry:
             pull = zero
             for channel in range(channels):
-                grad = load(planes, pixel + (2 + channel) * AREA)
+                grad = load(values, place + (2 + channel) * LANES)
                 pull = fma(splat(features[feature + channel]), grad, pull)
                 store(sums, channel * LANES, fma(weight, grad, load(sums, channel * LANES)))
-            rest = sub(load(planes, pixel + AREA), mul(weight, pull))
-            store(planes, pixel + AREA, rest)
+            rest = sub(load(values, place + LANES), mul(weight, pull))
+            store(values, place + LANES, rest)
             grad_alpha = sub(mul(before, pull), div(rest, sub(one, alpha)))
-            grad_exponent = select(both(drawn, greater(ceiling, uncapped)), mul(alpha, grad_alpha), zero)
+            grad_exponent = select(both(alive, greater(ceiling, uncapped)), mul(alpha, grad_alpha), zero)
             dy = splat(rows[HEIGHT + row])
             by_dx, by_dy = mul(grad_exponent, dx), mul(grad_exponent, dy)
             v, ve, vy = add(v, grad_exponent), add(ve, by_dx), add(vy, by_dy)
             vee, vey, vyy = fma(by_dx, dx, vee), fma(by_dx, dy, vey), fma(by_dy, dy, vyy)
         else:
             for channel in range(channels):
-                grad = load(planes, pixel + (2 + channel) * AREA)
+                grad = load(values, place + (2 + channel) * LANES)
                 store(sums, channel * LANES, fma(weight, grad, load(sums, channel * LANES)))
     return total(v), total(ve), total(vee), total(vy), total(vey), total(vyy)
 
@@ -146,7 +145,8 @@ def blend_backward(
     """Fill `slots` [visits, MOMENTS + C] for tile rows [first_row, last_row), moments zero unless `geometry`; run by several threads at once."""
     height, width, channels = image.shape
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    planes = np.empty((2 + channels) * AREA, np.float32)
+    stride = (2 + channels) * LANES
+    values = np.empty((2 + channels) * AREA, np.float32)
     numbers = np.empty(ROW_NUMBERS, np.float32)
     sums = np.empty(channels * LANES, np.float32)
     flat_features = features.reshape(features.size)
@@ -157,13 +157,13 @@ def blend_backward(
         column, tile_row = tile % columns, tile // columns
         left, top = column * TILE_WIDTH, tile_row * TILE_HEIGHT
         tile_width, rows = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
-        _load_tile(image, transmittance, grad_image, grad_alpha, left, top, tile_width, rows, planes)
-        live = live_blocks(planes)
+        _load_tile(image, transmittance, grad_image, grad_alpha, left, top, tile_width, rows, values, stride)
+        live = live_blocks(values, stride)
         for i in range(starts[tile], starts[tile + 1]):
             g = np.int64(members[i])
             slot = first[g] + (tile_row - max(first_row, tiles[g, TOP])) * (tiles[g, RIGHT] - tiles[g, LEFT]) + column - tiles[g, LEFT]
             if (i - starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and live != 0:
-                live = live_blocks(planes)
+                live = live_blocks(values, stride)
             blocks = np.uint64(0)
             if live != 0:
                 blocks = live & touched_blocks(splats, g, left, top, tile_width, numbers)
@@ -171,7 +171,7 @@ def blend_backward(
                 slots[slot, :] = 0.0
                 continue
             moments = _backward_gaussian(
-                blocks, splat(-splats[g, ACROSS]), flat_features, g * channels, channels, planes, numbers, sums, geometry
+                blocks, splat(-splats[g, ACROSS]), flat_features, g * channels, channels, values, numbers, sums, geometry
             )
             slots[slot, V], slots[slot, VE], slots[slot, VEE], slots[slot, VY], slots[slot, VEY], slots[slot, VYY] = moments
             for channel in range(channels):
