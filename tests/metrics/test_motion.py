@@ -1,0 +1,98 @@
+"""Motion scores against a loop over all pixels."""
+
+import json
+
+import numpy as np
+import pytest
+
+from engine.metrics.motion import MotionScores
+
+
+def frames(seed, count=4, shape=(9, 11), offset=0.0):
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        truth = (rng.normal(0, 1, (*shape, 3)) * (rng.random((*shape, 1)) < 0.6) + offset).astype(np.float32)
+        predicted = np.abs(np.linalg.norm(truth, axis=-1) * rng.uniform(0.2, 1.3, shape) + rng.normal(0, 0.1, shape))
+        truth[rng.random(shape) < 0.2] = np.nan
+        predicted[rng.random(shape) < 0.1] = np.nan
+        yield predicted, truth, rng.random(shape) < 0.15
+
+
+def loop(data, still):
+    p, t, burnt, tissue = [], [], [], 0
+    for predicted, truth, cautery in data:
+        for pixel in np.ndindex(predicted.shape):
+            norm = float(np.sqrt(sum(float(v) ** 2 for v in truth[pixel])))
+            tissue += np.isfinite(norm)
+            if np.isfinite(norm) and np.isfinite(predicted[pixel]):
+                p.append(predicted[pixel])
+                t.append(norm)
+                burnt.append(bool(cautery[pixel]))
+    p, t, burnt = np.array(p), np.array(t), np.array(burnt)
+    return {
+        "displacement_error": np.abs(p - t).mean(),
+        "displacement_correlation": np.corrcoef(p, t)[0, 1],
+        "recovered_share": np.minimum(p, t).sum() / t.sum(),
+        "spurious_displacement": p[burnt].mean(),
+        "false_motion": p[~burnt & (t <= still)].mean(),
+        "true_displacement": t.mean(),
+        "displacement_coverage": len(p) / tissue,
+    }
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_every_score_matches_a_loop(seed):
+    data = list(frames(seed))
+    scores = MotionScores(still=0.3)
+    for frame in data:
+        scores.add(*frame)
+    assert scores.result() == pytest.approx(loop(data, 0.3), rel=1e-9)
+
+
+def test_pooling_keeps_its_digits_far_from_zero():
+    data = list(frames(4, offset=1e5))
+    scores = MotionScores()
+    for frame in data:
+        scores.add(*frame)
+    pooled = np.concatenate([np.stack([p, np.linalg.norm(t.astype(float), axis=-1)], -1).reshape(-1, 2) for p, t, _ in data])
+    pooled = pooled[np.isfinite(pooled).all(-1)]
+    assert scores.result()["displacement_correlation"] == pytest.approx(np.corrcoef(pooled.T)[0, 1], abs=1e-9)
+
+
+def test_vectors_and_norms_score_alike():
+    _, truth, cautery = next(frames(5))
+    vectors = np.random.default_rng(6).normal(size=truth.shape)
+    a, b = MotionScores(), MotionScores()
+    a.add(vectors, truth, cautery)
+    b.add(np.linalg.norm(vectors, axis=-1), truth, cautery)
+    assert a.result() == b.result()
+
+
+def test_trivial_answers():
+    _, truth, cautery = next(frames(7))
+    nothing, perfect = MotionScores(), MotionScores()
+    nothing.add(np.zeros(cautery.shape), truth, cautery)
+    perfect.add(truth, truth, cautery)
+    still = nothing.result()
+    assert still["displacement_correlation"] is None
+    assert still["recovered_share"] == 0
+    assert still["spurious_displacement"] == still["false_motion"] == 0
+    assert still["displacement_error"] == pytest.approx(still["true_displacement"])
+    assert perfect.result()["displacement_error"] == 0
+    assert perfect.result()["displacement_correlation"] == pytest.approx(1)
+    assert perfect.result()["recovered_share"] == pytest.approx(1)
+
+
+def test_degenerate_input_gives_none_and_json():
+    shape = (4, 5)
+    empty, unseen, constant = MotionScores(), MotionScores(), MotionScores()
+    unseen.add(np.ones(shape), np.full((*shape, 3), np.nan), np.zeros(shape, bool))
+    for value in (0.1, 0.1, 0.1):
+        constant.add(np.random.default_rng(8).random(shape), np.full((*shape, 3), value), np.zeros(shape, bool))
+    assert set(empty.result().values()) == set(unseen.result().values()) == {None}
+    assert constant.result()["displacement_correlation"] is None
+    assert constant.result()["spurious_displacement"] is None
+    for scores in (empty, unseen, constant):
+        json.dumps(scores.result(), allow_nan=False)
+    with pytest.raises(ValueError, match="shapes differ"):
+        empty.add(np.ones((3, 3)), np.ones((*shape, 3)), np.zeros(shape, bool))
