@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,6 +33,8 @@ def regular_file(path: Path, root: Path) -> Path:
         raise ClipError(f"{shown(path)} is a link that leads out of the clip; put the file itself there.")
     if not path.is_file():
         raise ClipError(f"{shown(path)} is not a regular file; remove it or put the file itself there.")
+    if not os.access(path, os.R_OK):
+        raise ClipError(f"{shown(path)} may not be read; check its permissions.")
     return path
 
 

@@ -1,27 +1,14 @@
-"""The real clips, where they are at hand: the folder in DEGENSE_CLIPS, or ../shared/clips beside the project."""
+"""The real clips, where they are at hand."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from engine.readers import ClipOptions, detect, open_clip
 
 PACKED = Path(__file__).resolve().parents[2].parent / "shared/clips"
-
-
-@pytest.fixture(scope="module")
-def clips(tmp_path_factory):
-    if "DEGENSE_CLIPS" in os.environ:
-        return Path(os.environ["DEGENSE_CLIPS"])
-    if not (PACKED / "unpack").exists():
-        pytest.skip("the real clips are not here (set DEGENSE_CLIPS to their folder)")
-    out = tmp_path_factory.mktemp("clips")
-    subprocess.run([sys.executable, str(PACKED / "unpack"), str(out)], check=True, capture_output=True)
-    return out
 
 
 def test_pulling(clips):
@@ -40,8 +27,6 @@ def test_pulling(clips):
 
 def test_pulling_with_masks_turned_round(clips, tmp_path):
     """The same evidence must decide for the other polarity when the masks are inverted."""
-    from PIL import Image
-
     source = open_clip(clips / "pulling")
     for i in range(0, 63, 9):
         for kind, array in (("images", source.frame(i)), ("masks", source.valid(i).astype(np.uint8) * 255)):
@@ -69,7 +54,7 @@ def test_cholec160(clips):
 def test_the_packed_video_is_exact_at_random(clips):
     video = PACKED / "pulling/clip.mp4"
     if not video.exists():
-        pytest.skip("the packed clip is not here")
+        pytest.skip("real clips absent: shared/clips does not lie beside the project")
     clip = open_clip(video, ClipOptions(focal=569.4682))
     folder = open_clip(clips / "pulling")
     clip.cache.limit = 0
