@@ -1,0 +1,33 @@
+# make demo    set everything up, then show the embedded sample: in a window where there is a display, else as files in demo-out/
+# make test    set everything up, then run every test and check, under a virtual display
+# make lint    the checks of the house only: formatting, lint, types, import direction
+#
+# PYTHON=python3.12       another interpreter for .venv
+# TORCH_INDEX=URL         one more package index, e.g. https://download.pytorch.org/whl/cpu for a PyTorch without CUDA
+
+PYTHON ?= python3
+TORCH_INDEX ?=
+export PYTHON
+
+VENV := .venv/bin
+DISPLAY_KIND := $(if $(DISPLAY)$(WAYLAND_DISPLAY),window,headless)
+
+.NOTPARALLEL:
+.PHONY: demo test lint system-headless system-window system-test
+
+demo: system-$(DISPLAY_KIND) .venv/installed
+	$(VENV)/degense demo $(if $(filter headless,$(DISPLAY_KIND)),--headless demo-out)
+
+test: system-test .venv/installed
+	env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb xvfb-run -a -s '-screen 0 1600x1000x24' $(VENV)/python -m pytest --durations=10
+
+lint: system-headless .venv/installed
+	$(VENV)/python -m pytest -q tests/house
+
+system-headless system-window system-test: system-%:
+	@scripts/system-packages $*
+
+.venv/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(VENV)/python -m pip install --disable-pip-version-check -c constraints.txt $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) -e '.[dev]'
+	touch $@

@@ -1,0 +1,114 @@
+"""What every test stands on: settings of its own, few threads, no unexplained skips, nothing of Qt left behind."""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+# Read when torch and numba are imported. Two, so that threads really run, and results and timings do not depend on the machine's size.
+os.environ.setdefault("OMP_NUM_THREADS", "2")
+os.environ.setdefault("NUMBA_NUM_THREADS", "2")
+
+ROOT = Path(__file__).resolve().parent.parent
+
+#: A test may be skipped only for a reason that begins with one of these. Every other skip fails: it would hide a test that nobody runs.
+ALLOWED_SKIPS = ("needs CUDA", "real clips absent", "the superuser may read everything")
+
+_passed = pytest.StashKey[bool]()
+
+
+@pytest.fixture(autouse=True)
+def own_folders(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Settings, caches and logs go to a fresh folder, never to the user's."""
+    home = tmp_path_factory.mktemp("home")
+    for variable in ("XDG_CONFIG_HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME", "APPDATA", "LOCALAPPDATA"):
+        monkeypatch.setenv(variable, str(home / variable.lower()))
+    if settings := getattr(sys.modules.get("PySide6.QtCore"), "QSettings", None):
+        for file_format in (settings.Format.NativeFormat, settings.Format.IniFormat):
+            settings.setPath(file_format, settings.Scope.UserScope, str(home))
+    return home
+
+
+@pytest.fixture(scope="session")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the real clips, `pulling` and `cholec160`: DEGENSE_CLIPS, else unpacked from `shared/clips` beside the project."""
+    if folder := os.environ.get("DEGENSE_CLIPS"):
+        return Path(folder)
+    unpack = ROOT.parent / "shared" / "clips" / "unpack"
+    if not unpack.is_file():
+        pytest.skip("real clips absent: DEGENSE_CLIPS is not set, and shared/clips does not lie beside the project")
+    folder = tmp_path_factory.mktemp("clips")
+    subprocess.run([sys.executable, str(unpack), str(folder)], check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    report = yield
+    if report.when == "call":
+        item.stash[_passed] = report.passed
+    return _explained(report)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Iterator[None]:
+    return _explained((yield))
+
+
+def _explained(report):
+    """The report itself, or a failure where a test was skipped for a reason that is not allowed."""
+    if report.skipped and not hasattr(report, "wasxfail"):
+        reason = report.longrepr[2].removeprefix("Skipped: ") if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        if not reason.startswith(ALLOWED_SKIPS):
+            report.outcome = "failed"
+            report.longrepr = (
+                f"skipped for a reason that is not allowed ({reason!r}); allowed reasons begin with {' or '.join(ALLOWED_SKIPS)}"
+            )
+    return report
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_behind(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Tests of the window leave no running thread, active timer, running process or living top-level widget.
+
+    A failed test is not checked: its traceback keeps its objects alive.
+    """
+    if Path(request.node.path).parent.name not in ("widgets", "app"):
+        yield
+        return
+    before = _living()
+    yield
+    if request.node.stash.get(_passed, False):
+        left = {key: text for key, text in _living().items() if key not in before}
+        assert not left, f"left behind: {', '.join(left.values())}"
+
+
+def _living() -> dict[int, str]:
+    """What of Qt is alive and would outlive a test, by identity."""
+    if "PySide6.QtWidgets" not in sys.modules:
+        return {}
+    import shiboken6
+    from PySide6.QtCore import QCoreApplication, QEvent, QProcess, QThread, QTimer
+    from PySide6.QtWidgets import QApplication, QWidget
+
+    gc.collect()
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+    alive: dict[type, Callable[..., bool]] = {
+        QThread: lambda thread: thread.isRunning() and thread is not QThread.currentThread(),
+        QTimer: lambda timer: timer.isActive(),
+        QProcess: lambda process: process.state() != QProcess.ProcessState.NotRunning,
+        QWidget: lambda widget: widget.isWindow() and widget.parent() is None,
+    }
+    QApplication.topLevelWidgets()  # gives Python names to those that only C++ knows
+    return {
+        id(thing): f"{type(thing).__name__} {thing.objectName()!r}"
+        for thing in shiboken6.getAllValidWrappers()
+        for kind, lives in alive.items()
+        if isinstance(thing, kind) and lives(thing)
+    }

@@ -1,0 +1,55 @@
+"""What a reader of the project may rely on: formatted, typed, in files of a readable size, with no path of anybody's machine."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from tests.house.source import ROOT, modules, texts
+
+LONGEST = 400
+#: A folder that exists on one machine only: a home, a scratch folder, a mounted drive. Examples in documents use ~ or relative paths.
+MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:home|Users|root|work|workspace|mnt|data|tmp|var/folders)/\w[\w./-]*|\b[A-Z]:\\\\?Users\b")
+
+
+def test_no_file_is_too_long():
+    lines = {path: len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in modules("engine", "widgets", "app", "tests")}
+    assert not {str(path): count for path, count in lines.items() if count > LONGEST}
+
+
+def test_no_path_of_a_machine():
+    found = [
+        f"{path.relative_to(ROOT)}:{number} {match.group()}"
+        for path in texts()
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        for match in MACHINE_PATH.finditer(line)
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("open('/" + "home/ada/clip')", True),
+        ("/" + "tmp/x.png", True),
+        ("C:" + "\\Users\\ada", True),
+        ("a/tmp/b", False),
+        ("~/work/run", False),
+        ("/dev/null", False),
+    ],
+)
+def test_the_rule_for_paths_itself(text, found):
+    assert bool(MACHINE_PATH.search(text)) is found
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("ruff", "check", "--no-cache", "."), ("ruff", "format", "--check", "--no-cache", "."), ("mypy",)],
+    ids=["lint", "format", "types"],
+)
+def test_checkers_are_content(command):
+    result = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
+    assert result.returncode == 0, f"{' '.join(command)}\n{result.stdout}{result.stderr}"
