@@ -1,8 +1,9 @@
 """Blending forward: every tile walks its Gaussians from the nearest, eight pixels of a row at a time.
 
-A tile is 16 rows of 4 blocks of 8 pixels, so that a set of its blocks is one 64-bit number. A Gaussian visits exactly the blocks that its ellipse of
-alpha ≥ MIN_ALPHA touches and that are not finished yet. A block's numbers lie side by side in the cache: eight transmittances, then eight values of each
-channel. A finished pixel's transmittance is kept with its sign turned, so that it passes no test again.
+A tile is 16 rows of 4 blocks of 8 pixels, so that a set of its blocks is one 64-bit number. A Gaussian visits exactly the
+blocks that its ellipse of alpha ≥ MIN_ALPHA touches and that are not finished yet. A block's numbers lie side by side in the
+cache: eight transmittances, then eight values of each channel. A finished pixel's transmittance is kept with its sign turned,
+so that it passes no test again.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from engine.raster.simd import (
     select,
     some,
     splat,
+    spread,
     sqrt,
     store,
     sub,
@@ -121,7 +123,7 @@ def _blend_tile(members, start, stop, splats, features, left, top, width, values
             blocks &= blocks - np.uint64(1)
             row, place = block // BLOCKS_A_ROW, block * stride
             dx = ramp(np.float32((block % BLOCKS_A_ROW) * LANES) - rows[CENTER + row])
-            exponent = fma(mul(minus_across, dx), dx, splat(rows[PEAK + row]))
+            exponent = fma(mul(minus_across, dx), dx, spread(rows, PEAK + row))
             alpha = select(greater(exponent, floor), minimum(exp2(exponent), ceiling), zero)
             before = load(values, place)
             weight = mul(alpha, before)
@@ -131,7 +133,7 @@ def _blend_tile(members, start, stop, splats, features, left, top, width, values
             store(values, place, select(alive, after, finished(before)))
             for channel in range(channels):
                 place += LANES
-                store(values, place, fma(splat(flat_features[feature + channel]), weight, load(values, place)))
+                store(values, place, fma(spread(flat_features, feature + channel), weight, load(values, place)))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -47,6 +47,7 @@ from engine.raster.simd import (
     ramp,
     select,
     splat,
+    spread,
     store,
     sub,
     take_ticket,
@@ -94,7 +95,7 @@ def _backward_gaussian(blocks, minus_across, features, feature, channels, values
         blocks &= blocks - np.uint64(1)
         row, place = block // BLOCKS_A_ROW, block * stride
         dx = ramp(np.float32((block % BLOCKS_A_ROW) * LANES) - rows[CENTER + row])
-        exponent = fma(mul(minus_across, dx), dx, splat(rows[PEAK + row]))
+        exponent = fma(mul(minus_across, dx), dx, spread(rows, PEAK + row))
         uncapped = exp2(exponent)
         alpha = select(greater(exponent, floor), minimum(uncapped, ceiling), zero)
         before = load(values, place)
@@ -107,13 +108,13 @@ def _backward_gaussian(blocks, minus_across, features, feature, channels, values
             pull = zero
             for channel in range(channels):
                 grad = load(values, place + (2 + channel) * LANES)
-                pull = fma(splat(features[feature + channel]), grad, pull)
+                pull = fma(spread(features, feature + channel), grad, pull)
                 store(sums, channel * LANES, fma(weight, grad, load(sums, channel * LANES)))
             rest = sub(load(values, place + LANES), mul(weight, pull))
             store(values, place + LANES, rest)
             grad_alpha = sub(mul(before, pull), div(rest, sub(one, alpha)))
             grad_exponent = select(both(alive, greater(ceiling, uncapped)), mul(alpha, grad_alpha), zero)
-            dy = splat(rows[HEIGHT + row])
+            dy = spread(rows, HEIGHT + row)
             by_dx, by_dy = mul(grad_exponent, dx), mul(grad_exponent, dy)
             v, ve, vy = add(v, grad_exponent), add(ve, by_dx), add(vy, by_dy)
             vee, vey, vyy = fma(by_dx, dx, vee), fma(by_dx, dy, vey), fma(by_dy, dy, vyy)
@@ -142,7 +143,10 @@ def blend_backward(
     geometry,
     counter,
 ):
-    """Fill `slots` [visits, MOMENTS + C] for tile rows [first_row, last_row), moments zero unless `geometry`; run by several threads at once."""
+    """Fill `slots` [visits, MOMENTS + C] for tile rows [first_row, last_row); run by several threads at once.
+
+    Without `geometry` the moments are zero.
+    """
     height, width, channels = image.shape
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     stride = (2 + channels) * LANES

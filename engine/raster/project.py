@@ -23,7 +23,8 @@ TILE_WIDTH, TILE_HEIGHT = 32, 16
 
 CHUNK = 512  # Gaussians that a thread takes at once
 
-# Fields of a projected Gaussian, float32 [N, FIELDS]: centre (pixels), k, ½ log2(e) / s and its inverse, ½ log2(e) / c, log2(opacity / MIN_ALPHA).
+# Fields of a projected Gaussian, float32 [N, FIELDS]: centre (pixels), k, ½ log2(e) / s and its inverse, ½ log2(e) / c, and
+# log2(opacity / MIN_ALPHA).
 X, Y, SHEAR, ACROSS, WIDTH, ALONG, HEADROOM = range(7)
 FIELDS = 8  # one is unused, so that a Gaussian lies in one half of a cache line
 # Tiles that it may touch, int32 [N, 4]: columns [LEFT, RIGHT) and rows [TOP, BOTTOM); empty where it is not drawn.
@@ -161,7 +162,8 @@ def project(means, quats, scales, opacities, features, offsets, view, lens, spla
             splats[g, HEADROOM] = math.log2(opacity) - LOG2_MIN_ALPHA
 
 
-# What blending's backward pass sums for a Gaussian over its pixels, with v = ∂L/∂ln α, e = dx − k dy: Σ v, v e, v e², v dy, v e dy, v dy²; then Σ w ∂L/∂C.
+# What blending's backward pass sums for a Gaussian over its pixels, with v = ∂L/∂ln α and e = dx − k dy: Σ v, v e, v e², v dy,
+# v e dy, v dy²; then, for each channel, Σ α T ∂L/∂C.
 V, VE, VEE, VY, VEY, VYY = range(6)
 MOMENTS = 6
 
@@ -194,7 +196,7 @@ def project_backward(
             b1 = _mix(i1, q1, j1, q2, 0.0, q2)
             p0 = (b0[0] * sx, b0[1] * sy, b0[2] * sz)
             p1 = (b1[0] * sx, b1[1] * sy, b1[2] * sz)
-            a, b, c, determinant = _covariance(p0, p1)
+            _, b, c, determinant = _covariance(p0, p1)
 
             # ln α = ln o − ½ (u e)² − ½ dy² / c with precision across u² = c / det
             across, along, shear = c / determinant, 1.0 / c, b / c

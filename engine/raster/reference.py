@@ -58,7 +58,10 @@ def rasterize_reference(
 
 
 def project(means: Tensor, quats: Tensor, scales: Tensor, camera: Camera) -> tuple[Tensor, Tensor, Tensor]:
-    """Pixel centres [N, 2], camera z [N] and pixel covariances [N, 2, 2] (EWA: Σ' = J W Σ Wᵀ Jᵀ + EPS2D I) of Gaussians; z < NEAR is replaced by NEAR."""
+    """Pixel centres [N, 2], camera z [N] and pixel covariances [N, 2, 2] of Gaussians: Σ' = J W Σ Wᵀ Jᵀ + EPS2D I.
+
+    Centres nearer than NEAR are projected as if they were at NEAR; they are not drawn.
+    """
     view = torch.from_numpy(camera.viewmat)
     local = means @ view[:3, :3].T + view[:3, 3]
     x, y, depth = local.unbind(1)

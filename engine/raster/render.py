@@ -46,9 +46,12 @@ def rasterize(
     screen_offsets: Tensor | None = None,
     backend: Backend = "auto",
 ) -> Render:
-    """Draw N Gaussians, nearest first: C = Σᵢ cᵢ αᵢ Πⱼ₌₁..ᵢ₋₁ (1 − αⱼ) with α = min(0.999, o exp(−½ dᵀ Σ'⁻¹ d)), Σ' = J W Σ Wᵀ Jᵀ + 0.3 I.
+    """Draw N Gaussians, nearest first.
 
-    The meaning is that of gsplat 1.5.3's classic mode. Differentiable (once) in everything but the camera; work for inputs that need no gradient is skipped.
+    C = Σᵢ cᵢ αᵢ Tᵢ + T_end background, Tᵢ = Π_{j<i} (1 − αⱼ), α = min(0.999, o exp(−½ dᵀ Σ'⁻¹ d)), Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (pixels²),
+    as in gsplat 1.5.3's classic mode: α below 1/255 is skipped, a pixel is finished before T would fall to 1e-4.
+    Differentiable (once) in everything but the camera; work for inputs that need no gradient is skipped. Any number of threads may
+    draw at once.
 
     Parameters
     ----------
@@ -67,24 +70,24 @@ def rasterize(
     background : float [C] or None
         Seen where light is left. None is zero.
     screen_offsets : float [N, 2] or None
-        Added to the projected centres, pixels; zeros that require a gradient tell how the loss pulls on them. (CUDA decides before adding them whether a
-        Gaussian is outside the picture.)
+        Added to the projected centres, pixels; zeros that require a gradient tell how the loss pulls on them.
+        (CUDA decides before adding them whether a Gaussian is outside the picture.)
     backend : {"auto", "cpu", "cuda", "reference"}
         "auto" follows the tensors' device.
 
     Returns
     -------
     Render
-        float32 whatever the inputs' type: half precision and float64 are computed in float32, and their gradients come back in their own type.
-        The reference computes and returns float64.
+        float32 whatever the inputs' type: half precision and float64 are computed in float32, and gradients come back in the
+        inputs' own type. The reference computes and returns float64.
 
     Notes
     -----
     Input that means nothing is not an error, since optimisers make it:
 
-    - NaN or infinity (or a length above 1.8e19) in anything of a Gaussian, its features included: it is not drawn and its gradients are zero.
+    - NaN or infinity (or a length above 1.8e19) in anything of a Gaussian, features included: it is not drawn, its gradients are zero.
     - Quaternions shorter than 1e-12 are the identity, with zero gradient.
-    - Scales may be zero (a dot of about half a pixel); above 1e4 they count as 1e4, with zero gradient.
+    - Scales may be zero (a dot of about half a pixel); above 1e4 they count as 1e4, with zero gradient. They should not be negative.
     - Opacities are clamped to [0, 1], with zero gradient outside; under 1/255 nothing is drawn.
     - Centres with camera z < 0.01 or > 1e10 (units of the means) are not drawn.
     - N may be 0; pictures may be 1 × 1.
@@ -97,18 +100,17 @@ def rasterize(
     _check(means, quats, scales, opacities, features, camera, background, screen_offsets)
     if backend == "auto":
         backend = "cuda" if means.is_cuda else "cpu"
-    arguments = (means, quats, scales, opacities, features, camera, background, screen_offsets)
-    if backend == "reference":
-        from engine.raster.reference import rasterize_reference as draw
-    elif backend == "cpu":
-        from engine.raster.cpu import rasterize_cpu as draw
-    elif backend == "cuda":
-        from engine.raster.cuda import rasterize_cuda as draw
-    else:
+    if backend not in ("cpu", "cuda", "reference"):
         raise ValueError(f"backend is {backend!r}; use one of 'auto', 'cpu', 'cuda', 'reference'")
     if means.is_cuda != (backend == "cuda"):
         raise ValueError(f"back end {backend!r} cannot draw tensors on {means.device}; move them, or use backend='auto'")
-    return Render(*draw(*arguments))
+    if backend == "cuda":
+        from engine.raster.cuda import rasterize_cuda as draw
+    elif backend == "cpu":
+        from engine.raster.cpu import rasterize_cpu as draw
+    else:
+        from engine.raster.reference import rasterize_reference as draw
+    return Render(*draw(means, quats, scales, opacities, features, camera, background, screen_offsets))
 
 
 def camera_depths(means: Tensor, camera: Camera) -> Tensor:

@@ -1,8 +1,8 @@
 """Eight float32 lanes in numba kernels.
 
-Numba vectorises only what LLVM's loop vectoriser recognises, and a masked blend of eight neighbouring pixels is beyond it. Here is a `Float8` value
-and the few operations that the blending kernels need, each a handful of LLVM vector instructions: AVX on x86, NEON on ARM, SSE where there is no better.
-Loads, stores and the counter do not check bounds.
+Numba vectorises only what LLVM's loop vectoriser recognises, and a masked blend of eight neighbouring pixels is beyond it. Here
+is a `Float8` value and the few operations that the blending kernels need, each a handful of LLVM vector instructions: AVX on
+x86, NEON on ARM, SSE where there is no better. Loads, stores and the counter do not check bounds.
 """
 
 from __future__ import annotations
@@ -214,6 +214,16 @@ def load(typing, array, index):
     def codegen(context, builder, signature, values):
         pointer = _pointer(context, builder, signature.args[0], values[0], values[1], _VECTOR)
         return builder.load(pointer, align=4)
+
+    return float8(array, types.intp), codegen
+
+
+@intrinsic
+def spread(typing, array, index):
+    """One number of a contiguous float32 array, by flat index, in every lane."""
+
+    def codegen(context, builder, signature, values):
+        return _broadcast(builder, builder.load(_pointer(context, builder, signature.args[0], values[0], values[1], _FLOAT)))
 
     return float8(array, types.intp), codegen
 

@@ -1,0 +1,244 @@
+"""Do all back ends agree with the float64 reference?
+
+`python -m engine.raster.check` prints a table of values, gradients and hostile input, and the speed on a GPU if there is one. The
+exit status is 1 if a row fails. Where a Gaussian's alpha lies within rounding of 1/255 a pixel may be off by 1/255, so a few such
+pixels are allowed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from engine.camera import Camera
+from engine.raster.render import Render, rasterize
+from engine.raster.scenes import random_scene
+
+INPUTS = ("means", "quats", "scales", "opacities", "features", "background", "offsets")
+IMAGE_TOLERANCE, OUTLIERS, OUTLIER_TOLERANCE, GRADIENT_TOLERANCE = 1e-3, 2e-3, 6e-3, 1e-2
+
+
+@dataclass
+class Case:
+    """Gaussians to draw: tensors in the order of INPUTS (the last two may be None), and which of them need gradients."""
+
+    name: str
+    tensors: list[Tensor | None]
+    camera: Camera
+    wanted: tuple[str, ...] = INPUTS
+
+
+@dataclass
+class Comparison:
+    """Distance of a back end from the reference.
+
+    Attributes
+    ----------
+    image, alpha : float
+        Greatest difference of a pixel.
+    outliers : float
+        Share of pixels whose image differs by more than IMAGE_TOLERANCE.
+    radii : int
+        Gaussians drawn by only one of the two, or with boxes that differ by more than the rounding to whole pixels.
+    gradients : dict of str to float
+        ‖g − g_ref‖ / ‖g_ref‖ by input.
+    finite : bool
+        Every output is finite.
+    """
+
+    image: float
+    outliers: float
+    alpha: float
+    radii: int
+    gradients: dict[str, float] = field(default_factory=dict)
+    finite: bool = True
+
+    @property
+    def passes(self) -> bool:
+        image = self.outliers <= OUTLIERS and max(self.image, self.alpha) <= OUTLIER_TOLERANCE
+        return self.finite and image and self.radii == 0 and all(error <= GRADIENT_TOLERANCE for error in self.gradients.values())
+
+
+def draw(case: Case, device: str, backend: str = "auto") -> tuple[Render, dict[str, Tensor]]:
+    """The picture, and gradients of a fixed random loss over image and alpha for the wanted inputs."""
+    tensors = [
+        None if tensor is None else tensor.detach().to(device).requires_grad_(name in case.wanted)
+        for name, tensor in zip(INPUTS, case.tensors, strict=True)
+    ]
+    render = rasterize(*tensors[:5], case.camera, background=tensors[5], screen_offsets=tensors[6], backend=backend)
+    generator = torch.Generator().manual_seed(1)
+    image_pull, alpha_pull = (torch.randn(part.shape, generator=generator).to(part) for part in (render.image, render.alpha))
+    loss = (render.image * image_pull).sum() + (render.alpha * alpha_pull).sum()
+    if loss.requires_grad:
+        loss.backward()
+    return render, {
+        name: tensor.grad for name, tensor in zip(INPUTS, tensors, strict=True) if tensor is not None and tensor.grad is not None
+    }
+
+
+def compare(case: Case, device: str, backend: str = "auto") -> Comparison:
+    """Draw on a device and by the reference, and measure the distance."""
+    render, gradients = draw(case, device, backend)
+    truth, true_gradients = draw(case, "cpu", "reference")
+    error = (render.image.detach().cpu() - truth.image.detach()).abs()
+    errors = {}
+    for name, true in true_gradients.items():
+        got = gradients[name].cpu().double()
+        errors[name] = ((got - true).norm() / true.norm().clamp(min=1e-6)).item()
+    far_radii = ((render.radii.cpu() - truth.radii).abs() > 1) | ((render.radii.cpu() > 0) != (truth.radii > 0))
+    outputs = [render.image, render.alpha, *gradients.values()]
+    return Comparison(
+        image=error.max().item(),
+        outliers=(error.amax(2) > IMAGE_TOLERANCE).double().mean().item(),
+        alpha=(render.alpha.detach().cpu() - truth.alpha.detach()).abs().max().item(),
+        radii=int(far_radii.sum()),
+        gradients=errors,
+        finite=all(bool(output.isfinite().all()) for output in outputs),
+    )
+
+
+def cases(seed: int) -> Iterator[Case]:
+    """Well-behaved scenes: sizes, channels, cameras, and combinations of gradients."""
+
+    def case(name: str, count: int, width: int, height: int, channels: int, **options) -> Case:
+        tensors, camera = random_scene(count, width, height, channels, seed, **options)
+        generator = torch.Generator().manual_seed(seed + 1)
+        return Case(name, [*tensors, torch.rand(channels, generator=generator), torch.randn(count, 2, generator=generator) * 0.1], camera)
+
+    plain = case("plain, 4 channels", 400, 96, 72, 4)
+    yield plain
+    yield replace(plain, name="no background, no offsets", tensors=[*plain.tensors[:5], None, None])
+    yield replace(plain, name="features only need gradients", wanted=("features",))
+    yield replace(plain, name="geometry only needs gradients", wanted=("means", "quats", "scales", "opacities"))
+    yield case("turned camera", 400, 96, 72, 3, turned=True)
+    yield case("small Gaussians", 400, 97, 71, 4, footprint=0.3)
+    yield case("large Gaussians, edges clamped", 100, 65, 49, 4, footprint=30.0, turned=True)
+    yield case("dense: pixels finish early", 2500, 33, 35, 4, footprint=4.0)
+    for channels in (1, 2, 5, 7, 20, 33, 64, 70):
+        yield case(f"{channels} channels", 150, 47, 31, channels)
+    for width, height in ((1, 1), (2, 17), (31, 16), (33, 17)):
+        yield case(f"{width} × {height} pixels", 60, width, height, 3, footprint=1.5)
+
+
+def hostile_cases(seed: int) -> Iterator[Case]:
+    """Input that optimisers and files produce and nobody wants, each mixed into a sound scene."""
+    nan, inf = torch.nan, torch.inf
+    changes: list[tuple[str, str, Callable[[Tensor], Tensor]]] = [
+        ("zero quaternions", "quats", lambda quats: quats[::3].zero_()),
+        ("tiny quaternions", "quats", lambda quats: quats[::3].mul_(1e-20)),
+        ("NaN quaternions", "quats", lambda quats: quats[::3, 2].fill_(nan)),
+        ("scales 0", "scales", lambda scales: scales[::3].zero_()),
+        ("scales 1e-12", "scales", lambda scales: scales[::3].fill_(1e-12)),
+        ("scales 1e6", "scales", lambda scales: scales[::40].fill_(1e6)),
+        ("infinite scales", "scales", lambda scales: scales[::3, 0].fill_(inf)),
+        ("NaN scales", "scales", lambda scales: scales[::3, 0].fill_(nan)),
+        ("opacity 0", "opacities", lambda opacities: opacities[::3].zero_()),
+        ("opacity 1", "opacities", lambda opacities: opacities[::3].fill_(1.0)),
+        ("opacity outside [0, 1]", "opacities", lambda opacities: opacities[::3].mul_(9.0).sub_(3.0)),
+        ("NaN opacities", "opacities", lambda opacities: opacities[::3].fill_(nan)),
+        ("infinite opacities", "opacities", lambda opacities: opacities[::3].fill_(inf)),
+        ("at the camera", "means", lambda means: means[::3].zero_()),
+        ("behind the camera", "means", lambda means: means[::3, 2].mul_(-1.0)),
+        ("all behind the camera", "means", lambda means: means[:, 2].mul_(-1.0)),
+        ("far away", "means", lambda means: means[::3].mul_(1e12)),
+        ("NaN means", "means", lambda means: means[::3, 1].fill_(nan)),
+        ("infinite means", "means", lambda means: means[::3, 0].fill_(inf)),
+        ("NaN features", "features", lambda features: features[::3, -1].fill_(nan)),
+        ("all features infinite", "features", lambda features: features.fill_(inf)),
+    ]
+    for name, changed, change in changes:
+        tensors, camera = random_scene(200, 47, 33, 4, seed)
+        change(tensors[INPUTS.index(changed)])
+        yield Case(name, [*tensors, torch.rand(4), torch.zeros(200, 2)], camera)
+    tensors, camera = random_scene(200, 47, 33, 4, seed)
+    offsets = torch.zeros(200, 2)
+    offsets[::3] = torch.nan
+    yield Case("NaN offsets", [*tensors, None, offsets], camera)
+    yield Case("no Gaussians", [*(tensor[:0] for tensor in tensors), torch.rand(4), torch.zeros(0, 2)], camera)
+    wide = torch.cat([tensors[0], tensors[0]], 1)[:, :3]
+    yield Case("not contiguous", [wide, tensors[1].flip(1), tensors[2].T.contiguous().T, tensors[3], tensors[4], None, None], camera)
+
+
+def _time(work: Callable[[], None], repeats: int = 60) -> float:
+    """Median milliseconds of GPU work, by events."""
+    for _ in range(10):
+        work()
+    times = []
+    for _ in range(repeats):
+        begin, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+        begin.record()
+        work()
+        end.record()
+        end.synchronize()
+        times.append(begin.elapsed_time(end))
+    return sorted(times)[repeats // 2]
+
+
+def time_cuda(count: int = 100_000, width: int = 854, height: int = 480) -> None:
+    """Print the speed on the GPU, beside gsplat's own entry point."""
+    from gsplat import rasterization
+
+    from engine.raster.camera_tensors import intrinsic_matrix, view_matrix
+
+    print(f"\n{count} Gaussians, {width} × {height}, median of 60: forward / forward and backward / backward of features only, ms")
+    for channels in (4, 20):
+        tensors, camera = random_scene(count, width, height, channels, 0, footprint=2.0)
+        tensors = [tensor.cuda() for tensor in tensors]
+        leaves = [tensor.clone().requires_grad_() for tensor in tensors]
+        offsets = torch.zeros(count, 2, device="cuda", requires_grad=True)
+        pull = torch.randn(height, width, channels, device="cuda")
+        view, lens = view_matrix(camera, tensors[0].device)[None], intrinsic_matrix(camera, tensors[0].device)[None]
+
+        def ours(tensors=tensors, camera=camera) -> None:
+            with torch.no_grad():
+                rasterize(*tensors, camera)
+
+        def ours_backward(leaves=leaves, offsets=offsets, camera=camera, pull=pull) -> None:
+            rasterize(*leaves, camera, screen_offsets=offsets).image.backward(pull)
+
+        def ours_features(tensors=tensors, leaves=leaves, camera=camera, pull=pull) -> None:
+            rasterize(*tensors[:4], leaves[4], camera).image.backward(pull)
+
+        def theirs(tensors=tensors, view=view, lens=lens) -> None:
+            with torch.no_grad():
+                rasterization(*tensors, view, lens, width, height, near_plane=0.01, packed=False)
+
+        def theirs_backward(leaves=leaves, view=view, lens=lens, pull=pull) -> None:
+            rasterization(*leaves, view, lens, width, height, near_plane=0.01, packed=False)[0][0].backward(pull)
+
+        print(f"{channels:3d} channels: ours {_time(ours):.3f} / {_time(ours_backward):.3f} / {_time(ours_features):.3f}", end="")
+        print(f"   gsplat.rasterization {_time(theirs):.3f} / {_time(theirs_backward):.3f}")
+
+
+def main() -> int:
+    """Print the tables; 1 if anything fails."""
+    torch.manual_seed(0)
+    failures = 0
+    devices = ["cpu"] + (["cuda"] if torch.cuda.is_available() else [])
+    print(
+        f"torch {torch.__version__}, {torch.get_num_threads()} threads" + (f", {torch.cuda.get_device_name()}" if len(devices) > 1 else "")
+    )
+    for device in devices:
+        for title, group in (("scenes", cases), ("hostile input", hostile_cases)):
+            print(f"\n{device}: {title}\n{'':34s}{'image':>9s}{'>1e-3':>9s}{'alpha':>9s}{'radii':>6s}  relative gradient errors")
+            for seed in (11, 12) if title == "scenes" else (11,):
+                for case in group(seed):
+                    result = compare(case, device)
+                    errors = " ".join(f"{name} {error:.1e}" for name, error in result.gradients.items())
+                    verdict = "" if result.passes else "   FAILS" + ("" if result.finite else " (not finite)")
+                    print(
+                        f"{case.name:34s}{result.image:9.1e}{result.outliers:9.1e}{result.alpha:9.1e}{result.radii:6d}  {errors}{verdict}"
+                    )
+                    failures += not result.passes
+    if len(devices) > 1:
+        time_cuda()
+    print(f"\n{failures} rows fail" if failures else "\nall rows pass")
+    return min(failures, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
