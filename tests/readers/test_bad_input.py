@@ -56,10 +56,11 @@ def test_a_folder_around_clips_or_a_video(tmp_path):
     fails(tmp_path / "b", "holds the video op.mp4")
 
 
-def test_truncated_png_is_found_on_opening(endonerf):
-    file = endonerf / "images/000003.png"
+def test_truncated_png_is_found_on_opening(tmp_path):
+    write_frames(tmp_path, np.random.default_rng(12), 40)
+    file = tmp_path / "000019.png"  # not one of the frames that opening looks at
     file.write_bytes(file.read_bytes()[:-400])
-    fails(endonerf, "000003.png", "cut short or damaged")
+    fails(tmp_path, "000019.png", "cut short or damaged")
 
 
 def test_truncated_jpeg_is_found_on_opening(tmp_path):

@@ -63,11 +63,23 @@ def test_highlights_and_dark_tools_do_not_dent_the_depth():
     spoiled = rgb.copy()
     for x, y in rng.integers(20, 236, (25, 2)):
         cv2.circle(spoiled, (int(x), int(y)), 3, (255, 252, 250), -1)
-    cv2.line(spoiled, (WIDTH, 40), (180, 130), (14, 14, 15), 22)
-    cv2.line(spoiled, (0, 200), (90, 150), (120, 121, 123), 18)
+    cv2.line(spoiled, (WIDTH, 40), (180, 130), (46, 26, 23), 30)
+    cv2.line(spoiled, (0, 200), (90, 150), (75, 76, 78), 40)
     ratio = prior.depth(spoiled, EVERYWHERE, EVERYWHERE) / clean
     assert np.percentile(np.abs(np.log(ratio)), 95) < 0.08
     assert np.abs(np.log(ratio)).max() < 0.25
+
+
+def test_highlights_on_pale_tissue_do_not_dent_the_depth():
+    rng = np.random.default_rng(10)
+    depth, normal = wall([0, 0, 1])
+    rgb = lit(depth, normal, rng)
+    rgb = np.repeat(rgb.max(axis=2, keepdims=True), 3, axis=2)  # no colour to tell a highlight by
+    prior = DepthPrior([rgb], [EVERYWHERE], CAMERA)
+    spoiled = rgb.copy()
+    cv2.circle(spoiled, (160, 120), 30, (255, 255, 255), -1)
+    ratio = prior.depth(spoiled, EVERYWHERE, EVERYWHERE) / prior.depth(rgb, EVERYWHERE, EVERYWHERE)
+    assert np.abs(np.log(ratio)).max() < 0.06
 
 
 def test_masked_tools_take_the_depth_of_their_surroundings():

@@ -63,6 +63,15 @@ def test_the_user_has_the_last_word(tmp_path):
     assert "255 = keep (as set" in clip.provenance["masks"]
 
 
+def test_an_empty_mask_leaves_nothing_out_whatever_the_polarity(tmp_path):
+    rng = np.random.default_rng(12)
+    masks = [~tool(i) for i in range(4)]
+    masks[2] = np.zeros((HEIGHT, WIDTH), bool)
+    clip = open_clip(write(tmp_path, [m * 255 for m in masks], operated(rng, 4)), ClipOptions(mask_means="keep"))
+    assert clip.valid(2).all()
+    np.testing.assert_array_equal(clip.valid(1), ~tool(1))
+
+
 def test_ambiguous_masks_are_called_an_assumption(tmp_path):
     rng = np.random.default_rng(6)
     half = np.zeros((HEIGHT, WIDTH), bool)
@@ -82,10 +91,10 @@ def test_empty_and_full_masks_leave_nothing_out(tmp_path):
 
 def test_a_tool_in_one_frame_of_many_is_found(tmp_path):
     masks = [np.zeros((HEIGHT, WIDTH), bool)] * 40
-    masks[17] = tool(2)  # not among the frames that are sampled by position
+    masks[19] = tool(2)  # not among the frames that are sampled by position
     clip = open_clip(write(tmp_path, [m * 255 for m in masks], operated(np.random.default_rng(8), 40)))
     assert "255 = tool" in clip.provenance["masks"]
-    np.testing.assert_array_equal(clip.valid(17), ~tool(2))
+    np.testing.assert_array_equal(clip.valid(19), ~tool(2))
     assert clip.valid(0).all()
 
 
