@@ -1,0 +1,70 @@
+"""`degense doctor` tells the truth about this machine, and about worse ones."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import cv2
+import pytest
+import torch
+
+from app import doctor
+from tests.house.source import ROOT
+
+
+def test_a_sound_machine(own_folders):
+    text, ok = doctor.report()
+    assert ok, text
+    assert text.endswith("Nothing is missing.\nFor research; not a medical device.")
+    for name, said in {"PyTorch": torch.__version__, "OpenCV": cv2.__version__, "Folders": str(own_folders)}.items():
+        line = next(line for line in text.splitlines() if f" {name} " in line)
+        assert said in line
+
+
+def test_what_is_missing_is_named(monkeypatch, tmp_path):
+    monkeypatch.delattr(cv2, "ximgproc")
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "file"))
+    text, ok = doctor.report()
+    assert not ok
+    assert "To be mended: OpenCV, Folders." in text
+    assert "opencv-contrib-python-headless" in text
+
+
+@pytest.mark.parametrize(
+    ("version", "python", "refused"),
+    [
+        ("6.12.0", (3, 11), True),
+        ("6.12.3", (3, 10), True),
+        ("6.12.0", (3, 12), False),
+        ("6.11.3", (3, 11), False),
+        ("6.8.0", (3, 10), False),
+    ],
+)
+def test_the_qt_that_loses_references(version, python, refused):
+    problem = doctor.qt_problem(version, python)
+    assert (problem is not None) is refused
+    assert not problem or (version in problem and "PySide6-Essentials<6.12" in problem)
+
+
+def test_a_display_that_cannot_be_opened(monkeypatch):
+    monkeypatch.setenv("DISPLAY", ":98765")
+    monkeypatch.setenv("QT_QPA_PLATFORM", "xcb")
+    finding = doctor.CHECKS["Qt"]()
+    assert finding.state == "missing"
+    assert "cannot open a window" in finding.text
+
+
+def test_no_display_is_no_fault(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    finding = doctor.CHECKS["Qt"]()
+    assert finding.state == "note"
+    assert "no display" in finding.text
+
+
+def test_it_does_not_start_a_compilation():
+    """With a CUDA compiler and no GPU, importing gsplat alone would compile for minutes."""
+    code = "import sys; from app.doctor import report; report(); sys.exit('gsplat' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
