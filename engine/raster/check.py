@@ -150,15 +150,16 @@ def hostile_cases(seed: int) -> Iterator[Case]:
         ("NaN features", "features", lambda features: features[::3, -1].fill_(nan)),
         ("all features infinite", "features", lambda features: features.fill_(inf)),
     ]
+    background = torch.linspace(0.1, 0.7, 4)
     for name, changed, change in changes:
         tensors, camera = random_scene(200, 47, 33, 4, seed)
         change(tensors[INPUTS.index(changed)])
-        yield Case(name, [*tensors, torch.rand(4), torch.zeros(200, 2)], camera)
+        yield Case(name, [*tensors, background, torch.zeros(200, 2)], camera)
     tensors, camera = random_scene(200, 47, 33, 4, seed)
     offsets = torch.zeros(200, 2)
     offsets[::3] = torch.nan
     yield Case("NaN offsets", [*tensors, None, offsets], camera)
-    yield Case("no Gaussians", [*(tensor[:0] for tensor in tensors), torch.rand(4), torch.zeros(0, 2)], camera)
+    yield Case("no Gaussians", [*(tensor[:0] for tensor in tensors), background, torch.zeros(0, 2)], camera)
     wide = torch.cat([tensors[0], tensors[0]], 1)[:, :3]
     yield Case("not contiguous", [wide, tensors[1].flip(1), tensors[2].T.contiguous().T, tensors[3], tensors[4], None, None], camera)
 

@@ -123,7 +123,7 @@ def _blend(
         alpha = torch.where(alpha >= MIN_ALPHA, alpha, 0.0)
         alpha = torch.where(torch.cumprod(1 - alpha, 1) > MIN_TRANSMITTANCE, alpha, 0.0)
         after = torch.cumprod(1 - alpha, 1)
-        before = torch.cat([torch.ones_like(after[:, :1]), after], 1)
+        before = torch.cat([after.new_ones(after.shape[0], 1), after], 1)
         left = before[:, -1]
         image = (alpha * before[:, :-1]) @ features
         if background is not None:

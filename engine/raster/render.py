@@ -102,7 +102,7 @@ def rasterize(
         backend = "cuda" if means.is_cuda else "cpu"
     if backend not in ("cpu", "cuda", "reference"):
         raise ValueError(f"backend is {backend!r}; use one of 'auto', 'cpu', 'cuda', 'reference'")
-    if means.is_cuda != (backend == "cuda"):
+    if means.device.type != ("cuda" if backend == "cuda" else "cpu"):
         raise ValueError(f"back end {backend!r} cannot draw tensors on {means.device}; move them, or use backend='auto'")
     if backend == "cuda":
         from engine.raster.cuda import rasterize_cuda as draw
@@ -132,9 +132,8 @@ def _check(
 ) -> None:
     """ValueError unless shapes, types and devices fit together."""
     if means.ndim != 2 or features.ndim != 2 or features.shape[1] < 1:
-        raise ValueError(
-            f"means must be [N, 3] and features [N, C] with C ≥ 1, but they are {list(means.shape)} and {list(features.shape)}"
-        )
+        shapes = f"{list(means.shape)} and {list(features.shape)}"
+        raise ValueError(f"means must have shape [N, 3] and features [N, C] with C ≥ 1, but they have {shapes}")
     count, channels = means.shape[0], features.shape[1]
     expected: dict[str, tuple[Tensor | None, tuple[int, ...]]] = {
         "means": (means, (count, 3)),

@@ -1,0 +1,14 @@
+"""The gsplat back end against the reference, where there is a GPU."""
+
+import pytest
+import torch
+
+from engine.raster.check import cases, compare, hostile_cases
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+
+
+@pytest.mark.parametrize("case", [*cases(31), *hostile_cases(32)], ids=lambda case: case.name)
+def test_agrees_with_the_reference(case):
+    result = compare(case, "cuda")
+    assert result.passes, result
