@@ -44,7 +44,7 @@ def rasterize_cuda(
         means,
         None,
         quats,
-        scales.clamp(max=MAX_SCALE),
+        scales.clamp(-MAX_SCALE, MAX_SCALE),
         view_matrix(camera, device)[None],
         intrinsic_matrix(camera, device)[None],
         width,

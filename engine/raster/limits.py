@@ -19,7 +19,7 @@ MAX_EXTENT = 3.33
 """Half width of a Gaussian's box in standard deviations at most (an opaque Gaussian falls under MIN_ALPHA there)."""
 
 MAX_SCALE = 1e4
-"""Larger scales count as this: all of them are flat across the image, and float32 covariances stay finite."""
+"""Larger scales count as this, of either sign, since only squares matter: all are flat across the image, and float32 stays finite."""
 
 MIN_QUAT = 1e-12
 """Shorter quaternions count as the identity."""

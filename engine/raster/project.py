@@ -94,7 +94,7 @@ def _slope(ratio, focal, principal, size):
 
 @njit(nogil=True, error_model="numpy")
 def _scale(g, scales, axis):
-    return min(MAX_SCALE, np.float64(scales[g, axis]))
+    return max(-MAX_SCALE, min(MAX_SCALE, np.float64(scales[g, axis])))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -213,11 +213,11 @@ def project_backward(
             # Σ' = P Pᵀ, P = B S, B = J Q
             grad_p0 = _mix(2.0 * grad_a, p0, grad_b, p1, 0.0, p1)
             grad_p1 = _mix(grad_b, p0, 2.0 * grad_c, p1, 0.0, p1)
-            if scales[g, 0] <= MAX_SCALE:
+            if abs(scales[g, 0]) <= MAX_SCALE:
                 grad_scales[g, 0] = grad_p0[0] * b0[0] + grad_p1[0] * b1[0]
-            if scales[g, 1] <= MAX_SCALE:
+            if abs(scales[g, 1]) <= MAX_SCALE:
                 grad_scales[g, 1] = grad_p0[1] * b0[1] + grad_p1[1] * b1[1]
-            if scales[g, 2] <= MAX_SCALE:
+            if abs(scales[g, 2]) <= MAX_SCALE:
                 grad_scales[g, 2] = grad_p0[2] * b0[2] + grad_p1[2] * b1[2]
             grad_b0 = (grad_p0[0] * sx, grad_p0[1] * sy, grad_p0[2] * sz)
             grad_b1 = (grad_p1[0] * sx, grad_p1[1] * sy, grad_p1[2] * sz)

@@ -44,21 +44,21 @@ def rasterize_reference(
     # Gaussians that are not drawn take no part from here on, so that nothing of theirs, NaN least of all, reaches a gradient.
     index = drawn.nonzero()[:, 0]
     means, quats, scales, opacities, features = means[index], quats[index], scales[index], opacities[index].clamp(0, 1), features[index]
-    center, depth, covariance = project(means, quats, scales, camera)
+    center, depth, covariance, precision = project(means, quats, scales, camera)
     if screen_offsets is not None:
         center = center + screen_offsets[index]
 
     radii = _radii(center, depth, covariance, opacities, camera)
     visible = (radii > 0).nonzero()[:, 0]
     visible = visible[torch.sort(depth[visible].float(), stable=True).indices]
-    image, alpha = _blend(center[visible], covariance[visible], opacities[visible], features[visible], camera, background)
+    image, alpha = _blend(center[visible], precision[visible], opacities[visible], features[visible], camera, background)
     all_radii = torch.zeros(drawn.shape[0], dtype=torch.int32)
     all_radii[index] = radii
     return image, alpha, all_radii
 
 
-def project(means: Tensor, quats: Tensor, scales: Tensor, camera: Camera) -> tuple[Tensor, Tensor, Tensor]:
-    """Pixel centres [N, 2], camera z [N] and pixel covariances [N, 2, 2] of Gaussians: Σ' = J W Σ Wᵀ Jᵀ + EPS2D I.
+def project(means: Tensor, quats: Tensor, scales: Tensor, camera: Camera) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Pixel centres [N, 2], camera z [N], pixel covariances Σ' = J W Σ Wᵀ Jᵀ + EPS2D I [N, 2, 2] of Gaussians, and their inverses.
 
     Centres nearer than NEAR are projected as if they were at NEAR; they are not drawn.
     """
@@ -73,10 +73,18 @@ def project(means: Tensor, quats: Tensor, scales: Tensor, camera: Camera) -> tup
     zero = torch.zeros_like(z)
     jacobian = torch.stack([camera.fx / z, zero, -camera.fx * tx / z**2, zero, camera.fy / z, -camera.fy * ty / z**2], 1).reshape(-1, 2, 3)
 
-    half = jacobian @ view[:3, :3] @ rotation_matrices(quats) * scales.clamp(max=MAX_SCALE)[:, None, :]
+    half = jacobian @ view[:3, :3] @ rotation_matrices(quats) * scales.clamp(-MAX_SCALE, MAX_SCALE)[:, None, :]
     covariance = half @ half.mT + EPS2D * torch.eye(2, dtype=torch.float64)
     center = torch.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], 1)
-    return center, depth, covariance
+    return center, depth, covariance, _precision(half, covariance)
+
+
+def _precision(half: Tensor, covariance: Tensor) -> Tensor:
+    """Inverse of P Pᵀ + EPS2D I, whose determinant |p₀ × p₁|² + EPS2D tr P Pᵀ + EPS2D² is summed without the cancellation of a c − b²."""
+    across = torch.linalg.cross(half[:, 0], half[:, 1]).square().sum(1)
+    determinant = across + EPS2D * half.square().sum((1, 2)) + EPS2D**2
+    (a, b), (_, c) = (row.unbind(1) for row in covariance.unbind(1))
+    return torch.stack([c, -b, -b, a], 1).reshape(-1, 2, 2) / determinant[:, None, None]
 
 
 def rotation_matrices(quats: Tensor) -> Tensor:
@@ -109,10 +117,9 @@ def _radii(center: Tensor, depth: Tensor, covariance: Tensor, opacities: Tensor,
 
 
 def _blend(
-    center: Tensor, covariance: Tensor, opacities: Tensor, features: Tensor, camera: Camera, background: Tensor | None
+    center: Tensor, precision: Tensor, opacities: Tensor, features: Tensor, camera: Camera, background: Tensor | None
 ) -> tuple[Tensor, Tensor]:
     """Alpha-blend Gaussians, nearest first, over all pixels, a chunk of pixels at a time."""
-    precision = torch.linalg.inv(covariance)
     ys, xs = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
     pixels = torch.stack([xs.reshape(-1), ys.reshape(-1)], 1).double()
     images, alphas = [], []

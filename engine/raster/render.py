@@ -87,7 +87,8 @@ def rasterize(
 
     - NaN or infinity (or a length above 1.8e19) in anything of a Gaussian, features included: it is not drawn, its gradients are zero.
     - Quaternions shorter than 1e-12 are the identity, with zero gradient.
-    - Scales may be zero (a dot of about half a pixel); above 1e4 they count as 1e4, with zero gradient. They should not be negative.
+    - Scales may be zero (a dot of about half a pixel); above 1e4 they count as 1e4, with zero gradient. Their sign is without
+      meaning.
     - Opacities are clamped to [0, 1], with zero gradient outside; under 1/255 nothing is drawn.
     - Centres with camera z < 0.01 or > 1e10 (units of the means) are not drawn.
     - N may be 0; pictures may be 1 × 1.
