@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from jaxtyping import install_import_hook
 
 # Read when torch and numba are imported. Two, so that threads really run, and results and timings do not depend on the machine's size.
 os.environ.setdefault("OMP_NUM_THREADS", "2")
@@ -19,6 +21,16 @@ ROOT = Path(__file__).resolve().parent.parent
 
 #: A test may be skipped only for a reason that begins with one of these. Every other skip fails: it would hide a test that nobody runs.
 ALLOWED_SKIPS = ("needs CUDA", "real clips absent", "the superuser may read everything")
+
+# Shapes that the engine states with jaxtyping are checked at every call. Only there: wrapped functions are lost to numba's compiler.
+install_import_hook(
+    [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for path in (ROOT / "engine").rglob("*.py")
+        if re.search(r"^(from|import) jaxtyping\b", path.read_text(encoding="utf-8"), re.MULTILINE)
+    ],
+    "beartype.beartype",
+)
 
 _passed = pytest.StashKey[bool]()
 

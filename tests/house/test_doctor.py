@@ -68,3 +68,15 @@ def test_it_does_not_start_a_compilation():
     """With a CUDA compiler and no GPU, importing gsplat alone would compile for minutes."""
     code = "import sys; from app.doctor import report; report(); sys.exit('gsplat' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
+
+
+@pytest.mark.parametrize(("compiled", "state"), [(True, "ok"), (False, "note")])
+def test_the_kernels_of_a_gpu(monkeypatch, tmp_path, compiled, state):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setenv("TORCH_EXTENSIONS_DIR", str(tmp_path))
+    if compiled:
+        (tmp_path / "py311" / "gsplat_cuda").mkdir(parents=True)
+        (tmp_path / "py311" / "gsplat_cuda" / "gsplat_cuda.so").touch()
+    finding = doctor.CHECKS["gsplat"]()
+    assert finding.state == state
+    assert ("are compiled" in finding.text) is compiled
