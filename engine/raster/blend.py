@@ -1,9 +1,9 @@
-"""Blending forward: every tile walks its Gaussians from the nearest, eight pixels of a row at a time.
+"""Blending forward: every tile walks its Gaussians from the nearest, sixteen pixels at a time.
 
-A tile is 16 rows of 4 blocks of 8 pixels, so that a set of its blocks is one 64-bit number. A Gaussian visits exactly the
-blocks that its ellipse of alpha ≥ MIN_ALPHA touches and that are not finished yet. A block's numbers lie side by side in the
-cache: eight transmittances, then eight values of each channel. A finished pixel's transmittance is kept with its sign turned,
-so that it passes no test again.
+A tile is 8 × 4 blocks of 8 × 2 pixels, so that a set of its blocks fits one 64-bit number. A Gaussian visits only the blocks that
+its ellipse of alpha ≥ MIN_ALPHA touches and that are not finished yet. A block's numbers lie side by side in the cache: its
+transmittances, then its values of each channel. A finished pixel's transmittance is kept with its sign turned, so that it passes
+no test again.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from engine.raster.project import ACROSS, ALONG, HEADROOM, LOG2_MIN_ALPHA, SHEAR
 from engine.raster.simd import (
     LANES,
     add,
-    blocks_between,
     exp2,
     finished,
     fma,
@@ -29,6 +28,7 @@ from engine.raster.simd import (
     ramp,
     select,
     some,
+    spans_as_bits,
     splat,
     spread,
     sqrt,
@@ -37,43 +37,62 @@ from engine.raster.simd import (
     take_ticket,
 )
 
+BLOCK_WIDTH, BLOCK_HEIGHT = 8, 2
 AREA = TILE_WIDTH * TILE_HEIGHT
-BLOCKS_A_ROW = TILE_WIDTH // LANES
+BLOCKS = AREA // LANES
 CHECK_EVERY = 16  # Gaussians between two looks at which blocks of a tile are finished
 
-# A Gaussian's rows in a tile, float32 [3 TILE_HEIGHT]: dy, the x of the ridge (from the tile's first pixel), log2 of alpha there.
-HEIGHT, CENTER, PEAK = 0, TILE_HEIGHT, 2 * TILE_HEIGHT
-ROW_NUMBERS = 3 * TILE_HEIGHT
+# Constants of the pixel grid, float32 [GRID_NUMBERS]: x and y of a block's pixels from its first, then x and y of each block from
+# the tile's first pixel. A block is named by its bit: 8 (row of blocks) + column of blocks.
+GRID_X, GRID_Y, GRID_BLOCK_X, GRID_BLOCK_Y = 0, LANES, 2 * LANES, 2 * LANES + 64
+GRID_NUMBERS = 2 * LANES + 2 * 64
 
 MIN_LEVEL = np.float32(LOG2_MIN_ALPHA)
 MAX_ALPHA32 = np.float32(MAX_ALPHA)
 MIN_TRANSMITTANCE32 = np.float32(MIN_TRANSMITTANCE)
 _HALF, _ZERO, _ONE = np.float32(0.5), np.float32(0.0), np.float32(1.0)
 _SLACK = np.float32(1e-3)  # pixels; the exact test is made at each pixel
+_EVEN_ROWS = np.uint64(0x0F0F0F0F0F0F0F0F)
 
 
 @njit(nogil=True, error_model="numpy")
-def touched_blocks(splats, g, left, top, width, rows):
-    """The blocks of a tile that a Gaussian touches (uint64, bit BLOCKS_A_ROW row + block), and `rows` filled."""
-    along, headroom = splat(-splats[g, ALONG]), splat(splats[g, HEADROOM])
-    shear, ratio = splat(splats[g, SHEAR]), splat(splats[g, WIDTH])
-    middle = splat(splats[g, X] - np.float32(left) - _HALF)
-    right, end, none = splat(np.float32(width - 1)), splat(np.float32(width)), splat(-_ONE)
-    zero, slack, faint = splat(_ZERO), splat(_SLACK), splat(MIN_LEVEL)
-    bits = np.uint64(0)
-    for row in range(0, TILE_HEIGHT, LANES):
-        dy = ramp(np.float32(top + row) + _HALF - splats[g, Y])
-        room = fma(mul(along, dy), dy, headroom)
-        center = fma(shear, dy, middle)
-        store(rows, HEIGHT + row, dy)
-        store(rows, CENTER + row, center)
-        store(rows, PEAK + row, add(room, faint))
-        half = add(sqrt(mul(maximum(room, zero), ratio)), slack)
-        low = minimum(maximum(sub(center, half), zero), end)
-        high = maximum(minimum(add(center, half), right), none)
-        high = select(greater(room, zero), high, none)
-        bits |= blocks_between(low, high) << np.uint64(BLOCKS_A_ROW * row)
-    return bits
+def make_grid():
+    """The constants of the pixel grid."""
+    grid = np.empty(GRID_NUMBERS, np.float32)
+    for i in range(LANES):
+        grid[GRID_X + i] = i % BLOCK_WIDTH
+        grid[GRID_Y + i] = i // BLOCK_WIDTH
+    for bit in range(64):
+        grid[GRID_BLOCK_X + bit] = (bit % 8) * BLOCK_WIDTH
+        grid[GRID_BLOCK_Y + bit] = (bit // 8) * BLOCK_HEIGHT
+    return grid
+
+
+@njit(nogil=True, error_model="numpy")
+def touched_blocks(splats, g, x, y, width):
+    """The blocks of a tile that a Gaussian touches, uint64; its centre lies x, y from the centre of the tile's first pixel."""
+    dy = ramp(-y)
+    room = fma(mul(splat(-splats[g, ALONG]), dy), dy, splat(splats[g, HEADROOM]))
+    center = fma(splat(splats[g, SHEAR]), dy, splat(x))
+    zero, none = splat(_ZERO), splat(-_ONE)
+    half = add(sqrt(mul(maximum(room, zero), splat(splats[g, WIDTH]))), splat(_SLACK))
+    low = minimum(maximum(sub(center, half), zero), splat(np.float32(width)))
+    high = maximum(minimum(add(center, half), splat(np.float32(width - 1))), none)
+    bits = spans_as_bits(low, select(greater(room, zero), high, none))
+    return (bits | bits >> np.uint64(4)) & _EVEN_ROWS
+
+
+@njit(nogil=True, error_model="numpy")
+def index_of(row, column, stride):
+    """Where a pixel's transmittance lies in a tile whose blocks have `stride` numbers; its other numbers follow at steps of LANES."""
+    block = (row // BLOCK_HEIGHT) * 4 + column // BLOCK_WIDTH
+    return block * stride + (row % BLOCK_HEIGHT) * BLOCK_WIDTH + column % BLOCK_WIDTH
+
+
+@njit(nogil=True, error_model="numpy")
+def place_of(bit, stride):
+    """Where the block of a bit begins."""
+    return ((bit >> 3) * 4 + (bit & 7)) * stride
 
 
 @njit(nogil=True, error_model="numpy")
@@ -86,23 +105,19 @@ def start_tile(values, stride, width, rows):
 
 
 @njit(nogil=True, error_model="numpy")
-def index_of(row, column, stride):
-    """Where a pixel's transmittance lies in a tile whose blocks have `stride` numbers; its other numbers follow at steps of LANES."""
-    return (row * BLOCKS_A_ROW + column // LANES) * stride + column % LANES
-
-
-@njit(nogil=True, error_model="numpy")
 def live_blocks(values, stride):
     """Blocks with an unfinished pixel, uint64."""
     zero, bits = splat(_ZERO), np.uint64(0)
-    for block in range(AREA // LANES):
-        if some(greater(load(values, block * stride), zero)):
-            bits |= np.uint64(1) << np.uint64(block)
+    for row in range(TILE_HEIGHT // BLOCK_HEIGHT):
+        for column in range(TILE_WIDTH // BLOCK_WIDTH):
+            bit = 8 * row + column
+            if some(greater(load(values, place_of(bit, stride)), zero)):
+                bits |= np.uint64(1) << np.uint64(bit)
     return bits
 
 
 @njit(nogil=True, error_model="numpy")
-def _blend_tile(members, start, stop, splats, features, left, top, width, values, rows):
+def _blend_tile(members, start, stop, splats, features, left, top, width, values, grid):
     """Blend one tile into `values`."""
     channels = features.shape[1]
     stride = (1 + channels) * LANES
@@ -116,14 +131,18 @@ def _blend_tile(members, start, stop, splats, features, left, top, width, values
                 return
         g = np.int64(members[i])
         feature = g * channels
-        minus_across = splat(-splats[g, ACROSS])
-        blocks = live & touched_blocks(splats, g, left, top, width, rows)
+        x, y = splats[g, X] - np.float32(left) - _HALF, splats[g, Y] - np.float32(top) - _HALF
+        blocks = live & touched_blocks(splats, g, x, y, width)
+        from_x, from_y = sub(load(grid, GRID_X), splat(x)), sub(load(grid, GRID_Y), splat(y))
+        minus_shear, minus_across, minus_along = splat(-splats[g, SHEAR]), splat(-splats[g, ACROSS]), splat(-splats[g, ALONG])
+        peak = splat(splats[g, HEADROOM] + MIN_LEVEL)
         while blocks != 0:
-            block = lowest_bit(blocks)
+            bit = lowest_bit(blocks)
             blocks &= blocks - np.uint64(1)
-            row, place = block // BLOCKS_A_ROW, block * stride
-            dx = ramp(np.float32((block % BLOCKS_A_ROW) * LANES) - rows[CENTER + row])
-            exponent = fma(mul(minus_across, dx), dx, spread(rows, PEAK + row))
+            place = place_of(bit, stride)
+            dy = add(from_y, spread(grid, GRID_BLOCK_Y + bit))
+            dx = fma(minus_shear, dy, add(from_x, spread(grid, GRID_BLOCK_X + bit)))
+            exponent = fma(mul(minus_across, dx), dx, fma(mul(minus_along, dy), dy, peak))
             alpha = select(greater(exponent, floor), minimum(exp2(exponent), ceiling), zero)
             before = load(values, place)
             weight = mul(alpha, before)
@@ -143,7 +162,7 @@ def blend(starts, members, splats, features, background, image, transmittance, c
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     stride = (1 + channels) * LANES
     values = np.empty((1 + channels) * AREA, np.float32)
-    numbers = np.empty(ROW_NUMBERS, np.float32)
+    grid = make_grid()
     while True:
         tile = take_ticket(counter)
         if tile >= starts.shape[0] - 1:
@@ -151,7 +170,7 @@ def blend(starts, members, splats, features, background, image, transmittance, c
         left, top = (tile % columns) * TILE_WIDTH, (tile // columns) * TILE_HEIGHT
         tile_width, rows = min(TILE_WIDTH, width - left), min(TILE_HEIGHT, height - top)
         start_tile(values, stride, tile_width, rows)
-        _blend_tile(members, starts[tile], starts[tile + 1], splats, features, left, top, tile_width, values, numbers)
+        _blend_tile(members, starts[tile], starts[tile + 1], splats, features, left, top, tile_width, values, grid)
         for row in range(rows):
             for column in range(tile_width):
                 place = index_of(row, column, stride)

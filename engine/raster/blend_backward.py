@@ -16,21 +16,43 @@ from numba import njit
 
 from engine.raster.blend import (
     AREA,
-    BLOCKS_A_ROW,
-    CENTER,
     CHECK_EVERY,
-    HEIGHT,
+    GRID_BLOCK_X,
+    GRID_BLOCK_Y,
+    GRID_X,
+    GRID_Y,
     MAX_ALPHA32,
     MIN_LEVEL,
     MIN_TRANSMITTANCE32,
-    PEAK,
-    ROW_NUMBERS,
     index_of,
     live_blocks,
+    make_grid,
+    place_of,
     start_tile,
     touched_blocks,
 )
-from engine.raster.project import ACROSS, BOTTOM, CHUNK, LEFT, MOMENTS, RIGHT, TILE_HEIGHT, TILE_WIDTH, TOP, VE, VEE, VEY, VY, VYY, V
+from engine.raster.project import (
+    ACROSS,
+    ALONG,
+    BOTTOM,
+    CHUNK,
+    HEADROOM,
+    LEFT,
+    MOMENTS,
+    RIGHT,
+    SHEAR,
+    TILE_HEIGHT,
+    TILE_WIDTH,
+    TOP,
+    VE,
+    VEE,
+    VEY,
+    VY,
+    VYY,
+    V,
+    X,
+    Y,
+)
 from engine.raster.simd import (
     LANES,
     add,
@@ -44,7 +66,6 @@ from engine.raster.simd import (
     lowest_bit,
     minimum,
     mul,
-    ramp,
     select,
     splat,
     spread,
@@ -54,7 +75,7 @@ from engine.raster.simd import (
     total,
 )
 
-_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
+_HALF, _ZERO, _ONE = np.float32(0.5), np.float32(0.0), np.float32(1.0)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -83,19 +104,23 @@ def _load_tile(image, transmittance, grad_image, grad_alpha, left, top, width, r
 
 
 @njit(nogil=True, error_model="numpy")
-def _backward_gaussian(blocks, minus_across, features, feature, channels, values, rows, sums, geometry):
+def _backward_gaussian(blocks, splats, g, x, y, features, channels, values, grid, sums, geometry):
     """Walk one Gaussian over its blocks of a tile: its moments, and its feature gradients in `sums` [C LANES]."""
-    stride = (2 + channels) * LANES
+    stride, feature = (2 + channels) * LANES, g * channels
     zero, one = splat(_ZERO), splat(_ONE)
     floor, ceiling, dark = splat(MIN_LEVEL), splat(MAX_ALPHA32), splat(MIN_TRANSMITTANCE32)
+    from_x, from_y = sub(load(grid, GRID_X), splat(x)), sub(load(grid, GRID_Y), splat(y))
+    minus_shear, minus_across, minus_along = splat(-splats[g, SHEAR]), splat(-splats[g, ACROSS]), splat(-splats[g, ALONG])
+    peak = splat(splats[g, HEADROOM] + MIN_LEVEL)
     v = ve = vee = vy = vey = vyy = zero
     sums[:] = 0.0
     while blocks != 0:
-        block = lowest_bit(blocks)
+        bit = lowest_bit(blocks)
         blocks &= blocks - np.uint64(1)
-        row, place = block // BLOCKS_A_ROW, block * stride
-        dx = ramp(np.float32((block % BLOCKS_A_ROW) * LANES) - rows[CENTER + row])
-        exponent = fma(mul(minus_across, dx), dx, spread(rows, PEAK + row))
+        place = place_of(bit, stride)
+        dy = add(from_y, spread(grid, GRID_BLOCK_Y + bit))
+        dx = fma(minus_shear, dy, add(from_x, spread(grid, GRID_BLOCK_X + bit)))
+        exponent = fma(mul(minus_across, dx), dx, fma(mul(minus_along, dy), dy, peak))
         uncapped = exp2(exponent)
         alpha = select(greater(exponent, floor), minimum(uncapped, ceiling), zero)
         before = load(values, place)
@@ -114,7 +139,6 @@ def _backward_gaussian(blocks, minus_across, features, feature, channels, values
             store(values, place + LANES, rest)
             grad_alpha = sub(mul(before, pull), div(rest, sub(one, alpha)))
             grad_exponent = select(both(alive, greater(ceiling, uncapped)), mul(alpha, grad_alpha), zero)
-            dy = spread(rows, HEIGHT + row)
             by_dx, by_dy = mul(grad_exponent, dx), mul(grad_exponent, dy)
             v, ve, vy = add(v, grad_exponent), add(ve, by_dx), add(vy, by_dy)
             vee, vey, vyy = fma(by_dx, dx, vee), fma(by_dx, dy, vey), fma(by_dy, dy, vyy)
@@ -151,7 +175,7 @@ def blend_backward(
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     stride = (2 + channels) * LANES
     values = np.empty((2 + channels) * AREA, np.float32)
-    numbers = np.empty(ROW_NUMBERS, np.float32)
+    grid = make_grid()
     sums = np.empty(channels * LANES, np.float32)
     flat_features = features.reshape(features.size)
     while True:
@@ -169,14 +193,13 @@ def blend_backward(
             if (i - starts[tile]) % CHECK_EVERY == CHECK_EVERY - 1 and live != 0:
                 live = live_blocks(values, stride)
             blocks = np.uint64(0)
+            x, y = splats[g, X] - np.float32(left) - _HALF, splats[g, Y] - np.float32(top) - _HALF
             if live != 0:
-                blocks = live & touched_blocks(splats, g, left, top, tile_width, numbers)
+                blocks = live & touched_blocks(splats, g, x, y, tile_width)
             if blocks == 0:
                 slots[slot, :] = 0.0
                 continue
-            moments = _backward_gaussian(
-                blocks, splat(-splats[g, ACROSS]), flat_features, g * channels, channels, values, numbers, sums, geometry
-            )
+            moments = _backward_gaussian(blocks, splats, g, x, y, flat_features, channels, values, grid, sums, geometry)
             slots[slot, V], slots[slot, VE], slots[slot, VEE], slots[slot, VY], slots[slot, VEY], slots[slot, VYY] = moments
             for channel in range(channels):
                 slots[slot, MOMENTS + channel] = total(load(sums, channel * LANES))

@@ -1,8 +1,8 @@
-"""Eight float32 lanes in numba kernels.
+"""Sixteen float32 lanes in numba kernels.
 
-Numba vectorises only what LLVM's loop vectoriser recognises, and a masked blend of eight neighbouring pixels is beyond it. Here
-is a `Float8` value and the few operations that the blending kernels need, each a handful of LLVM vector instructions: AVX on
-x86, NEON on ARM, SSE where there is no better. Loads, stores and the counter do not check bounds.
+Numba vectorises only what LLVM's loop vectoriser recognises, and a masked blend of neighbouring pixels is beyond it. Here
+is a `Lanes` value and the few operations that the blending kernels need, each a handful of LLVM vector instructions: AVX-512
+or twice AVX on x86, NEON on ARM, SSE where there is no better. Loads, stores and the counter do not check bounds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
-LANES = 8
+LANES = 16
 _FLOAT, _INT, _BIT = ir.FloatType(), ir.IntType(32), ir.IntType(1)
 _VECTOR, _INTS = ir.VectorType(_FLOAT, LANES), ir.VectorType(_INT, LANES)
 
@@ -22,13 +22,13 @@ class _Type(types.Type):
     """An opaque numba type held in one LLVM vector."""
 
 
-float8, mask8 = _Type("Float8"), _Type("Mask8")
+lanes, mask = _Type("Lanes"), _Type("Mask")
 
 
 @register_model(_Type)
 class _Model(models.PrimitiveModel):
     def __init__(self, manager, numba_type):
-        element = _FLOAT if numba_type.name == "Float8" else _BIT
+        element = _FLOAT if numba_type.name == "Lanes" else _BIT
         super().__init__(manager, numba_type, ir.VectorType(element, LANES))
 
 
@@ -52,6 +52,16 @@ def _call(builder, name, *arguments):
 
 def _fma(builder, a, b, c):
     return _call(builder, "fmuladd", a, b, c)
+
+
+def _reduce(builder, value, combine):
+    """One number out of all lanes, pairwise."""
+    width = LANES // 2
+    while width:
+        order = ir.Constant(_INTS, [ir.Constant(_INT, min(i + width, LANES - 1)) for i in range(LANES)])
+        value = combine(value, builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined), order))
+        width //= 2
+    return builder.extract_element(value, ir.Constant(_INT, 0))
 
 
 def _pointer(context, builder, array_type, array, index, element):
@@ -79,101 +89,98 @@ def _operation(result, *arguments):
     return decorate
 
 
-@_operation(float8, types.float32)
+@_operation(lanes, types.float32)
 def splat(builder, value):
     """The same number in every lane."""
     return _broadcast(builder, value)
 
 
-@_operation(float8, types.float32)
+@_operation(lanes, types.float32)
 def ramp(builder, start):
-    """start, start + 1, …, start + 7."""
+    """start, start + 1, start + 2, …"""
     return builder.fadd(_broadcast(builder, start), ir.Constant(_VECTOR, [ir.Constant(_FLOAT, float(i)) for i in range(LANES)]))
 
 
-@_operation(float8, float8, float8)
+@_operation(lanes, lanes, lanes)
 def add(builder, a, b):
     return builder.fadd(a, b)
 
 
-@_operation(float8, float8, float8)
+@_operation(lanes, lanes, lanes)
 def sub(builder, a, b):
     return builder.fsub(a, b)
 
 
-@_operation(float8, float8, float8)
+@_operation(lanes, lanes, lanes)
 def mul(builder, a, b):
     return builder.fmul(a, b)
 
 
-@_operation(float8, float8, float8)
+@_operation(lanes, lanes, lanes)
 def div(builder, a, b):
     return builder.fdiv(a, b)
 
 
-@_operation(float8, float8, float8, float8)
+@_operation(lanes, lanes, lanes, lanes)
 def fma(builder, a, b, c):
     """a b + c, rounded once where the processor can."""
     return _fma(builder, a, b, c)
 
 
-@_operation(float8, float8, float8)
+@_operation(lanes, lanes, lanes)
 def minimum(builder, a, b):
     return builder.select(builder.fcmp_ordered("<", a, b), a, b)
 
 
-@_operation(float8, float8, float8)
+@_operation(lanes, lanes, lanes)
 def maximum(builder, a, b):
     return builder.select(builder.fcmp_ordered(">", a, b), a, b)
 
 
-@_operation(mask8, float8, float8)
+@_operation(mask, lanes, lanes)
 def greater(builder, a, b):
     return builder.fcmp_ordered(">", a, b)
 
 
-@_operation(mask8, mask8, mask8)
+@_operation(mask, mask, mask)
 def both(builder, a, b):
     return builder.and_(a, b)
 
 
-@_operation(float8, mask8, float8, float8)
+@_operation(lanes, mask, lanes, lanes)
 def select(builder, mask, a, b):
     """a where the mask is set, else b."""
     return builder.select(mask, a, b)
 
 
-@_operation(float8, float8)
+@_operation(lanes, lanes)
 def finished(builder, transmittance):
     """−|x|: the mark of a pixel that takes no more light."""
     bits = builder.or_(builder.bitcast(transmittance, _INTS), _integers(-(2**31)))
     return builder.bitcast(bits, _VECTOR)
 
 
-@_operation(types.boolean, mask8)
+@_operation(types.boolean, mask)
 def some(builder, mask):
     """Whether any lane is set."""
     bits = builder.bitcast(mask, ir.IntType(LANES))
     return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(LANES), 0))
 
 
-@_operation(types.float32, float8)
+@_operation(types.float32, lanes)
 def total(builder, value):
     """Sum of the lanes, pairwise."""
-    for width in (4, 2, 1):
-        order = ir.Constant(_INTS, [ir.Constant(_INT, min(i + width, LANES - 1)) for i in range(LANES)])
-        value = builder.fadd(value, builder.shuffle_vector(value, ir.Constant(_VECTOR, ir.Undefined), order))
-    return builder.extract_element(value, ir.Constant(_INT, 0))
+    return _reduce(builder, value, builder.fadd)
 
 
-@_operation(float8, float8)
+@_operation(lanes, lanes)
 def sqrt(builder, a):
     return _call(builder, "sqrt", a)
 
 
-@_operation(types.uint64, float8, float8)
-def blocks_between(builder, low, high):
-    """For eight rows of 4 × 8 pixels, the blocks that hold a pixel x with low ≤ x ≤ high: row r's are bits 4 r to 4 r + 3.
+@_operation(types.uint64, lanes, lanes)
+def spans_as_bits(builder, low, high):
+    """For 16 rows of 4 × 8 pixels, the eights that hold a pixel x with low ≤ x ≤ high: row r's are bits 4 r to 4 r + 3.
 
     `low` must be in [0, 32] and `high` in [-1, 31].
     """
@@ -182,12 +189,10 @@ def blocks_between(builder, low, high):
     first = builder.ashr(builder.fptosi(low, _INTS), _integers(3))
     last = builder.ashr(builder.fptosi(high, _INTS), _integers(3))
     bits = builder.sub(builder.shl(_integers(2), builder.and_(last, _integers(7))), builder.shl(_integers(1), first))
-    bits = builder.select(empty, _integers(0), bits)
-    bits = builder.shl(bits, ir.Constant(_INTS, [ir.Constant(_INT, 4 * i) for i in range(LANES)]))
-    for width in (4, 2, 1):
-        order = ir.Constant(_INTS, [ir.Constant(_INT, min(i + width, LANES - 1)) for i in range(LANES)])
-        bits = builder.or_(bits, builder.shuffle_vector(bits, ir.Constant(_INTS, ir.Undefined), order))
-    return builder.zext(builder.extract_element(bits, ir.Constant(_INT, 0)), ir.IntType(64))
+    wide = ir.VectorType(ir.IntType(64), LANES)
+    bits = builder.zext(builder.select(empty, _integers(0), bits), wide)
+    bits = builder.shl(bits, ir.Constant(wide, [ir.Constant(ir.IntType(64), 4 * i) for i in range(LANES)]))
+    return _reduce(builder, bits, builder.or_)
 
 
 # 2^f on [−½, ½], least greatest relative error (1e-7); highest power first.
@@ -195,7 +200,7 @@ _EXP2 = (0.001327647199, 0.009675541334, 0.05550713274, 0.2402211972, 0.69314696
 _ROUND = 1.5 * 2**23
 
 
-@_operation(float8, float8)
+@_operation(lanes, lanes)
 def exp2(builder, x):
     """2^x for |x| < 126, relative error 2e-7; elsewhere any number, and never a trap."""
     shifted = builder.fadd(x, _constant(_ROUND))  # the sum's low bits are round(x)
@@ -209,13 +214,13 @@ def exp2(builder, x):
 
 @intrinsic
 def load(typing, array, index):
-    """Eight lanes of a contiguous float32 array from a flat index."""
+    """LANES numbers of a contiguous float32 array from a flat index."""
 
     def codegen(context, builder, signature, values):
         pointer = _pointer(context, builder, signature.args[0], values[0], values[1], _VECTOR)
         return builder.load(pointer, align=4)
 
-    return float8(array, types.intp), codegen
+    return lanes(array, types.intp), codegen
 
 
 @intrinsic
@@ -225,19 +230,19 @@ def spread(typing, array, index):
     def codegen(context, builder, signature, values):
         return _broadcast(builder, builder.load(_pointer(context, builder, signature.args[0], values[0], values[1], _FLOAT)))
 
-    return float8(array, types.intp), codegen
+    return lanes(array, types.intp), codegen
 
 
 @intrinsic
 def store(typing, array, index, value):
-    """Write eight lanes to a contiguous float32 array at a flat index."""
+    """Write LANES numbers to a contiguous float32 array at a flat index."""
 
     def codegen(context, builder, signature, values):
         pointer = _pointer(context, builder, signature.args[0], values[0], values[1], _VECTOR)
         builder.store(values[2], pointer, align=4)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, float8), codegen
+    return types.void(array, types.intp, lanes), codegen
 
 
 @intrinsic
