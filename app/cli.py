@@ -1,0 +1,169 @@
+"""The `degense` command. The parser knows names and types only; each command imports what it needs when it runs."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from engine.errors import Cancelled, DegenseError
+
+USER_ERROR, INTERRUPTED = 2, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; the exit status: 0 done, 1 the doctor found something, 2 an error in plain words, 130 interrupted."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    parser, commands = build_parser()
+    if not arguments or (not arguments[0].startswith("-") and arguments[0] not in commands):
+        arguments = ["open", *arguments]
+    options = parser.parse_args(arguments)
+    module, function = options.run.split(":")
+    try:
+        return getattr(importlib.import_module(module), function)(options) or 0
+    except DegenseError as error:
+        print(f"degense: {error}", file=sys.stderr)
+        return USER_ERROR
+    except (KeyboardInterrupt, Cancelled):
+        print("degense: stopped.", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone (`degense eval … | head`): leave quietly, and keep Python from complaining at exit.
+        sys.stdout = None
+        return 128 + signal.SIGPIPE
+
+
+def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
+    """The parser and the names of its commands."""
+    parser = argparse.ArgumentParser(
+        prog="degense",
+        description="Reconstruct a surgical video as a 4D Gaussian scene, prompt it in words, and inspect how tissue moved.",
+        epilog="Without a command, `degense [PATH]` opens the window, with a clip or a run in it. For research; not a medical device.",
+    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def command(name: str, run: str, text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        sub.set_defaults(run=f"app.commands.{run}", parser=sub)
+        return sub
+
+    sub = command("open", "showing:window", "open the window (the default)")
+    sub.add_argument("path", nargs="?", type=Path, metavar="PATH", help="a clip (folder or video file) or a run folder")
+
+    sub = command("demo", "showing:demo", "show the embedded sample: no data, no GPU")
+    sub.add_argument("--headless", type=Path, metavar="OUT", help="no window: write its pictures into the folder OUT")
+
+    sub = command("phantom", "making:phantom", "make a synthetic clip with exact truth")
+    sub.add_argument("out", type=Path, metavar="OUT", help="folder to write")
+    sub.add_argument("--frames", type=_positive, metavar="N", help="number of frames")
+    sub.add_argument("--size", type=_size, metavar="WxH", help="picture size, such as 320x256")
+    sub.add_argument("--seed", type=int, metavar="S", help="another seed, another scene")
+    sub.add_argument("--camera-motion", type=float, metavar="A", help="amplitude of the camera's motion; 0 stands still")
+    sub.add_argument("--noise", type=float, metavar="S", help="standard deviation of the sensor noise, in grey levels")
+
+    sub = command("info", "scoring:info", "say what is found in a clip")
+    sub.add_argument("clip", type=Path, metavar="CLIP")
+    _clip_options(sub)
+
+    sub = command("train", "making:train", "reconstruct a clip")
+    sub.add_argument("clip", type=Path, metavar="CLIP")
+    sub.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to write")
+    sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
+    sub.add_argument("--routing", metavar="NAME", help="how semantic gradients travel: paper, isolated or coupled")
+    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from: labels, strokes, precomputed, vlm or none")
+    sub.add_argument("--iterations", type=_positive, metavar="N")
+    sub.add_argument("--max-gaussians", type=_positive, metavar="N")
+    sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
+    sub.add_argument("--seed", type=int, metavar="S")
+    sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
+    sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")
+    _clip_options(sub)
+
+    sub = command("eval", "scoring:evaluate", "score a run against its clip")
+    _run(sub)
+    sub.add_argument("--clip", type=Path, metavar="CLIP", help="where the clip is, when it has moved")
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the scores there too")
+    _clip_options(sub)
+
+    sub = command("render", "drawing:render", "draw a layer of a run")
+    _run(sub)
+    which = sub.add_mutually_exclusive_group(required=True)
+    which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
+    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B; both may be left out")
+    sub.add_argument("--layer", default="rgb", metavar="NAME", help="rgb, depth, features, similarity, mask, displacement or warp")
+    sub.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help=".png, or .npy for raw values; with --frames a folder, .npy or .mp4"
+    )
+    sub.add_argument("--range", type=_range, metavar="LOW:HIGH", help="values of the first and last colour (default: from the frames)")
+    _prompts(sub, required=False)
+
+    sub = command("segment", "drawing:segment", "write the masks of prompts")
+    _run(sub)
+    sub.add_argument("--frame", type=float, required=True, metavar="I", help="frame number; fractions lie between frames")
+    sub.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help=".png: 255 in the mask (several prompts: 1, 2 …); .npy: bool [H, W] or [n, H, W]",
+    )
+    _prompts(sub, required=True)
+
+    sub = command("export", "exporting:export", "write a run in formats that other tools read")
+    _run(sub)
+    sub.add_argument("--format", required=True, metavar="NAME", help="ply, ply-sequence, masks-png, coco or movie")
+    sub.add_argument("--out", type=Path, required=True, metavar="PATH", help="file, or folder for ply-sequence and masks-png")
+    sub.add_argument("--frame", type=float, metavar="I", help="frame of a single ply (default: the reference frame)")
+    sub.add_argument("--layer", default="rgb", metavar="NAME", help="layer of a movie")
+    _prompts(sub, required=False)
+
+    command("doctor", "scoring:doctor", "say what this machine can do, and what is missing")
+    return parser, set(commands.choices)
+
+
+def _run(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
+
+
+def _clip_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--layout", metavar="NAME", help="endonerf, cholecseg8k, frames or video (default: detected)")
+    sub.add_argument("--mask-means", choices=("tool", "keep"), help="what white means in the clip's masks (default: detected)")
+    sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
+
+
+def _prompts(sub: argparse.ArgumentParser, required: bool) -> None:
+    sub.add_argument("--prompt", action="append", default=[], required=required, metavar="TEXT", dest="prompts", help="repeatable")
+    sub.add_argument("--decoder", metavar="NAME", help="rnse (default), threshold, argmax or rnse+argmax")
+    sub.add_argument("--threshold", type=float, metavar="X", help="cosine from which a pixel belongs to a mask")
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("must be at least 1")
+    return value
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, cross, height = text.lower().partition("x")
+    if not (cross and width.isdigit() and height.isdigit() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 320x256")
+    return int(width), int(height)
+
+
+def _frame_range(text: str) -> tuple[int | None, int | None]:
+    first, colon, last = text.partition(":")
+    if not colon or not all(part == "" or part.isdigit() for part in (first, last)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no range such as 0:40")
+    return (int(first) if first else None), (int(last) if last else None)
+
+
+def _range(text: str) -> tuple[float, float]:
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no range such as 0:2.5") from None

@@ -1,0 +1,94 @@
+"""`degense render` and `degense segment`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.exports import ExportOptions, write_movie
+from app.pictures import check_decoder, check_frame, get_layer, layer_picture, write_npy, write_png
+from app.terminal import Bar, Steps, run_steps
+from app.view import prompt_masks
+from engine.errors import DegenseError
+
+if TYPE_CHECKING:
+    from engine.layers import Layer
+    from engine.scene import Scene
+
+
+def render(options: argparse.Namespace) -> None:
+    """Draw one frame or several. One frame is coloured over its own range; a sequence over the range of all its frames."""
+    from engine.scene import Scene
+
+    layer = get_layer(options.layer)
+    check_decoder(options.decoder)
+    scene = Scene.open(options.run_folder)
+    wanted = ExportOptions(tuple(options.prompts), options.decoder, options.threshold, layer=options.layer, span=options.range)
+    if options.frames is None:
+        _render_frame(scene, layer, check_frame(scene, options.frame), options.out, wanted)
+    else:
+        first, last = options.frames
+        frames = range(scene.frames)[first:last]
+        if not frames:
+            raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
+        run_steps(_render_frames(scene, layer, frames, options.out, wanted), Bar())
+
+
+def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: ExportOptions) -> None:
+    request = options.layer_request(frame)
+    if out.suffix == ".npy":
+        write_npy(out, layer.image(scene, request).values)
+    elif out.suffix.lower() == ".png":
+        write_png(out, layer_picture(scene, layer, request, options.span))
+    else:
+        raise DegenseError(f"{out} must end in .png or .npy.")
+
+
+def _render_frames(scene: Scene, layer: Layer, frames: Sequence[int], out: Path, options: ExportOptions) -> Steps[None]:
+    suffix = out.suffix.lower()
+    if suffix == ".mp4":
+        yield from write_movie(scene, out, frames, options)
+    elif suffix == ".npy":
+        values = []
+        for done, frame in enumerate(frames):
+            yield done / len(frames), f"frame {frame}"
+            values.append(layer.image(scene, options.layer_request(frame)).values)
+        write_npy(out, np.stack(values))
+    elif suffix == "":
+        from engine.layers import layer_range
+
+        span = options.span
+        if span is None and layer.kind == "scalar":
+            yield 0.0, "finding the range of the whole sequence"
+            span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
+        for done, frame in enumerate(frames):
+            yield done / len(frames), f"frame {frame}"
+            write_png(out / f"{frame:06d}.png", layer_picture(scene, layer, options.layer_request(frame), span))
+    else:
+        raise DegenseError(f"Several frames go into a folder, an .npy or an .mp4 file; {out} is none of them.")
+
+
+def segment(options: argparse.Namespace) -> None:
+    from engine.scene import Scene
+
+    scene = Scene.open(options.run_folder)
+    frame = check_frame(scene, options.frame)
+    check_decoder(options.decoder)
+    if options.out.suffix.lower() not in (".png", ".npy"):
+        raise DegenseError(f"{options.out} must end in .png or .npy.")
+    masks = prompt_masks(scene, frame, options.prompts, options.decoder, options.threshold)
+    if options.out.suffix.lower() == ".npy":
+        write_npy(options.out, masks[0] if len(masks) == 1 else np.stack(masks))
+    elif len(masks) == 1:
+        write_png(options.out, masks[0].astype(np.uint8) * 255)
+    else:
+        values = np.zeros(masks[0].shape, np.uint8)
+        for number, mask in enumerate(masks, 1):
+            values[mask] = number
+        write_png(options.out, values)
+    for text, mask in zip(options.prompts, masks, strict=True):
+        print(f"{text}: {mask.mean():.1%} of the picture")

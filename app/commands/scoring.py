@@ -1,0 +1,44 @@
+"""`degense eval`, `degense info` and `degense doctor`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from app.commands.making import clip_options
+from app.files import write_text
+from app.terminal import Bar, table
+from engine.errors import ClipError
+
+
+def evaluate(options: argparse.Namespace) -> None:
+    from engine.metrics.evaluate import evaluate as score
+    from engine.readers import open_clip
+    from engine.scene import Scene
+
+    scene = Scene.open(options.run_folder)
+    clip = open_clip(options.clip, clip_options(options)) if options.clip else scene.clip
+    if clip is None:
+        raise ClipError(f"The clip that {options.run_folder} was made from is not there any more; say where it is with --clip.")
+    bar = Bar()
+    try:
+        scores = score(scene, clip, bar)
+    finally:
+        bar.close()
+    if options.json:
+        write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
+    print(table(scores))
+
+
+def info(options: argparse.Namespace) -> None:
+    from engine.readers import describe, open_clip
+
+    print(describe(open_clip(options.clip, clip_options(options))))
+
+
+def doctor(options: argparse.Namespace) -> int:
+    from app.doctor import report
+
+    text, ok = report()
+    print(text)
+    return 0 if ok else 1

@@ -1,0 +1,166 @@
+"""What both views show at one instant, drawn without a window."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.look import Look
+from app.pictures import get_layer
+from app.terminal import Steps
+from engine.colour_maps import colourise, mask_overlay
+from engine.errors import DegenseError
+
+if TYPE_CHECKING:
+    from engine.camera import Camera
+    from engine.clip import Clip
+    from engine.layers import Layer, LayerRequest
+    from engine.scene import Scene
+
+#: Layers that show the answer to prompts.
+PROMPTED = ("similarity", "mask")
+EXCLUDED = (213, 94, 0)
+NO_MASK = 40
+
+
+@dataclass(frozen=True)
+class ViewRequest:
+    """One instant to draw.
+
+    Attributes
+    ----------
+    span : (float, float) or None
+        Values of the first and last colour; None for the range of this frame.
+    splats : bool
+        Whether the Gaussians are wanted too, for the 3D view.
+    quick : bool
+        While time runs or is scrubbed: masks are decoded by threshold, which needs no superpixels. The exact ones follow in the end.
+    """
+
+    frame: int
+    look: Look
+    span: tuple[float, float] | None = None
+    splats: bool = True
+    quick: bool = False
+
+
+@dataclass(frozen=True)
+class SplatArrays:
+    """Gaussians as the 3D view wants them: float32 means [N, 3], quats [N, 4] wxyz, scales [N, 3], opacities [N]; uint8 colours [N, 3]."""
+
+    means: np.ndarray
+    quats: np.ndarray
+    scales: np.ndarray
+    opacities: np.ndarray
+    colours: np.ndarray
+
+
+@dataclass(frozen=True)
+class View:
+    """One instant, drawn.
+
+    Attributes
+    ----------
+    rgb : uint8 [H, W, 3]
+    span, unit, cmap
+        Of the colour bar; `span` is None for layers that are colours already.
+    masks : uint8 [H, W, 4] or None
+        Masks of the visible prompts; None when there are none, or not yet (`complete` is False then).
+    observed : uint8 [H, W, 3] or None
+        The clip's own frame, when it is compared and still there.
+    """
+
+    frame: int
+    camera: Camera
+    rgb: np.ndarray
+    span: tuple[float, float] | None
+    unit: str
+    cmap: str
+    observed: np.ndarray | None
+    splats: SplatArrays | None
+    masks: np.ndarray | None = None
+    complete: bool = True
+
+
+def layer_request(look: Look, frame: float) -> LayerRequest:
+    """What the layers need to know of a look."""
+    from engine.layers import LayerRequest
+
+    texts = tuple(prompt.text for prompt in look.visible_prompts)
+    return LayerRequest(frame=frame, prompts=texts, threshold=look.threshold, decoder=look.decoder)
+
+
+def draw_view(scene: Scene, request: ViewRequest) -> Steps[View]:
+    """Draw an instant. Yields the view without masks as soon as it is there; returns it with them."""
+    from engine.layers import layer_range
+    from engine.layers.colour import colourise as layer_colours
+
+    look, frame = request.look, request.frame
+    layer = get_layer(look.layer)
+    if missing := layer.missing(scene, tuple(prompt.text for prompt in look.visible_prompts)):
+        raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
+    if request.quick:
+        look = replace(look, decoder="threshold")
+    query = layer_request(look, frame)
+    image = layer.image(scene, query)
+    scalar = image.kind == "scalar"
+    cmap = look.range(layer.name).cmap or layer.cmap
+    span = (request.span or layer_range(scene, layer, query, "frame")) if scalar else None
+    rgb = mask_colours(look)[image.values] if image.kind == "mask" else layer_colours(image, *(span or (0.0, 1.0)), cmap)
+    view = View(
+        frame=frame,
+        camera=scene.camera(frame),
+        rgb=rgb,
+        span=span,
+        unit=image.unit,
+        cmap=cmap,
+        observed=scene.observed(frame) if look.compare != "off" else None,
+        splats=splat_arrays(scene, layer, query, look, span, cmap) if request.splats else None,
+    )
+    masked = look.visible_prompts if look.masks_shown and layer.name not in PROMPTED else ()
+    if not masked:
+        return view
+    yield replace(view, complete=False)
+    masks = prompt_masks(scene, frame, [prompt.text for prompt in masked], look.decoder, look.threshold)
+    return replace(view, masks=mask_overlay([(mask, prompt.colour) for mask, prompt in zip(masks, masked, strict=True)], fill=1.0))
+
+
+def splat_arrays(scene: Scene, layer: Layer, query: LayerRequest, look: Look, span: tuple[float, float] | None, cmap: str) -> SplatArrays:
+    """The Gaussians of an instant in the layer's colours."""
+    splats = scene.splats(query.frame)
+    values = layer.splats(scene, query)
+    if layer.kind == "colour":
+        colours = (values.clip(0, 1) * 255 + 0.5).astype(np.uint8)
+    elif layer.kind == "mask":
+        colours = mask_colours(look)[values]
+    else:
+        colours = colourise(values, cmap, *(span or (0.0, 1.0)))
+    means, quats, scales, opacities = (tensor.cpu().numpy() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
+    return SplatArrays(means, quats, scales, opacities, colours)
+
+
+def mask_colours(look: Look) -> np.ndarray:
+    """Colours of the mask layer's values, uint8 [256, 3]: dark grey for nothing, then the visible prompts in their order."""
+    table = np.full((256, 3), NO_MASK, np.uint8)
+    for index, prompt in enumerate(look.visible_prompts, 1):
+        table[index] = prompt.colour
+    return table
+
+
+def prompt_masks(scene: Scene, frame: float, texts: Sequence[str], decoder: str | None, threshold: float | None) -> list[np.ndarray]:
+    """The mask of each text, bool [H, W]. None leaves decoder and threshold to the layers."""
+    from engine.layers import LayerRequest
+
+    given = {key: value for key, value in (("decoder", decoder), ("threshold", threshold)) if value is not None}
+    layer = get_layer("mask")
+    return [layer.image(scene, LayerRequest(frame=frame, prompts=(text,), **given)).values.astype(bool) for text in texts]
+
+
+def draw_clip(clip: Clip, frame: int) -> View:
+    """A frame of a clip that has no run, with the pixels that will not be reconstructed laid over it."""
+    invalid = ~clip.valid(frame)
+    masks = mask_overlay([(invalid, EXCLUDED)], fill=1.0) if invalid.any() else None
+    return View(frame, clip.cameras[frame], clip.frame(frame), None, "", "", None, None, masks)
