@@ -26,6 +26,7 @@ from engine.store import Run
 Value = TypeVar("Value")
 CHANNELS = ("rgb", "depth", "latent", "displacement", "motion")
 STATE_BYTES, PICTURE_BYTES = 1 << 30, 256 << 20
+NEEDS_TEACHER = "train it from a clip with label maps, or with another teacher"
 COVERED = 0.5  # alpha below which a pixel shows nothing
 
 
@@ -170,9 +171,15 @@ class Scene:
         """Unit text vectors [n, D]. DegenseError without semantics, PromptError for an unknown word."""
         if self.encoder is None:
             raise DegenseError(
-                f"{self.name} was trained without semantics, so it cannot be prompted; train it with a teacher (labels, strokes, precomputed or vlm)"
+                f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}"
             )
         return self.encoder.encode(list(prompts))
+
+    def meanings(self, prompt: str) -> np.ndarray:
+        """Unit vectors [m, D] of what a prompt covers: one row, or one for each class of a kind ("tool"). Raises as `vectors` does."""
+        self.vectors(())
+        assert self.encoder is not None
+        return self.encoder.expand(prompt)
 
     # -- pictures ------------------------------------------------------------------------------------------------------------------------------
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
@@ -194,12 +201,13 @@ class Scene:
         if unknown := set(what) - set(CHANNELS):
             raise ValueError(f"nothing is called {sorted(unknown)}; choose from {CHANNELS}")
         if camera is not None:
-            return self._draw(frame, camera, what)
+            return self.draw(frame, camera, what)
         key = ("render", float(frame), what)
-        return self._pictures.get(key, lambda: self._draw(frame, self.camera(frame), what), lambda d: sum(a.nbytes for a in d.values()))
+        return self._pictures.get(key, lambda: self.draw(frame, self.camera(frame), what), lambda d: sum(a.nbytes for a in d.values()))
 
     @torch.no_grad()
-    def _draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
+    def draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
+        """`render` without the cache."""
         splats = self.splats(frame)
         columns: dict[str, Tensor] = {}
         for name in what:
@@ -244,19 +252,19 @@ class Scene:
     def query(self, frame: float, camera: Camera | None = None) -> MaskQuery:
         """The frame's masks, ready for any number of prompts; kept for the surgeon's camera."""
 
-        def make() -> MaskQuery:
-            if self.basis is None:
-                raise DegenseError(
-                    f"{self.name} was trained without semantics, so it cannot be prompted; train it with a teacher (labels, strokes, precomputed or vlm)"
-                )
-            drawn = self._draw(frame, camera or self.camera(frame), ("rgb", "latent"))
-            return MaskQuery((drawn["rgb"] * 255 + 0.5).astype(np.uint8), drawn["latent"], self.basis)
-
         if camera is not None:
-            return make()
+            return self.new_query(frame, camera)
         width, height = self.clip_size
         rank = self.basis.rank if self.basis is not None else 0
-        return self._pictures.get(("query", float(frame)), make, lambda _: width * height * 4 * (rank + 16))
+        weight = width * height * 4 * (rank + 32)
+        return self._pictures.get(("query", float(frame)), lambda: self.new_query(frame, self.camera(frame)), lambda _: weight)
+
+    def new_query(self, frame: float, camera: Camera) -> MaskQuery:
+        """`query` without the cache. DegenseError without semantics."""
+        if self.basis is None:
+            raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
+        drawn = self.draw(frame, camera, ("rgb", "latent"))
+        return MaskQuery((drawn["rgb"] * 255 + 0.5).astype(np.uint8), drawn["latent"], self.basis)
 
     def observed_motion(self, frame: int) -> ObservedMotion:
         """Flow of the recorded frame to the reference frame; kept. DegenseError without the clip."""

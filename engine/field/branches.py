@@ -13,10 +13,11 @@ from torch import Tensor, nn
 
 def decoder(inputs: int, outputs: int, width: int = 64) -> nn.Sequential:
     """Two-layer perceptron whose last layer is zero."""
-    last = nn.Linear(width, outputs)
+    hidden, last = nn.Linear(inputs, width), nn.Linear(width, outputs)
+    nn.init.kaiming_uniform_(hidden.weight, nonlinearity="relu")
     nn.init.zeros_(last.weight)
     nn.init.zeros_(last.bias)
-    return nn.Sequential(nn.Linear(inputs, width), nn.ReLU(), last)
+    return nn.Sequential(hidden, nn.ReLU(), last)
 
 
 @dataclass

@@ -31,7 +31,7 @@ class HexPlane(nn.Module):
         super().__init__()
         self.channels, self.levels = channels, levels
         # Channels last, so that one look-up reads one contiguous run. Space planes: [xy, xz, yz]; time planes: [xt, yt, zt].
-        self.space = nn.ParameterList([torch.empty(3, resolution * m, resolution * m, channels).uniform_(0.1, 0.5) for m in levels])
+        self.space = nn.ParameterList([torch.empty(3, resolution * m, resolution * m, channels).uniform_(0.5, 1.5) for m in levels])
         self.time = nn.ParameterList([torch.ones(3, time_resolution, resolution * m, channels) for m in levels])
 
     @property

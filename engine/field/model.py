@@ -15,7 +15,7 @@ from engine.splats import Splats
 
 Routing = Literal["paper", "isolated", "coupled"]
 ROUTINGS: tuple[Routing, ...] = ("paper", "isolated", "coupled")
-CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "semantics")
+CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "semantics", "lifetimes")
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ class SceneModel(nn.Module):
     bounds : float [2, 3]
         Lower and upper corner of the box that the planes cover; frozen.
     canonical : dict of Tensor
-        `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `semantics` [N, rank].
+        `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `semantics` [N, rank],
+        `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian exists; ω = 0, at which its gradient is exactly zero, is for ever.
     """
 
     bounds: Tensor
@@ -90,7 +91,7 @@ class SceneModel(nn.Module):
         self.semantic_planes: HexPlane | None = None
         self.semantic: SemanticBranch | CoupledSemantics | None = None
         if config.rank and config.routing == "isolated":
-            self.semantic_planes = HexPlane(8, max(8, config.resolution // 2), config.time_resolution, (1,))
+            self.semantic_planes = HexPlane(8, config.resolution, config.time_resolution, config.levels)
             self.semantic = SemanticBranch(latent + self.semantic_planes.dimension, config.rank)
         elif config.rank and config.routing == "paper":
             self.semantic = SemanticBranch(latent, config.rank)
@@ -118,13 +119,13 @@ class SceneModel(nn.Module):
         c = self.canonical
         latents = c["semantics"] if semantics else c["semantics"][:, :0]
         if not deform:
-            return State(self._splats(None, None, latents), None, None, None)
+            return State(self._splats(t, None, None, latents), None, None, None)
         points = self.normalised(c["means"].detach())
         kinematic = self.kinematics(self.planes(points, t))
         deformation = self.geometry(kinematic)
         recolour = self.appearance(kinematic) if self.appearance is not None else None
         change = self._semantic_change(points, t, kinematic, deformation, latents) if semantics and self.semantic is not None else None
-        return State(self._splats(deformation, recolour, latents if change is None else latents + change), deformation, recolour, change)
+        return State(self._splats(t, deformation, recolour, latents if change is None else latents + change), deformation, recolour, change)
 
     def means_at(self, t: float) -> Tensor:
         """Only the centres [N, 3] at time `t`: what motion supervision and displacement layers need."""
@@ -139,11 +140,13 @@ class SceneModel(nn.Module):
             return self.semantic(kinematic)
         return self.semantic(torch.cat([kinematic.detach(), self.semantic_planes(points, t)], 1))
 
-    def _splats(self, deformation: Deformation | None, recolour: Tensor | None, latents: Tensor) -> Splats:
+    def _splats(self, t: float, deformation: Deformation | None, recolour: Tensor | None, latents: Tensor) -> Splats:
         c = self.canonical
         means, log_scales, quats, logits = c["means"], c["log_scales"], c["quats"], c["logits"]
         if deformation is not None:
             means, log_scales = means + deformation.means, log_scales + deformation.log_scales
             quats, logits = quats + deformation.quats, logits + deformation.opacities
         colors = c["colors"] if recolour is None else c["colors"] + recolour
-        return Splats(means, quats, log_scales.exp(), logits.sigmoid(), colors, latents)
+        middle, rate = c["lifetimes"].unbind(1)
+        alive = torch.exp(-0.5 * (rate * (t - middle)).square())
+        return Splats(means, quats, log_scales.exp(), logits.sigmoid() * alive, colors, latents)

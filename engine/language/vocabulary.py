@@ -124,6 +124,11 @@ class Vocabulary:
         """The concept with this very wording (case, plural, hyphens and spaces aside), or None."""
         return self._by_key.get(key(text))
 
+    def is_a(self, text: str, kind: str) -> bool:
+        """Whether `text` is exactly a wording of the concept `kind` or of something that belongs to it."""
+        concept = self.exact(text)
+        return concept is not None and (concept == kind or kind in self.ancestors(concept))
+
     def resolve(self, text: str, also: Sequence[str] = ()) -> str:
         """The name of the concept that a prompt means; `also` are further names that an error may suggest.
 

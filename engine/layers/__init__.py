@@ -1,6 +1,6 @@
 """Layers: what a pixel or a Gaussian can show, for the window and the command line alike."""
 
 from engine.layers.layer import Layer, LayerImage, LayerRequest
-from engine.layers.registry import LAYERS, layer_range, prompt_mask
+from engine.layers.registry import LAYERS, layer_range
 
-__all__ = ["LAYERS", "Layer", "LayerImage", "LayerRequest", "layer_range", "prompt_mask"]
+__all__ = ["LAYERS", "Layer", "LayerImage", "LayerRequest", "layer_range"]

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from engine.camera import Camera
+from engine.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD
 from engine.scene import Scene
 
 Kind = Literal["colour", "scalar", "mask"]
@@ -26,8 +27,8 @@ class LayerRequest:
         None: the surgeon's camera.
     prompts : tuple of str
         For `similarity` and `mask`.
-    threshold : float or None
-        On the cosine; None takes the decoder's default.
+    threshold : float
+        On the cosine.
     decoder : str
         One of `engine.masks.DECODERS`.
     """
@@ -35,8 +36,8 @@ class LayerRequest:
     frame: float
     camera: Camera | None = None
     prompts: tuple[str, ...] = ()
-    threshold: float | None = None
-    decoder: str = "rnse"
+    threshold: float = DEFAULT_THRESHOLD
+    decoder: str = DEFAULT_DECODER
 
 
 @dataclass(frozen=True)

@@ -61,18 +61,16 @@ def _prompted(request: LayerRequest) -> tuple[str, ...]:
 
 
 def _similarity(scene: Scene, request: LayerRequest) -> np.ndarray:
-    vectors = scene.vectors(_prompted(request))
-    query = scene.query(request.frame, request.camera)
-    return np.max([query.similarity(vector) for vector in vectors], axis=0)
+    vectors = np.concatenate([scene.meanings(prompt) for prompt in _prompted(request)])
+    return scene.query(request.frame, request.camera).similarity(vectors)
 
 
 def _splat_similarities(scene: Scene, request: LayerRequest) -> np.ndarray:
-    vectors = scene.vectors(_prompted(request))
-    assert scene.basis is not None
+    """Cosine of every Gaussian's latent with every prompt, [N, prompts]."""
     latents = scene.splats(request.frame).semantics.cpu().numpy()
-    text = scene.basis.project(vectors)
-    text = text / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
-    return (latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)) @ text.T
+    latents = latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
+    assert scene.basis is not None
+    return np.stack([(latents @ scene.basis.project(scene.meanings(prompt)).T).max(1) for prompt in _prompted(request)], 1)
 
 
 def _similarity_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -80,27 +78,20 @@ def _similarity_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:
-    vectors = scene.vectors(_prompted(request))
+    prompts = _prompted(request)
     query = scene.query(request.frame, request.camera)
-    out = np.zeros(query.shape, np.uint8)
-    for k, vector in enumerate(vectors):
-        out[prompt_mask(scene, request, k, vector)] = k + 1
+    meanings = [scene.meanings(prompt) for prompt in prompts]
+    camera = request.camera or scene.camera(request.frame)
+    out = np.zeros((camera.height, camera.width), np.uint8)
+    for k, meaning in enumerate(meanings):
+        rivals = np.concatenate([scene.vectors(scene.classes), *(other for other in meanings if other is not meaning)])
+        out[query.mask(meaning, request.decoder, request.threshold, rivals)] = k + 1
     return out
-
-
-def prompt_mask(scene: Scene, request: LayerRequest, index: int, vector: np.ndarray) -> np.ndarray:
-    """bool [H, W] of prompt `index`; the run's classes and the other prompts are what it is told apart from."""
-    query = scene.query(request.frame, request.camera)
-    names = [name for name in (*scene.classes, *(p for i, p in enumerate(request.prompts) if i != index))]
-    negatives = scene.vectors(tuple(names)) if names else None
-    return query.mask(vector, decoder=request.decoder, threshold=request.threshold, negatives=negatives)
 
 
 def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     similarity = _splat_similarities(scene, request)
-    best = similarity.argmax(1)
-    threshold = 0.5 if request.threshold is None else request.threshold
-    return np.where(similarity.max(1) >= threshold, best + 1, 0).astype(np.uint8)
+    return np.where(similarity.max(1) >= request.threshold, similarity.argmax(1) + 1, 0).astype(np.uint8)
 
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -112,7 +103,7 @@ def _displacement_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _warp(scene: Scene, request: LayerRequest) -> np.ndarray:
-    frame = int(round(request.frame))
+    frame = round(request.frame)
     observed = scene.observed_motion(frame)
     if request.camera is not None:
         raise DegenseError("warp is measured in the recording's own view; look through the surgeon's camera to see it")

@@ -47,7 +47,8 @@ class TrainConfig:
         Whether Ψ_app exists.
     channels, resolution, levels
         Of the HexPlane; its time resolution is half the number of frames.
-    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_semantics, rate_final : float
+    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_semantics, rate_lifetimes,
+    rate_final : float
         Learning rates, and the factor that those of positions and field have decayed by at the end.
     densify_every, densify_until : int, float
         Densify and prune every so many steps, until this share of the iterations.
@@ -83,12 +84,13 @@ class TrainConfig:
     levels: tuple[int, ...] = (1, 2)
     rate_means: float = 1.6e-4
     rate_field: float = 1.6e-3
-    rate_planes: float = 5e-3
+    rate_planes: float = 2e-2
     rate_scales: float = 5e-3
     rate_quats: float = 1e-3
     rate_opacity: float = 2e-2
     rate_color: float = 2.5e-3
     rate_semantics: float = 1e-2
+    rate_lifetimes: float = 5e-3
     rate_final: float = 0.05
     densify_every: int = 100
     densify_until: float = 0.6

@@ -15,12 +15,12 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from engine.camera import Camera
-from engine.motion import consistent, flow_between
+from engine.language.vocabulary import surgical_vocabulary
+from engine.motion import consistent, flow_between, follow, sample
 from engine.progress import Progress, silent
 from engine.training.frames import TrainingFrames
 
 FLOW_PIXELS = 160_000
-GAPS = (1, 3)  # partners in the list of training frames, beside the first training frame
 DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
 SOFTNESS = 0.003  # scene units (median depth 1) below which the robust norm is quadratic
 
@@ -45,7 +45,10 @@ class Pair:
 
 
 class MotionEvidence:
-    """Flow of every training frame to some partners, computed once.
+    """Flow of every training frame to its neighbours and to the first training frame, computed once.
+
+    Neighbours are matched directly, which is exact for small motion; the way to the first frame is followed from frame to frame, since a direct match of
+    far frames passes the forward-backward check while being wrong by many pixels.
 
     Parameters
     ----------
@@ -57,37 +60,52 @@ class MotionEvidence:
         self.frames = frames
         width, height = frames.size
         shrink = min(1.0, (FLOW_PIXELS / (width * height)) ** 0.5)
-        self.size = max(8, round(width * shrink)), max(8, round(height * shrink))
+        self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
         train = frames.clip.train_frames
-        links = {(a, b) for gap in GAPS for a, b in zip(train, train[gap:], strict=False)} | {(train[0], b) for b in train[1:]}
-        pictures = {i: cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train}
-        valid = {i: self._inside(frames.valid(i)) for i in train}
+        pictures = [cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train]
+        tissue = [self._inside(tissue_pixels(frames, i)) for i in train]
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
 
-        def both(link: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-            a, b = pictures[link[0]], pictures[link[1]]
-            return flow_between(a, b), flow_between(b, a)
+        def neighbours(k: int) -> tuple[np.ndarray, np.ndarray]:
+            return flow_between(pictures[k], pictures[k + 1]), flow_between(pictures[k + 1], pictures[k])
 
-        ordered = sorted(links)
+        steps = len(train) - 1
         with ThreadPoolExecutor(max_workers=8) as pool:
-            for done, ((a, b), (forward, backward)) in enumerate(zip(ordered, pool.map(both, ordered), strict=True)):
-                progress(done / len(ordered), "measuring optical flow")
-                self._add(a, b, forward, backward, valid)
-                self._add(b, a, backward, forward, valid)
+            direct = pool.map(neighbours, range(steps))
+            followed = follow(pictures) if steps > 1 else iter(())
+            for k, (forward, backward) in enumerate(followed):
+                progress(k / steps, "following tissue through the clip")
+                self._add(train[0], train[k + 1], forward, backward, tissue[0], tissue[k + 1])
+                self._add(train[k + 1], train[0], backward, forward, tissue[k + 1], tissue[0])
+            for k, (forward, backward) in enumerate(direct):
+                progress(1.0, "matching neighbouring frames")
+                self._add(train[k], train[k + 1], forward, backward, tissue[k], tissue[k + 1])
+                self._add(train[k + 1], train[k], backward, forward, tissue[k + 1], tissue[k])
 
     def _inside(self, valid: np.ndarray) -> np.ndarray:
         """Valid pixels at flow size, away from the edge of a tool mask, whose motion bleeds into the tissue beside it."""
         small = cv2.resize(valid.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST)
         return cv2.erode(small, np.ones((7, 7), np.uint8), borderValue=1) > 0
 
-    def _add(self, a: int, b: int, forward: np.ndarray, backward: np.ndarray, valid: dict[int, np.ndarray]) -> None:
+    def _add(self, a: int, b: int, forward: np.ndarray, backward: np.ndarray, tissue_a: np.ndarray, tissue_b: np.ndarray) -> None:
         width, height = self.size
-        x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-        end = cv2.remap(valid[b].astype(np.uint8), x + forward[..., 0], y + forward[..., 1], cv2.INTER_NEAREST, borderValue=0) > 0
-        weight = valid[a] & end & consistent(forward, backward)
+        weight = tissue_a & (sample(tissue_b.astype(np.float32), forward) > 0.99) & consistent(forward, backward)
         relative = np.moveaxis(forward / np.array([width, height], np.float32), -1, 0)
         device = self.frames.device
         self.pairs[a].append(Pair(b, torch.from_numpy(relative.copy()).half().to(device), torch.from_numpy(weight[None]).half().to(device)))
+
+    def carried(self, picture: np.ndarray, frame: int) -> np.ndarray:
+        """A picture [H, W, 3] of the first training frame, moved to where its tissue is in `frame`; unmoved where nothing is known of that."""
+        first = self.frames.clip.train_frames[0]
+        pair = next((pair for pair in self.pairs[frame] if pair.to == first), None)
+        if pair is None:
+            return picture
+        width, height = self.frames.size
+        flow = cv2.resize(pair.flow.float().cpu().numpy().transpose(1, 2, 0), (width, height)) * np.array([width, height], np.float32)
+        known = cv2.resize(pair.weight[0].float().cpu().numpy(), (width, height)) > 0.5
+        x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+        moved = cv2.remap(picture, x + flow[..., 0], y + flow[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.where(known[..., None], moved, picture)
 
     def loss(self, here: Tensor, there: Tensor, visible: Tensor, frame: int, pair: Pair) -> Tensor:
         """Robust distance between the model's motion and the observed one, averaged over visible Gaussians with evidence.
@@ -120,6 +138,18 @@ class MotionEvidence:
             error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
         distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
         return (distance * weight).sum() / weight.sum().clamp_min(1)
+
+
+def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
+    """Valid pixels that no label map calls an instrument, bool [H, W] at the working size."""
+    valid = frames.valid(index)
+    clip = frames.clip
+    instruments = [value for value, name in enumerate(clip.classes) if surgical_vocabulary().is_a(name, "instrument")]
+    labels = clip.labels(index) if instruments and index in clip.labelled_frames else None
+    if labels is None:
+        return valid
+    tool = np.isin(labels, instruments).astype(np.uint8)
+    return valid & (cv2.resize(tool, frames.size, interpolation=cv2.INTER_NEAREST) == 0)
 
 
 def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Camera) -> Tensor:

@@ -7,17 +7,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 
-KEYFRAMES = 8
-DIFFERENT = 30  # grey levels by which a pixel must differ from what is already seeded there
+KEYFRAMES = 10
+DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame to be taken for something else
 
 
-def initial_gaussians(frames: TrainingFrames, budget: int, rank: int, generator: np.random.Generator) -> tuple[dict[str, Tensor], Tensor]:
+def initial_gaussians(
+    frames: TrainingFrames, evidence: MotionEvidence | None, budget: int, rank: int, generator: np.random.Generator
+) -> tuple[dict[str, Tensor], Tensor]:
     """Canonical parameters and the bounds of the field.
 
-    The first training frame is sampled on a jittered grid. Then some key frames add points only where they show what the earlier ones could not: pixels
-    that were invalid (behind a tool) or look different by more than `DIFFERENT` grey levels.
+    The first training frame is sampled on a jittered grid. Key frames then add what it could not show: pixels that were invalid so far (behind a tool)
+    give lasting points; pixels that look different by more than `DIFFERENT` grey levels (a tool that came, a char) give points that live around
+    their key frame, so that nothing that comes later stands in the way of what was there before. Tissue that only moved is recognised by its flow
+    from the first frame and gives none: it is for the field to move what is there.
 
     Parameters
     ----------
@@ -29,20 +34,22 @@ def initial_gaussians(frames: TrainingFrames, budget: int, rank: int, generator:
     canonical : dict of Tensor
         See `engine.field.SceneModel`.
     bounds : float [2, 3]
-        Robust percentiles of the cloud (0.5 – 99.5) with a margin of a quarter of their extent.
+        Robust percentiles of the cloud (0.5 – 99.5) with a margin of a tenth of their extent.
     """
     train = frames.clip.train_frames
     keys = [train[i] for i in np.unique(np.linspace(0, len(train) - 1, min(KEYFRAMES, len(train))).round().astype(int))]
     width, height = frames.size
     stride = max(1.0, float(np.sqrt(width * height / (0.6 * budget))))
-    seen = np.zeros((height, width, 3), np.int16)
+    shown = np.zeros((height, width, 3), np.int16)
     known = np.zeros((height, width), bool)
-    points, colors, pitches = [], [], []
+    points, colors, pitches, lifetimes = [], [], [], []
+    rate = 0.75 * (len(keys) - 1)  # two neighbouring key frames, 2 / (keys − 1) apart, share the time between them
     left = budget
     for key in keys:
         image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
         smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
-        fresh = valid & (~known | (np.abs(smooth.astype(np.int16) - seen).max(2) > DIFFERENT))
+        expected = shown if evidence is None else evidence.carried(shown, key)
+        fresh = valid & (~known | (np.abs(smooth.astype(np.int16) - expected).max(2) > DIFFERENT))
         pixels = jittered_grid(width, height, stride, generator)
         rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
         keep = np.flatnonzero(fresh[rows, columns])
@@ -54,19 +61,22 @@ def initial_gaussians(frames: TrainingFrames, budget: int, rank: int, generator:
         points.append(frames.cameras[key].unproject(pixels[keep], z))
         colors.append(smooth[rows, columns] / 255.0)
         pitches.append(stride * z / frames.cameras[key].fx)
-        seen[fresh] = smooth[fresh]
-        known |= fresh
+        lasting = ~known[rows, columns]
+        lifetimes.append(np.stack([np.full(len(keep), frames.clip.time(key)), np.where(lasting, 0.0, rate)], 1))
+        shown[valid & ~known] = smooth[valid & ~known]
+        known |= valid
     means = torch.from_numpy(np.concatenate(points)).float()
     count = len(means)
     scales = torch.from_numpy(np.concatenate(pitches)).float() * 0.6
     low, high = torch.from_numpy(np.percentile(means.numpy(), [0.5, 99.5], axis=0)).float()
-    margin = 0.25 * (high - low).clamp_min(0.05)
+    margin = 0.1 * (high - low).clamp_min(0.05)
     canonical = {
         "means": means,
         "log_scales": scales.log()[:, None].repeat(1, 3),
         "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
         "logits": torch.full((count,), 2.0),
         "colors": torch.from_numpy(np.concatenate(colors)).float(),
+        "lifetimes": torch.from_numpy(np.concatenate(lifetimes)).float(),
         "semantics": torch.from_numpy(generator.normal(0, 0.01, (count, rank))).float(),
     }
     return canonical, torch.stack([low - margin, high + margin])

@@ -102,7 +102,7 @@ def train(
     field = FieldConfig(
         config.routing, rank, config.appearance, config.channels, config.resolution, max(2, (len(clip) + 1) // 2), config.levels
     )
-    canonical, bounds = initial_gaussians(frames, int(config.max_gaussians * 0.7), rank, np.random.default_rng(config.seed))
+    canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), rank, np.random.default_rng(config.seed))
     model = SceneModel(field, bounds, canonical).to(device)
     if run is None:
         info = {

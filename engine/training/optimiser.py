@@ -19,6 +19,7 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
         "logits": config.rate_opacity,
         "colors": config.rate_color,
         "semantics": config.rate_semantics,
+        "lifetimes": config.rate_lifetimes,
     }
     groups = [{"name": name, "params": [model.canonical[name]], "lr": rate} for name, rate in rates.items()]
     networks = [model.kinematics, model.geometry, *([model.appearance] if model.appearance is not None else [])]

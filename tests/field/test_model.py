@@ -21,6 +21,7 @@ def make(routing, rank=4, count=60, seed=0):
         "logits": torch.randn(count),
         "colors": torch.rand(count, 3),
         "semantics": torch.randn(count, rank),
+        "lifetimes": torch.zeros(count, 2),
     }
     bounds = torch.tensor([[-0.6, -0.5, 0.7], [0.6, 0.5, 1.3]])
     return SceneModel(FieldConfig(routing, rank, channels=8, resolution=8, time_resolution=4), bounds, canonical)
@@ -103,3 +104,15 @@ def test_a_scene_without_semantics_draws():
     assert splats.semantics.shape == (60, 0)
     drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, CAMERA)
     assert drawn.image.shape == (20, 24, 3)
+
+
+def test_lifetimes_fade_what_is_transient_and_leave_the_rest_alone_for_ever():
+    model = make("isolated")
+    with torch.no_grad():
+        model.canonical["lifetimes"][0] = torch.tensor([0.5, 10.0])
+    at, away = model.at(0.5).splats.opacities, model.at(-0.5).splats.opacities
+    assert torch.equal(at[1:], away[1:])
+    assert at[0] == model.canonical["logits"][0].sigmoid()
+    assert away[0] < 1e-6
+    away.sum().backward()
+    assert torch.count_nonzero(model.canonical["lifetimes"].grad[1:]) == 0

@@ -19,6 +19,12 @@ def test_ssim_agrees_with_scikit_image_away_from_the_border():
     np.testing.assert_allclose(ours[6:-6, 6:-6], expected[6:-6, 6:-6], atol=1e-6)
 
 
+def test_the_gradient_of_ssim_is_right():
+    torch.manual_seed(2)
+    image, target = torch.rand(7, 9, 2, dtype=torch.float64, requires_grad=True), torch.rand(7, 9, 2, dtype=torch.float64)
+    assert torch.autograd.gradcheck(lambda x: ssim_map(x, target), image)
+
+
 def test_photometric_ignores_invalid_pixels():
     torch.manual_seed(0)
     image, target = torch.rand(30, 30, 3), torch.rand(30, 30, 3)

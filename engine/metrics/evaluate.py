@@ -1,0 +1,129 @@
+"""All scores of a run on its held-out frames."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from typing import Any
+
+import numpy as np
+import torch
+
+from engine.clip import Clip
+from engine.errors import ClipError
+from engine.masks import DECODERS
+from engine.metrics.image import ImageScores
+from engine.metrics.masks import MaskScores
+from engine.metrics.motion import MotionScores
+from engine.progress import Progress, silent
+from engine.scene import Scene
+
+MASKED_BORDER = 2  # pixels eroded from valid regions when a tool mask cuts into the picture: its edge belongs to the tool's blur
+TIMED = 20
+
+
+def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str, Any]:
+    """Score a run.
+
+    Protocol
+    --------
+    Images and masks: held-out frames, (i − 1) % 8 == 0, never trained on; all frames when the clip is too short to hold any out (then
+    `held_out` is False). Masks count only frames that have a label map; a clip whose only label map was trained on is scored on that one and says so
+    (`mask_frames_trained`). Motion: every frame, where the clip brings exact truth. `miou` per decoder as in `MaskScores`. Displacement in the clip's unit.
+
+    Returns
+    -------
+    dict
+        The keys of DESIGN §9 and their parts: image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion scores, `train_seconds`,
+        `gaussians`, `render_fps` (baked states, colour only, this machine), `query_ms` (warm frame, prompt to mask) and `query_new_frame_ms`.
+
+    Raises
+    ------
+    ClipError
+        When the clip has another size or length than the run.
+    """
+    if clip.size != scene.clip_size or len(clip) != scene.frames:
+        raise ClipError(f"{clip.path} has {len(clip)} frames of {clip.size}, but {scene.name} was trained on {scene.frames} of {scene.clip_size}")
+    held_out = bool(clip.test_frames)
+    frames = clip.test_frames or list(range(len(clip)))
+    result: dict[str, Any] = {
+        "run": scene.name,
+        "clip": clip.name,
+        "frames": frames,
+        "held_out": held_out,
+        "routing": scene.run.info["config"]["routing"],
+        "preset": scene.run.info["config"]["preset"],
+        "unit": scene.unit,
+    }
+    images = ImageScores()
+    for done, i in enumerate(frames):
+        progress(0.4 * done / len(frames), "comparing pictures")
+        images.add(scene.picture(i), clip.frame(i), clip.valid(i))
+    result |= images.result()
+    if scene.has_semantics and clip.labelled_frames:
+        result |= _score_masks(scene, clip, frames, progress)
+    truth = clip.truth()
+    if truth is not None:
+        motion = MotionScores()
+        for i in range(len(clip)):
+            progress(0.7 + 0.2 * i / len(clip), "comparing motion")
+            motion.add(scene.render(i, None, ("displacement",))["displacement"], truth.displacement[i], truth.cautery[i])
+        result |= motion.result()
+    progress(0.9, "measuring speed")
+    result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model), "render_fps": _render_fps(scene)}
+    if scene.has_semantics and scene.classes:
+        result |= _query_times(scene)
+    return result
+
+
+def _score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress) -> dict[str, Any]:
+    labelled = set(clip.labelled_frames)
+    scored = [i for i in frames if i in labelled] or sorted(labelled)
+    vectors = scene.vectors(clip.classes)
+    scores = {decoder: MaskScores(clip.classes, skipped=("background", "black background")) for decoder in DECODERS}
+    for done, i in enumerate(scored):
+        progress(0.4 + 0.3 * done / len(scored), "comparing masks")
+        query, labels = scene.query(i), clip.labels(i)
+        assert labels is not None
+        for decoder, score in scores.items():
+            score.add(query.label_map(vectors, decoder), labels, clip.valid(i))
+    results = {decoder: score.result() for decoder, score in scores.items()}
+    return {
+        "miou": {decoder: values["miou"] for decoder, values in results.items()},
+        "masks": results,
+        "mask_frames": scored,
+        "mask_frames_trained": [i for i in scored if i not in clip.test_frames],
+    }
+
+
+def _render_fps(scene: Scene) -> float:
+    """Frames a second from baked states, colour only, to an array in memory."""
+    frames = np.linspace(0, scene.frames - 1, min(scene.frames, TIMED)).round().astype(int)
+    for i in frames:
+        scene.splats(i)
+    seconds = []
+    for i in frames:
+        start = time.perf_counter()
+        scene.draw(i, scene.camera(i), ("rgb",))
+        if torch.cuda.is_available():
+            torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - start)
+    return 1 / statistics.median(seconds)
+
+
+def _query_times(scene: Scene) -> dict[str, float]:
+    """Milliseconds from prompt to final mask (decoder rnse): on a frame not seen before, and another prompt on the same frame."""
+    first, warm = [], []
+    frames = np.linspace(0, scene.frames - 1, min(scene.frames, 5)).round().astype(int)
+    vectors = scene.vectors(scene.classes)
+    for i in frames:
+        scene.splats(i)
+        start = time.perf_counter()
+        query = scene.new_query(i, scene.camera(i))
+        query.mask(vectors[0], negatives=vectors)
+        first.append(time.perf_counter() - start)
+        for vector in vectors[1:2] if len(vectors) > 1 else vectors:
+            start = time.perf_counter()
+            query.mask(vector, negatives=vectors)
+            warm.append(time.perf_counter() - start)
+    return {"query_ms": statistics.median(warm) * 1e3, "query_new_frame_ms": statistics.median(first) * 1e3}
