@@ -37,7 +37,13 @@ def _dot(a, b):
 
 
 @njit(nogil=True, error_model="numpy")
-def _mix(a, u, b, v, c, w):
+def _mix(a, u, b, v):
+    """a u + b v of numbers and 3-vectors."""
+    return a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2]
+
+
+@njit(nogil=True, error_model="numpy")
+def _mix3(a, u, b, v, c, w):
     """a u + b v + c w of numbers and 3-vectors."""
     return a * u[0] + b * v[0] + c * w[0], a * u[1] + b * v[1] + c * w[1], a * u[2] + b * v[2] + c * w[2]
 
@@ -68,9 +74,9 @@ def _rotate(view, w, x, y, z):
     r0 = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y))
     r1 = (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x))
     r2 = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
-    q0 = _mix(view[0, 0], r0, view[0, 1], r1, view[0, 2], r2)
-    q1 = _mix(view[1, 0], r0, view[1, 1], r1, view[1, 2], r2)
-    q2 = _mix(view[2, 0], r0, view[2, 1], r1, view[2, 2], r2)
+    q0 = _mix3(view[0, 0], r0, view[0, 1], r1, view[0, 2], r2)
+    q1 = _mix3(view[1, 0], r0, view[1, 1], r1, view[1, 2], r2)
+    q2 = _mix3(view[2, 0], r0, view[2, 1], r1, view[2, 2], r2)
     return q0, q1, q2
 
 
@@ -126,7 +132,9 @@ def project(means, quats, scales, opacities, features, offsets, view, lens, spla
             finite = _is_finite(g, means) and _is_finite(g, quats) and _is_finite(g, scales) and _is_finite(g, features)
             if not (finite and opacities[g] <= math.sqrt(MAX_SQUARE) and opacity >= MIN_ALPHA and NEAR <= z <= FAR):
                 continue
-            u, v = fx * x / z + cx, fy * y / z + cy
+            inverse_z = 1.0 / z
+            x, y, i0, i1 = x * inverse_z, y * inverse_z, fx * inverse_z, fy * inverse_z
+            u, v = fx * x + cx, fy * y + cy
             if offsets.shape[0] > 0:
                 if not _is_finite(g, offsets):
                     continue
@@ -136,30 +144,32 @@ def project(means, quats, scales, opacities, features, offsets, view, lens, spla
             qw, qx, qy, qz, _ = _unit_quaternion(g, quats)
             q0, q1, q2 = _rotate(view, qw, qx, qy, qz)
             sx, sy, sz = _scale(g, scales, 0), _scale(g, scales, 1), _scale(g, scales, 2)
-            j0, j1 = -fx * _slope(x / z, fx, cx, width) / z, -fy * _slope(y / z, fy, cy, height) / z
-            p0 = _mix(fx / z, q0, j0, q2, 0.0, q2)
-            p1 = _mix(fy / z, q1, j1, q2, 0.0, q2)
+            j0, j1 = -i0 * _slope(x, fx, cx, width), -i1 * _slope(y, fy, cy, height)
+            p0 = _mix(i0, q0, j0, q2)
+            p1 = _mix(i1, q1, j1, q2)
             p0 = (p0[0] * sx, p0[1] * sy, p0[2] * sz)
             p1 = (p1[0] * sx, p1[1] * sy, p1[2] * sz)
             a, b, c, determinant = _covariance(p0, p1)
 
-            reach = math.sqrt(2.0 * math.log(opacity / MIN_ALPHA))
+            headroom = math.log2(opacity) - LOG2_MIN_ALPHA
+            reach, deviation_x, deviation_y = math.sqrt(2.0 / LOG2E * headroom), math.sqrt(a), math.sqrt(c)
             extent = min(MAX_EXTENT, reach)
-            half_x, half_y = math.ceil(extent * math.sqrt(a)), math.ceil(extent * math.sqrt(c))
+            half_x, half_y = math.ceil(extent * deviation_x), math.ceil(extent * deviation_y)
             if not (u + half_x > 0.0 and u - half_x < width and v + half_y > 0.0 and v - half_y < height):
                 continue
             radii[g] = np.int32(min(max(half_x, half_y), 2147483647.0))
             depths[g] = z
-            half_x, half_y = reach * math.sqrt(a), reach * math.sqrt(c)
+            half_x, half_y = reach * deviation_x, reach * deviation_y
             tiles[g, LEFT] = int(min(width, max(0.0, u - half_x)) / TILE_WIDTH)
             tiles[g, RIGHT] = min(columns, int(min(width, max(0.0, u + half_x)) / TILE_WIDTH) + 1)
             tiles[g, TOP] = int(min(height, max(0.0, v - half_y)) / TILE_HEIGHT)
             tiles[g, BOTTOM] = min(rows, int(min(height, max(0.0, v + half_y)) / TILE_HEIGHT) + 1)
-            splats[g, X], splats[g, Y], splats[g, SHEAR] = u, v, b / c
+            inverse_c = 1.0 / c
+            splats[g, X], splats[g, Y], splats[g, SHEAR] = u, v, b * inverse_c
             splats[g, ACROSS] = 0.5 * LOG2E * c / determinant
-            splats[g, WIDTH] = determinant / (0.5 * LOG2E * c)
-            splats[g, ALONG] = 0.5 * LOG2E / c
-            splats[g, HEADROOM] = math.log2(opacity) - LOG2_MIN_ALPHA
+            splats[g, WIDTH] = 2.0 / LOG2E * determinant * inverse_c
+            splats[g, ALONG] = 0.5 * LOG2E * inverse_c
+            splats[g, HEADROOM] = headroom
 
 
 # What blending's backward pass sums for a Gaussian over its pixels, with v = ∂L/∂ln α and e = dx − k dy: Σ v, v e, v e², v dy,
@@ -190,16 +200,19 @@ def project_backward(
             qw, qx, qy, qz, inverse_length = _unit_quaternion(g, quats)
             q0, q1, q2 = _rotate(view, qw, qx, qy, qz)
             sx, sy, sz = _scale(g, scales, 0), _scale(g, scales, 1), _scale(g, scales, 2)
-            slope_x, slope_y = _slope(x / z, fx, cx, width), _slope(y / z, fy, cy, height)
-            i0, i1, j0, j1 = fx / z, fy / z, -fx * slope_x / z, -fy * slope_y / z
-            b0 = _mix(i0, q0, j0, q2, 0.0, q2)
-            b1 = _mix(i1, q1, j1, q2, 0.0, q2)
+            inverse_z = 1.0 / z
+            x, y, i0, i1 = x * inverse_z, y * inverse_z, fx * inverse_z, fy * inverse_z
+            slope_x, slope_y = _slope(x, fx, cx, width), _slope(y, fy, cy, height)
+            j0, j1 = -i0 * slope_x, -i1 * slope_y
+            b0 = _mix(i0, q0, j0, q2)
+            b1 = _mix(i1, q1, j1, q2)
             p0 = (b0[0] * sx, b0[1] * sy, b0[2] * sz)
             p1 = (b1[0] * sx, b1[1] * sy, b1[2] * sz)
             _, b, c, determinant = _covariance(p0, p1)
 
             # ln α = ln o − ½ (u e)² − ½ dy² / c with precision across u² = c / det
-            across, along, shear = c / determinant, 1.0 / c, b / c
+            along = 1.0 / c
+            across, shear = c / determinant, b * along
             grad_u = across * sums[g, VE]
             grad_v = along * sums[g, VY] - across * shear * sums[g, VE]
             grad_across, grad_along, grad_shear = -0.5 * sums[g, VEE], -0.5 * sums[g, VYY], across * sums[g, VEY]
@@ -211,8 +224,8 @@ def project_backward(
                 grad_opacities[g] = sums[g, V] / opacities[g]
 
             # Σ' = P Pᵀ, P = B S, B = J Q
-            grad_p0 = _mix(2.0 * grad_a, p0, grad_b, p1, 0.0, p1)
-            grad_p1 = _mix(grad_b, p0, 2.0 * grad_c, p1, 0.0, p1)
+            grad_p0 = _mix(2.0 * grad_a, p0, grad_b, p1)
+            grad_p1 = _mix(grad_b, p0, 2.0 * grad_c, p1)
             if abs(scales[g, 0]) <= MAX_SCALE:
                 grad_scales[g, 0] = grad_p0[0] * b0[0] + grad_p1[0] * b1[0]
             if abs(scales[g, 1]) <= MAX_SCALE:
@@ -226,24 +239,22 @@ def project_backward(
 
             # the centre moves the projected centre and the Jacobian
             grad_x, grad_y = grad_u * i0, grad_v * i1
-            grad_z = -(grad_x * x + grad_y * y) / z - (grad_i0 * i0 + grad_i1 * i1 + grad_j0 * j0 + grad_j1 * j1) / z
-            if slope_x == x / z:
-                grad_x -= grad_j0 * i0 / z
-                grad_z += grad_j0 * i0 * slope_x / z
-            if slope_y == y / z:
-                grad_y -= grad_j1 * i1 / z
-                grad_z += grad_j1 * i1 * slope_y / z
+            grad_z = -(grad_x * x + grad_y * y) - (grad_i0 * i0 + grad_i1 * i1 + grad_j0 * j0 + grad_j1 * j1) * inverse_z
+            if slope_x == x:
+                grad_x -= grad_j0 * i0 * inverse_z
+                grad_z += grad_j0 * i0 * slope_x * inverse_z
+            if slope_y == y:
+                grad_y -= grad_j1 * i1 * inverse_z
+                grad_z += grad_j1 * i1 * slope_y * inverse_z
             for axis in range(3):
                 grad_means[g, axis] = view[0, axis] * grad_x + view[1, axis] * grad_y + view[2, axis] * grad_z
 
             # Q = W R(q)
             if inverse_length > 0.0:
-                grad_q0 = _mix(i0, grad_b0, 0.0, grad_b0, 0.0, grad_b0)
-                grad_q1 = _mix(i1, grad_b1, 0.0, grad_b1, 0.0, grad_b1)
-                grad_q2 = _mix(j0, grad_b0, j1, grad_b1, 0.0, grad_b1)
-                r0 = _mix(view[0, 0], grad_q0, view[1, 0], grad_q1, view[2, 0], grad_q2)
-                r1 = _mix(view[0, 1], grad_q0, view[1, 1], grad_q1, view[2, 1], grad_q2)
-                r2 = _mix(view[0, 2], grad_q0, view[1, 2], grad_q1, view[2, 2], grad_q2)
+                grad_q2 = _mix(j0, grad_b0, j1, grad_b1)
+                r0 = _mix3(view[0, 0] * i0, grad_b0, view[1, 0] * i1, grad_b1, view[2, 0], grad_q2)
+                r1 = _mix3(view[0, 1] * i0, grad_b0, view[1, 1] * i1, grad_b1, view[2, 1], grad_q2)
+                r2 = _mix3(view[0, 2] * i0, grad_b0, view[1, 2] * i1, grad_b1, view[2, 2], grad_q2)
                 dw = 2.0 * (qx * (r2[1] - r1[2]) + qy * (r0[2] - r2[0]) + qz * (r1[0] - r0[1]))
                 dx = 2.0 * (-2.0 * qx * (r1[1] + r2[2]) + qy * (r1[0] + r0[1]) + qz * (r2[0] + r0[2]) + qw * (r2[1] - r1[2]))
                 dy = 2.0 * (qx * (r1[0] + r0[1]) - 2.0 * qy * (r0[0] + r2[2]) + qz * (r2[1] + r1[2]) + qw * (r0[2] - r2[0]))
