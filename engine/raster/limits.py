@@ -1,4 +1,8 @@
-"""Constants that every back end shares; they are gsplat 1.5.3's where gsplat has them."""
+"""Constants that every back end shares; they are gsplat 1.5.3's where gsplat has them.
+
+Numba's cache looks at the file of a kernel only: whoever changes a number here (or an operation in simd.py) deletes
+engine/raster/__pycache__.
+"""
 
 NEAR, FAR = 0.01, 1e10
 """Gaussians whose centre has a camera z outside are not drawn; units of the means (scenes are normalised to about unit depth)."""
