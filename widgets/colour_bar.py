@@ -1,0 +1,171 @@
+"""Which colour means which number, and who decides the range."""
+
+from __future__ import annotations
+
+import math
+
+from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QPainter, QPaintEvent, QPalette
+from PySide6.QtWidgets import QComboBox, QFormLayout, QLabel, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
+
+from engine.colour_maps import COLOUR_MAPS, colour_table
+from widgets.images import to_qimage
+from widgets.keys import ARROWS, PRESS, TYPING, keep_keys
+from widgets.ticks import linear_ticks, short
+
+RANGE_MODES = ("frame", "sequence", "fixed")
+
+_MODE_TITLES = {"frame": "This frame", "sequence": "Whole sequence", "fixed": "Fixed"}
+
+
+class _Gradient(QWidget):
+    """The bar itself with its ticks."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.low, self.high, self.cmap = 0.0, 1.0, COLOUR_MAPS[0]
+        self.setAccessibleName("Colours and their numbers")
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
+        self.setMinimumHeight(80)
+
+    def sizeHint(self) -> QSize:
+        return QSize(90, 200)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        metrics = painter.fontMetrics()
+        edge = metrics.height() / 2 + 1
+        bar = QRectF(2, edge, 20, max(self.height() - 2 * edge, 1))
+        painter.drawImage(bar, to_qimage(colour_table(self.cmap)[::-1, None]))
+        painter.setPen(self.palette().color(QPalette.ColorRole.Mid))
+        painter.drawRect(bar)
+        painter.setPen(self.palette().color(QPalette.ColorRole.WindowText))
+        ends = [self.low, self.high]
+        inner = linear_ticks(self.low, self.high, max(2, int(bar.height() / (3 * metrics.height()))))
+        clear = 1.2 * metrics.height() / max(bar.height(), 1) * (self.high - self.low)
+        for value in ends + [v for v in inner if min(abs(v - end) for end in ends) > clear]:
+            y = bar.bottom() - (value - self.low) / ((self.high - self.low) or 1.0) * bar.height()
+            painter.drawLine(round(bar.right()), round(y), round(bar.right()) + 4, round(y))
+            label = QRectF(bar.right() + 7, y - metrics.height() / 2, self.width(), metrics.height())
+            painter.drawText(label, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, short(value))
+
+
+class ColourBar(QWidget):
+    """A vertical colour bar with its range: of this frame, of the whole sequence, or fixed by hand."""
+
+    range_mode_changed = Signal(str)
+    range_edited = Signal(float, float)
+    cmap_changed = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("Colour bar")
+        self._title, self._unit = "", ""
+        self._heading = QLabel(self)
+        self._heading.setWordWrap(True)
+        self._gradient = _Gradient(self)
+        self._mode_box = QComboBox(self)
+        self._mode_box.setAccessibleName("Range of the colours")
+        for mode in RANGE_MODES:
+            self._mode_box.addItem(_MODE_TITLES[mode], mode)
+        self._mode_box.setCurrentIndex(RANGE_MODES.index("sequence"))
+        self._mode_box.activated.connect(lambda: self.range_mode_changed.emit(self.range_mode()))
+        self._map_box = QComboBox(self)
+        self._map_box.setAccessibleName("Colour map")
+        self._map_box.addItems(list(COLOUR_MAPS))
+        self._map_box.activated.connect(self._map_chosen)
+        for box in (self._mode_box, self._map_box):
+            box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+            box.setMinimumContentsLength(8)
+            keep_keys(box, ARROWS | PRESS)
+        self._high_field, self._low_field = QLineEdit(self), QLineEdit(self)
+        for field, name in ((self._high_field, "Highest value"), (self._low_field, "Lowest value")):
+            field.setAccessibleName(name)
+            field.setToolTip(name)
+            field.setMinimumWidth(50)
+            field.editingFinished.connect(self._edited)
+            keep_keys(field, TYPING)
+        form = QFormLayout()
+        form.setHorizontalSpacing(6)
+        form.setVerticalSpacing(4)
+        form.addRow("Max", self._high_field)
+        form.addRow("Min", self._low_field)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 6, 6, 6)
+        layout.setSpacing(6)
+        layout.addWidget(self._heading)
+        layout.addWidget(self._gradient, 1)
+        layout.addWidget(self._mode_box)
+        layout.addLayout(form)
+        layout.addWidget(self._map_box)
+        self._show_range()
+
+    def set_title(self, title: str) -> None:
+        self._title = title
+        self._show_heading()
+
+    def set_unit(self, unit: str) -> None:
+        self._unit = unit
+        self._show_heading()
+
+    def set_cmap(self, name: str) -> None:
+        colour_table(name)
+        self._map_box.setCurrentText(name)
+        self._gradient.cmap = name
+        self._gradient.update()
+
+    def cmap(self) -> str:
+        return self._gradient.cmap
+
+    def set_range(self, low: float, high: float) -> None:
+        """The numbers of the first and the last colour."""
+        if not (math.isfinite(low) and math.isfinite(high)):
+            raise ValueError(f"a colour range is finite, not {low} to {high}")
+        self._gradient.low, self._gradient.high = float(low), float(high)
+        self._show_range()
+
+    def range(self) -> tuple[float, float]:
+        return self._gradient.low, self._gradient.high
+
+    def set_range_mode(self, mode: str) -> None:
+        if mode not in RANGE_MODES:
+            raise ValueError(f"unknown range mode {mode!r}; there are {', '.join(RANGE_MODES)}")
+        self._mode_box.setCurrentIndex(RANGE_MODES.index(mode))
+
+    def range_mode(self) -> str:
+        return self._mode_box.currentData()
+
+    def _show_heading(self) -> None:
+        self._heading.setText(f"{self._title} [{self._unit}]" if self._unit else self._title)
+
+    def _show_range(self) -> None:
+        for field, value in ((self._low_field, self._gradient.low), (self._high_field, self._gradient.high)):
+            field.setText(short(value, 5))
+            field.setModified(False)
+            field.setCursorPosition(0)
+        self._gradient.update()
+
+    def _edited(self) -> None:
+        """A number was typed: take it when it is one and the range stays a range, else show the old one again."""
+        if not (self._low_field.isModified() or self._high_field.isModified()):
+            return
+        typed = []
+        for field, old in ((self._low_field, self._gradient.low), (self._high_field, self._gradient.high)):
+            try:
+                typed.append(float(field.text().replace(",", ".")) if field.isModified() else old)
+            except ValueError:
+                self._show_range()
+                return
+        low, high = typed
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            self._show_range()
+            return
+        self.set_range(low, high)
+        if self.range_mode() != "fixed":
+            self.set_range_mode("fixed")
+            self.range_mode_changed.emit("fixed")
+        self.range_edited.emit(low, high)
+
+    def _map_chosen(self) -> None:
+        self.set_cmap(self._map_box.currentText())
+        self.cmap_changed.emit(self.cmap())

@@ -1,0 +1,173 @@
+"""The line of frames: a slider with marks below and curves above."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtGui import QColor, QHelpEvent, QKeyEvent, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPalette, QPen
+from PySide6.QtWidgets import QSizePolicy, QSlider, QToolTip, QWidget
+
+from widgets.keys import ARROWS, keep_keys
+
+_MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
+
+
+class FrameTrack(QSlider):
+    """A slider whose groove is the sequence: press anywhere to go there; Shift with the arrows makes steps of ten."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(Qt.Orientation.Horizontal, parent)
+        self.setAccessibleName("Frame")
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.setPageStep(10)
+        keep_keys(self, ARROWS)
+        self._test: set[int] = set()
+        self._labelled: set[int] = set()
+        self._strips: dict[str, tuple[np.ndarray, QColor]] = {}
+
+    def set_frames(self, count: int) -> None:
+        self._test, self._labelled = set(), set()
+        self.blockSignals(True)
+        self.setRange(0, max(count - 1, 0))
+        self.setValue(0)
+        self.blockSignals(False)
+        self.clear_strips()
+
+    def set_marks(self, test: Iterable[int], labelled: Iterable[int]) -> None:
+        self._test, self._labelled = set(test), set(labelled)
+        self.update()
+
+    def set_strip(self, name: str, values: np.ndarray, colour: QColor) -> None:
+        self._strips[name] = (values, colour)
+        self.updateGeometry()
+        self.update()
+
+    def remove_strip(self, name: str) -> None:
+        self._strips.pop(name, None)
+        self.updateGeometry()
+        self.update()
+
+    def clear_strips(self) -> None:
+        self._strips.clear()
+        self.updateGeometry()
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        return QSize(320, (_STRIP if self._strips else 0) + _LINE + _MARKS)
+
+    minimumSizeHint = sizeHint
+
+    # Geometry
+
+    def _x(self, frame: float) -> float:
+        return _MARGIN + (self.width() - 2 * _MARGIN) * frame / max(self.maximum(), 1)
+
+    def _frame_at(self, x: float) -> int:
+        return round((x - _MARGIN) / max(self.width() - 2 * _MARGIN, 1) * self.maximum())
+
+    # Painting
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        group = QPalette.ColorGroup.Active if self.isEnabled() else QPalette.ColorGroup.Disabled
+        accent = self.palette().color(QPalette.ColorRole.Accent) if self.isEnabled() else self.palette().color(QPalette.ColorRole.Mid)
+        text = self.palette().color(group, QPalette.ColorRole.WindowText)
+        top = self.height() - _LINE - _MARKS
+        middle = top + _LINE / 2
+        for values, colour in self._strips.values():
+            self._paint_strip(painter, values, colour, top)
+        groove = QRectF(_MARGIN, middle - 2, self.width() - 2 * _MARGIN, 4)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(self.palette().color(QPalette.ColorRole.Mid))
+        painter.drawRoundedRect(groove, 2, 2)
+        x = self._x(self.value())
+        painter.setBrush(accent)
+        painter.drawRoundedRect(QRectF(groove.left(), groove.top(), x - groove.left(), 4), 2, 2)
+        self._paint_marks(painter, middle + _LINE / 2 + 1, text)
+        if self._strips:
+            painter.setPen(QPen(text, 1))
+            painter.drawLine(QPointF(x, 0), QPointF(x, middle))
+        painter.setPen(QPen(text if self.hasFocus() else self.palette().color(QPalette.ColorRole.Window), 1.5))
+        painter.setBrush(accent)
+        painter.drawEllipse(QPointF(x, middle), 6, 6)
+
+    def _paint_strip(self, painter: QPainter, values: np.ndarray, colour: QColor, height: float) -> None:
+        finite = np.isfinite(values)
+        if not finite.any():
+            return
+        scale = (height - 3) / max(float(values[finite].max()), 1e-12)
+        # No more points than pixels: of the frames that share a pixel the largest value is drawn.
+        step = max(1, len(values) // max(self.width(), 1))
+        for run in np.split(np.arange(len(values)), np.flatnonzero(np.diff(finite.astype(np.int8))) + 1):
+            if not finite[run[0]]:
+                continue
+            peaks = [(run[i], max(float(values[run[i : i + step]].max()), 0.0)) for i in range(0, len(run), step)]
+            points = [QPointF(self._x(frame), height - scale * peak) for frame, peak in peaks]
+            line = QPainterPath(points[0])
+            for point in points[1:]:
+                line.lineTo(point)
+            area = QPainterPath(line)
+            area.lineTo(points[-1].x(), height)
+            area.lineTo(points[0].x(), height)
+            wash = QColor(colour)
+            wash.setAlpha(40)
+            painter.fillPath(area, wash)
+            painter.strokePath(line, QPen(colour, 1.3))
+
+    def _paint_marks(self, painter: QPainter, y: float, text: QColor) -> None:
+        labelled = self.palette().color(QPalette.ColorRole.Accent)
+        quiet = self.palette().color(QPalette.ColorRole.PlaceholderText)
+        crowded = (self.width() - 2 * _MARGIN) / max(self.maximum(), 1) < 3
+        for frames, colour, filled in ((self._test, quiet, False), (self._labelled, labelled, True)):
+            painter.setPen(QPen(colour, 1.2))
+            painter.setBrush(colour if filled else Qt.BrushStyle.NoBrush)
+            for frame in frames:
+                x = self._x(frame)
+                if crowded:
+                    painter.drawLine(QPointF(x, y + (4 if filled else 0)), QPointF(x, y + (8 if filled else 4)))
+                elif filled:
+                    painter.drawRect(QRectF(x - 2, y + 4, 4, 4))
+                else:
+                    painter.drawPolyline([QPointF(x - 3, y + 4), QPointF(x, y), QPointF(x + 3, y + 4)])
+
+    # Events
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        if event.button() == Qt.MouseButton.LeftButton:
+            self.setSliderDown(True)
+            self.setValue(self._frame_at(event.position().x()))
+            event.accept()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self.isSliderDown():
+            self.setValue(self._frame_at(event.position().x()))
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        self.setSliderDown(False)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        step = 10 if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else 1
+        if event.key() in (Qt.Key.Key_Left, Qt.Key.Key_Down):
+            self.setValue(self.value() - step)
+        elif event.key() in (Qt.Key.Key_Right, Qt.Key.Key_Up):
+            self.setValue(self.value() + step)
+        elif event.key() == Qt.Key.Key_PageUp:
+            self.setValue(self.value() - self.pageStep())
+        elif event.key() == Qt.Key.Key_PageDown:
+            self.setValue(self.value() + self.pageStep())
+        else:
+            super().keyPressEvent(event)
+
+    def event(self, event) -> bool:
+        if isinstance(event, QHelpEvent):
+            frame = min(max(self._frame_at(event.pos().x()), 0), self.maximum())
+            kinds = [kind for kind, frames in (("held out for testing", self._test), ("annotated", self._labelled)) if frame in frames]
+            lines = [f"Frame {frame}" + (f" ({', '.join(kinds)})" if kinds else "")]
+            lines += [f"{name}: {values[frame]:.4g}" for name, (values, _) in self._strips.items() if frame < len(values)]
+            QToolTip.showText(event.globalPos(), "\n".join(lines), self)
+            return True
+        return super().event(event)

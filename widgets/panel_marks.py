@@ -1,0 +1,70 @@
+"""What lies over a picture: tags, a legend, a cross, the handle of a comparison. White on a dark veil: legible on any tissue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPen
+
+_INK, _VEIL = QColor(255, 255, 255), QColor(0, 0, 0, 150)
+
+
+def _veil(painter: QPainter, box: QRectF) -> None:
+    painter.setPen(Qt.PenStyle.NoPen)
+    painter.setBrush(_VEIL)
+    painter.drawRoundedRect(box, 4, 4)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+
+
+def paint_tag(painter: QPainter, corner: QPointF, text: str, right_aligned: bool = False) -> None:
+    """A few words on a veil, whose upper left (or right) corner is `corner`."""
+    metrics = painter.fontMetrics()
+    width, height = metrics.horizontalAdvance(text) + 12, metrics.height() + 4
+    box = QRectF(corner.x() - (width if right_aligned else 0), corner.y(), width, height)
+    _veil(painter, box)
+    painter.setPen(_INK)
+    painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
+
+
+def paint_legend(painter: QPainter, corner: QPointF, entries: Sequence[tuple[str, QColor]]) -> None:
+    """Names with their colours; `corner` is the lower left one."""
+    metrics = painter.fontMetrics()
+    row, swatch = metrics.height() + 4, metrics.ascent()
+    width = max(metrics.horizontalAdvance(name) for name, _ in entries) + swatch + 22
+    box = QRectF(corner.x(), corner.y() - row * len(entries) - 6, width, row * len(entries) + 6)
+    _veil(painter, box)
+    aligned = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
+    for i, (name, colour) in enumerate(entries):
+        y = box.top() + 3 + i * row
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(colour)
+        painter.drawRoundedRect(QRectF(box.left() + 7, y + (row - swatch) / 2, swatch, swatch), 2, 2)
+        painter.setPen(_INK)
+        painter.drawText(QRectF(box.left() + swatch + 14, y, width, row), aligned, name)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+
+
+def paint_cross(painter: QPainter, at: QPointF) -> None:
+    """Four strokes around a place, which itself stays free."""
+    for colour, width in ((QColor(0, 0, 0, 180), 3.2), (_INK, 1.4)):
+        painter.setPen(QPen(colour, width))
+        for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            painter.drawLine(at + QPointF(4 * dx, 4 * dy), at + QPointF(11 * dx, 11 * dy))
+
+
+def paint_wipe_handle(painter: QPainter, x: float, area: QRectF) -> None:
+    """The line between reconstruction (left) and observed frame (right), with a knob in the middle of `area`."""
+    for colour, width in ((QColor(0, 0, 0, 140), 3.0), (QColor(255, 255, 255, 230), 1.2)):
+        painter.setPen(QPen(colour, width))
+        painter.drawLine(QPointF(x, area.top()), QPointF(x, area.bottom()))
+    middle = QPointF(x, area.center().y())
+    painter.setPen(QPen(QColor(0, 0, 0, 160), 1))
+    painter.setBrush(QColor(255, 255, 255, 230))
+    painter.drawEllipse(middle, 9, 9)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.setPen(QPen(QColor(40, 40, 40), 1.6))
+    for side in (-1, 1):
+        painter.drawPolyline([middle + QPointF(side * 2.5, -3.5), middle + QPointF(side * 6, 0), middle + QPointF(side * 2.5, 3.5)])
+    paint_tag(painter, QPointF(x - 12, area.top() + 8), "reconstruction", right_aligned=True)
+    paint_tag(painter, QPointF(x + 12, area.top() + 8), "observed")

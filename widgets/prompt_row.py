@@ -1,0 +1,127 @@
+"""One prompt: its colour, its words, whether it is shown, and what is wrong with it."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPaintEvent, QPixmap
+from PySide6.QtWidgets import QColorDialog, QFrame, QGridLayout, QLabel, QMenu, QSizePolicy, QToolButton, QWidget
+
+from widgets.glyphs import GlyphButton
+from widgets.keys import PRESS, keep_keys
+from widgets.theme import CLASS_COLOURS, error_colour
+
+
+class _Swatch(QToolButton):
+    """A button that shows a colour."""
+
+    def __init__(self, colour: QColor, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.colour = colour
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        keep_keys(self, PRESS)
+
+    def sizeHint(self) -> QSize:
+        side = max(20, self.fontMetrics().height() + 4)
+        return QSize(side, side)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        role = self.palette().ColorRole.Accent if self.hasFocus() else self.palette().ColorRole.Mid
+        painter.setPen(self.palette().color(role))
+        painter.setBrush(self.colour)
+        painter.drawRoundedRect(self.rect().adjusted(2, 2, -3, -3), 4, 4)
+
+
+class PromptRow(QFrame):
+    """A chip with swatch, words, eye and cross. Signals are the user's doing only."""
+
+    toggled = Signal(bool)
+    recoloured = Signal(QColor)
+    removed = Signal()
+
+    def __init__(self, text: str, colour: QColor, visible: bool, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("chip")
+        self.setAccessibleName(f"Prompt {text}")
+        self.text = text
+        self.error = ""
+        self._visible = visible
+        self._swatch = _Swatch(colour, self)
+        self._swatch.setAccessibleName(f"Colour of {text}")
+        self._swatch.setToolTip("Change the colour")
+        self._swatch.setMenu(self._colour_menu())
+        self._label = QLabel(text, self)
+        self._label.setTextFormat(Qt.TextFormat.PlainText)
+        self._label.setToolTip(text)
+        self._label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self._eye = GlyphButton("eye", "", self)
+        self._eye.clicked.connect(lambda: self._toggle(not self._visible))
+        self._cross = GlyphButton("cross", f"Remove {text}", self)
+        self._cross.clicked.connect(self.removed)
+        self._complaint = QLabel(self)
+        self._complaint.setTextFormat(Qt.TextFormat.PlainText)
+        self._complaint.setWordWrap(True)
+        self._complaint.hide()
+        layout = QGridLayout(self)
+        layout.setContentsMargins(6, 3, 4, 3)
+        layout.setHorizontalSpacing(6)
+        layout.setVerticalSpacing(2)
+        layout.setColumnStretch(1, 1)
+        for column, widget in enumerate((self._swatch, self._label, self._eye, self._cross)):
+            layout.addWidget(widget, 0, column)
+        layout.addWidget(self._complaint, 1, 1, 1, 3)
+        self._show_eye()
+
+    @property
+    def colour(self) -> QColor:
+        return QColor(self._swatch.colour)
+
+    def visible_in_view(self) -> bool:
+        """Whether the prompt's mask is to be shown."""
+        return self._visible
+
+    def show_by_hand(self) -> None:
+        self._toggle(True)
+
+    def set_error(self, message: str) -> None:
+        self.error = message
+        self._complaint.setText(f"⚠ {message}")
+        colours = self._complaint.palette()
+        colours.setColor(colours.ColorRole.WindowText, error_colour(self.palette()))
+        self._complaint.setPalette(colours)
+        self._complaint.setVisible(bool(message))
+        self._eye.setEnabled(not message)
+
+    def _toggle(self, on: bool) -> None:
+        self._visible = on
+        self._show_eye()
+        self.toggled.emit(on)
+
+    def _show_eye(self) -> None:
+        self._eye.set_glyph("eye" if self._visible else "eye-off", f"{'Hide' if self._visible else 'Show'} {self.text}")
+        self._label.setEnabled(self._visible)
+
+    def _colour_menu(self) -> QMenu:
+        menu = QMenu(self)
+        for code in CLASS_COLOURS:
+            pixmap = QPixmap(16, 16)
+            pixmap.fill(QColor(code))
+            action = QAction(QIcon(pixmap), code, menu)
+            action.triggered.connect(lambda _checked=False, code=code: self._recolour(QColor(code)))
+            menu.addAction(action)
+        menu.addSeparator()
+        menu.addAction("Another colour…", self._ask_colour)
+        return menu
+
+    def _ask_colour(self) -> None:
+        dialog = QColorDialog(self._swatch.colour, self)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.colorSelected.connect(self._recolour)
+        dialog.open()
+
+    def _recolour(self, colour: QColor) -> None:
+        self._swatch.colour = QColor(colour)
+        self._swatch.update()
+        self.recoloured.emit(colour)

@@ -1,0 +1,196 @@
+"""Draws Gaussians with VTK, the same on the screen and off it.
+
+VTK's point Gaussian mapper projects and blends true anisotropic Gaussians, but only in the order in which the vertices come, so the painter
+sorts them far to near whenever the camera or the centres change. Order-independent transparency would replace that order by a worse one and is
+switched off.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pyvista as pv
+from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
+from vtkmodules.vtkCommonDataModel import vtkCellArray
+from vtkmodules.vtkCommonMath import vtkMatrix4x4
+
+from engine.camera import Camera
+
+#: Screen-space dilation of every splat, squared pixels: what rasterizers of Gaussians add against aliasing.
+LOWPASS = 0.3
+
+
+def projection_matrix(camera: Camera, near: float, far: float) -> np.ndarray:
+    """OpenGL projection [4, 4] of an OpenCV camera: its image fills the viewport pixel for pixel; near and far are camera depths z."""
+    return np.array(
+        [
+            [2.0 * camera.fx / camera.width, 0.0, 1.0 - 2.0 * camera.cx / camera.width, 0.0],
+            [0.0, 2.0 * camera.fy / camera.height, 2.0 * camera.cy / camera.height - 1.0, 0.0],
+            [0.0, 0.0, -(far + near) / (far - near), -2.0 * far * near / (far - near)],
+            [0.0, 0.0, -1.0, 0.0],
+        ]
+    )
+
+
+def letterboxed(camera: Camera, width: int, height: int) -> Camera:
+    """The camera whose picture fills a viewport of `width` × `height` pixels and shows the whole image of `camera`, centred."""
+    scale = min(width / camera.width, height / camera.height)
+    return Camera(
+        width=width,
+        height=height,
+        fx=camera.fx * scale,
+        fy=camera.fy * scale,
+        cx=(camera.cx - camera.width / 2) * scale + width / 2,
+        cy=(camera.cy - camera.height / 2) * scale + height / 2,
+        viewmat=camera.viewmat,
+    )
+
+
+def as_bytes(colours: np.ndarray) -> np.ndarray:
+    """Colours as uint8; floats are taken to lie in [0, 1]."""
+    colours = np.asarray(colours)
+    if colours.dtype == np.uint8:
+        return colours
+    return (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+
+
+class ScenePainter:
+    """The splats of one plotter.
+
+    Parameters
+    ----------
+    plotter : pyvista.BasePlotter
+        A `pyvista.Plotter` or a `pyvistaqt.QtInteractor`. The painter never renders; its owner does, once, after all changes.
+    """
+
+    def __init__(self, plotter: pv.BasePlotter) -> None:
+        self._plotter = plotter
+        self._mesh: pv.PolyData | None = None
+        self._actor: pv.Actor | None = None
+        self._points: pv.Actor | None = None
+        self._means = np.zeros((0, 3), np.float32)
+        self._camera: Camera | None = None
+        self._lowpass = (0.0, 0.0)
+        plotter.renderer.SetUseOIT(False)
+        plotter.renderer.camera_set = True  # otherwise pyvista frames the scene its own way at the first rendering
+
+    def set_splats(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
+        """Show other splats.
+
+        means [N, 3], quats [N, 4] (wxyz, any length), scales [N, 3], opacities [N], colours [N, 3] (uint8, or float in [0, 1]).
+        Splats with a number that is not finite are given opacity 0 and put at the origin: VTK would draw a screen full of garbage.
+        """
+        means, quats, scales = (np.asarray(a, np.float32) for a in (means, quats, scales))
+        opacities = np.asarray(opacities, np.float32).reshape(-1)
+        lengths = np.linalg.norm(quats, axis=1, keepdims=True)
+        quats = np.where(lengths > 0.0, quats / np.where(lengths > 0.0, lengths, 1.0), np.float32([1.0, 0.0, 0.0, 0.0]))
+        broken = ~(np.isfinite(means).all(1) & np.isfinite(quats).all(1) & np.isfinite(scales).all(1) & np.isfinite(opacities))
+        if broken.any():
+            means, quats, scales = (np.where(broken[:, None], np.float32(0.0), a) for a in (means, quats, scales))
+            quats[broken, 0], opacities = 1.0, np.where(broken, np.float32(0.0), opacities)
+        self._means = means
+        if self._mesh is None or self._mesh.n_points != len(means):
+            self._build(means, quats, scales, opacities, as_bytes(colours))
+        else:
+            self._mesh.points = means
+            for name, values in (("rotation", quats), ("scale", scales), ("opacity", opacities), ("colour", as_bytes(colours))):
+                self._mesh.point_data[name] = values
+        self.sort()
+
+    def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
+        """Change only colours [N, 3] and opacities [N]."""
+        if self._mesh is not None:
+            self._mesh.point_data["colour"] = as_bytes(colours)
+            self._mesh.point_data["opacity"] = np.asarray(opacities, np.float32).reshape(-1)
+
+    def set_camera(self, camera: Camera, lowpass_scale: float = 1.0) -> None:
+        """Look through `camera`, whose image fills the viewport. Call `sort` before the splats are to be right.
+
+        `lowpass_scale` is the number of viewport pixels a pixel of the image that is being matched takes.
+        """
+        self._camera = camera
+        near, far = self._depth_range(camera)
+        rotation, translation = camera.viewmat[:3, :3], camera.viewmat[:3, 3]
+        eye = -rotation.T @ translation
+        view = self._plotter.renderer.GetActiveCamera()
+        view.SetPosition(*eye)
+        view.SetFocalPoint(*(eye + rotation[2] * 0.5 * (near + far)))
+        view.SetViewUp(*-rotation[1])
+        view.SetClippingRange(near, far)
+        matrix = vtkMatrix4x4()
+        matrix.DeepCopy(projection_matrix(camera, near, far).ravel())
+        view.SetExplicitProjectionTransformMatrix(matrix)
+        view.SetUseExplicitProjectionTransformMatrix(True)
+        self._lowpass = (LOWPASS * (2.0 * lowpass_scale / camera.width) ** 2, LOWPASS * (2.0 * lowpass_scale / camera.height) ** 2)
+        if self._actor is not None:
+            self._actor.mapper.SetLowpassMatrix(self._lowpass[0], 0.0, self._lowpass[1])
+
+    def sort(self) -> None:
+        """Order the splats far to near for the present camera."""
+        if self._mesh is None or self._camera is None:
+            return
+        depth = self._means @ self._camera.viewmat[2, :3].astype(np.float32)
+        order = np.argsort(-depth)
+        cells = vtkCellArray()
+        offsets = np.arange(len(order) + 1, dtype=np.int64)
+        cells.SetData(numpy_to_vtkIdTypeArray(offsets, deep=True), numpy_to_vtkIdTypeArray(order.astype(np.int64), deep=True))
+        self._mesh.SetVerts(cells)
+
+    def show_points(self, on: bool) -> None:
+        """Draw plain points (fast on software GL, any order) or the splats."""
+        if self._actor is not None:
+            self._actor.visibility = not on
+            self._points.visibility = on
+
+    def _depth_range(self, camera: Camera) -> tuple[float, float]:
+        """Clipping planes that keep every splat in front of the camera."""
+        if not len(self._means):
+            return 0.1, 10.0
+        depth = self._means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
+        far = max(float(depth.max()), 1e-6) * 1.5
+        return far * 1e-3, far
+
+    def _build(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
+        if self._actor is not None:
+            self._plotter.remove_actor([self._actor, self._points], render=False)
+            self._actor, self._points, self._mesh = None, None, None
+        if not len(means):
+            return
+        mesh = pv.PolyData(means)
+        for name, values in (("rotation", quats), ("scale", scales), ("opacity", opacities), ("colour", colours)):
+            mesh.point_data[name] = values
+        plain = {"scalars": "colour", "rgb": True, "lighting": False, "render": False, "reset_camera": False, "show_scalar_bar": False}
+        actor = self._plotter.add_mesh(mesh, style="points_gaussian", emissive=False, **plain)
+        mapper = actor.mapper
+        mapper.scale_factor = 1.0
+        mapper.SetScaleArray("scale")
+        mapper.SetRotationArray("rotation")
+        mapper.SetOpacityArray("opacity")
+        mapper.AnisotropicOn()
+        actor.ForceTranslucentOn()
+        mapper.SetLowpassMatrix(self._lowpass[0], 0.0, self._lowpass[1])
+        points = self._plotter.add_mesh(mesh, style="points", point_size=3.0, **plain)
+        points.visibility = False
+        self._mesh, self._actor, self._points = mesh, actor, points
+
+
+def draw_offscreen(
+    means: np.ndarray,
+    quats: np.ndarray,
+    scales: np.ndarray,
+    opacities: np.ndarray,
+    colours: np.ndarray,
+    camera: Camera,
+    background: tuple[int, int, int] = (0, 0, 0),
+) -> np.ndarray:
+    """One picture of the splats, uint8 [camera.height, camera.width, 3], without any window. Arguments as in `ScenePainter.set_splats`."""
+    plotter = pv.Plotter(off_screen=True, window_size=(camera.width, camera.height))
+    try:
+        plotter.set_background(background)
+        painter = ScenePainter(plotter)
+        painter.set_splats(means, quats, scales, opacities, colours)
+        painter.set_camera(camera)
+        painter.sort()
+        plotter.render()
+        return np.array(plotter.screenshot(return_img=True))
+    finally:
+        plotter.close()

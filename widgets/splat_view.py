@@ -1,0 +1,316 @@
+"""The 3D view: sorted anisotropic splats on the screen, the surgeon's camera, free look and picking."""
+
+from __future__ import annotations
+
+import numpy as np
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent, QMouseEvent, QPalette, QResizeEvent, QWheelEvent
+from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
+from pyvistaqt import QtInteractor
+
+from engine.camera import Camera
+from engine.colour_maps import colourise
+from widgets.camera_moves import dolly, framing, orbit, pan, splat_at
+from widgets.images import to_array
+from widgets.keys import ARROWS, keep_keys
+from widgets.scene_painter import ScenePainter, as_bytes, letterboxed
+
+#: Points give way to sorted splats this long after the last movement, milliseconds.
+IDLE_MS = 120
+
+#: A press and release closer than this is a click, pixels.
+CLICK_SLACK = 4
+
+HIGHLIGHT = np.array([255, 64, 255], np.uint8)
+
+
+class SplatView(QWidget):
+    """Splats seen by a `Camera`.
+
+    Locked, it shows the surgeon's view exactly as the 2D panel does when fitted; a drag leaves that view and looks around freely.
+    While the hand moves, plain points are drawn, and the sorted splats when it rests.
+    """
+
+    camera_moved = Signal(object)
+    locked_changed = Signal(bool)
+    picked = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("3D view")
+        self.setMinimumSize(160, 120)
+        self._canvas = QtInteractor(self, auto_update=False, multi_samples=0)
+        self._canvas.setAccessibleName("Splats")
+        self._canvas.setAcceptDrops(False)
+        self._canvas.installEventFilter(self)
+        keep_keys(self._canvas, ARROWS | {Qt.Key.Key_R, Qt.Key.Key_Plus, Qt.Key.Key_Minus, Qt.Key.Key_Equal})
+        self.setFocusProxy(self._canvas)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self._canvas)
+        self._note = QLabel(self)
+        self._note.setObjectName("viewNote")
+        self._note.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self._note.move(8, 8)
+
+        self._painter = ScenePainter(self._canvas)
+        self._arrays: tuple[np.ndarray, ...] | None = None
+        self._colours = np.zeros((0, 3), np.uint8)
+        self._scalars: tuple[np.ndarray, str, float, float] | None = None
+        self._highlight: np.ndarray | None = None
+        self._home: Camera | None = None
+        self._free: Camera | None = None
+        self._background: QColor | None = None
+        self._press: QPointF | None = None
+        self._last = QPointF()
+        self._dragging = False
+        self._closed = False
+        self._idle = QTimer(self)
+        self._idle.setSingleShot(True)
+        self._idle.setInterval(IDLE_MS)
+        self._idle.timeout.connect(self._settle)
+        self._paint_background()
+        self._apply_camera(sort=False)
+
+    # What is shown
+
+    def set_splats(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
+        """Show other splats (see `ScenePainter.set_splats`).
+
+        The camera stays; scalars and highlight stay as long as the number of splats does.
+        """
+        if self._arrays is None or len(means) != len(self._arrays[0]):
+            self._scalars = self._highlight = None
+        self._arrays = tuple(np.asarray(a) for a in (means, quats, scales, opacities))
+        self._colours = as_bytes(colours)
+        self._painter.set_splats(*self._arrays, self._shown_colours())
+        self._apply_camera(sort=True)
+
+    def set_scalars(self, values: np.ndarray, cmap: str, low: float, high: float) -> None:
+        """Colour the splats by one value each, [N], through a colour map; NaN is grey."""
+        if len(values) != len(self._colours):
+            raise ValueError(f"{len(values)} scalars for {len(self._colours)} splats")
+        self._scalars = (np.asarray(values), cmap, low, high)
+        self._recolour()
+
+    def clear_scalars(self) -> None:
+        self._scalars = None
+        self._recolour()
+
+    def highlight(self, indices: np.ndarray | None) -> None:
+        """Mark some splats in magenta and make them opaque enough to be seen; None or an empty array clears."""
+        self._highlight = None if indices is None or len(indices) == 0 else np.asarray(indices, np.int64)
+        self._recolour()
+
+    def set_background(self, colour: QColor | None) -> None:
+        """A colour of one's own, or None for the theme's."""
+        self._background = colour
+        self._paint_background()
+
+    # The camera
+
+    def set_camera(self, camera: Camera) -> None:
+        """Lock to a camera of the clip."""
+        self._home, self._free = camera, None
+        self._apply_camera(sort=True)
+
+    def set_free_camera(self, camera: Camera) -> None:
+        """Look around freely from this camera on."""
+        self._free = camera
+        self._apply_camera(sort=True)
+
+    def is_locked(self) -> bool:
+        return self._free is None and self._home is not None
+
+    def camera(self) -> Camera:
+        """The camera in use: the clip's own when locked, else one whose image is the whole view in device pixels."""
+        return self._home if self._free is None and self._home is not None else self._viewport_camera()
+
+    def reset_view(self) -> None:
+        """Back to the surgeon's view, or to a camera that sees everything when there is none."""
+        was_locked = self.is_locked()
+        self._free = None
+        self._apply_camera(sort=True)
+        if self.is_locked() and not was_locked:
+            self.locked_changed.emit(True)
+        self.camera_moved.emit(self.camera())
+
+    def screenshot_image(self) -> np.ndarray:
+        """What is on the screen, uint8 [H, W, 3] in device pixels."""
+        self._settle()
+        return to_array(self._canvas.grabFramebuffer())
+
+    def pick(self, x: float, y: float) -> int:
+        """Index of the splat that one sees at a position in the widget (logical pixels), −1 for none."""
+        if self._arrays is None:
+            return -1
+        ratio = self._canvas.devicePixelRatioF()
+        return splat_at(x * ratio, y * ratio, self._viewport_camera(), *self._arrays)
+
+    # Inside
+
+    def _pixels(self) -> tuple[int, int]:
+        ratio = self._canvas.devicePixelRatioF()
+        return max(1, round(self._canvas.width() * ratio)), max(1, round(self._canvas.height() * ratio))
+
+    def _viewport_camera(self) -> Camera:
+        width, height = self._pixels()
+        camera = self._free or self._home
+        if camera is None:
+            return framing(self._arrays[0] if self._arrays is not None else np.zeros((0, 3)), width, height)
+        return letterboxed(camera, width, height)
+
+    def _apply_camera(self, sort: bool) -> None:
+        if self._closed:
+            return
+        camera = self._viewport_camera()
+        # Locked, the pixels of the clip are dilated, as in the 2D panel; free, those of the screen.
+        self._painter.set_camera(camera, camera.fx / self._home.fx if self.is_locked() else 1.0)
+        if sort:
+            self._painter.sort()
+        self._note.setText("Surgeon’s view" if self.is_locked() else "Free look — R goes back" if self._home is not None else "Free look")
+        self._note.adjustSize()
+        self._note.setVisible(self._arrays is not None)
+        self._canvas.update()
+
+    def _shown_colours(self) -> np.ndarray:
+        colours = self._colours if self._scalars is None else colourise(*self._scalars)
+        if self._highlight is not None:
+            colours = colours.copy()
+            colours[self._highlight] = HIGHLIGHT
+        return colours
+
+    def _recolour(self) -> None:
+        if self._arrays is None:
+            return
+        opacities = self._arrays[3]
+        if self._highlight is not None:
+            opacities = opacities.copy()
+            opacities[self._highlight] = np.maximum(opacities[self._highlight], 0.8)
+        self._painter.set_colours(self._shown_colours(), opacities)
+        self._canvas.update()
+
+    def _paint_background(self) -> None:
+        colour = self._background or self.palette().color(QPalette.ColorRole.Base).darker(115)
+        self._canvas.renderer.SetBackground(colour.redF(), colour.greenF(), colour.blueF())
+        self._canvas.update()
+
+    def _pivot(self) -> np.ndarray:
+        """The point one turns around: the middle of the scene in front of the camera."""
+        if self._arrays is None or not len(self._arrays[0]):
+            return np.zeros(3)
+        means = self._arrays[0].astype(np.float64)
+        finite = means[np.isfinite(means).all(1)]
+        return np.median(finite, 0) if len(finite) else np.zeros(3)
+
+    def _move(self, camera: Camera) -> None:
+        """The hand moved the camera: draw points now and splats when it rests."""
+        was_locked = self.is_locked()
+        self._free = camera
+        self._painter.show_points(True)
+        self._apply_camera(sort=False)
+        self._idle.start()
+        if was_locked:
+            self.locked_changed.emit(False)
+        self.camera_moved.emit(camera)
+
+    def _settle(self) -> None:
+        if self._closed:
+            return
+        self._idle.stop()
+        self._painter.show_points(False)
+        self._apply_camera(sort=True)
+
+    # Events: the canvas would hand them to VTK's own interaction styles, which know nothing of our cameras.
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if watched is not self._canvas:
+            return super().eventFilter(watched, event)
+        match event.type():
+            case QEvent.Type.MouseButtonPress:
+                self._pressed(event)
+            case QEvent.Type.MouseMove:
+                self._dragged(event)
+            case QEvent.Type.MouseButtonRelease:
+                self._released(event)
+            case QEvent.Type.Wheel:
+                self._wheeled(event)
+            case QEvent.Type.KeyPress:
+                return self._key(event)
+            case QEvent.Type.MouseButtonDblClick | QEvent.Type.KeyRelease | QEvent.Type.Enter | QEvent.Type.Leave:
+                pass
+            case _:
+                return False
+        return True
+
+    def _pressed(self, event: QMouseEvent) -> None:
+        self._canvas.setFocus(Qt.FocusReason.MouseFocusReason)
+        self._press = self._last = event.position()
+        self._dragging = False
+
+    def _dragged(self, event: QMouseEvent) -> None:
+        if self._press is None or not event.buttons():
+            return
+        if not self._dragging and (event.position() - self._press).manhattanLength() <= CLICK_SLACK:
+            return
+        self._dragging = True
+        step = event.position() - self._last
+        self._last = event.position()
+        camera, pivot = self._viewport_camera(), self._pivot()
+        shift = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+        if event.buttons() & Qt.MouseButton.LeftButton and not shift:
+            turn = np.pi / max(self.height(), 1)
+            self._move(orbit(camera, pivot, step.x() * turn, -step.y() * turn))
+        elif event.buttons() & Qt.MouseButton.RightButton:
+            self._move(dolly(camera, pivot, 1.01 ** step.y()))
+        else:
+            ratio = self._canvas.devicePixelRatioF()
+            self._move(pan(camera, pivot, step.x() * ratio, step.y() * ratio))
+
+    def _released(self, event: QMouseEvent) -> None:
+        click = self._press is not None and not self._dragging and event.button() == Qt.MouseButton.LeftButton
+        self._press, self._dragging = None, False
+        if click:
+            self.picked.emit(self.pick(event.position().x(), event.position().y()))
+
+    def _wheeled(self, event: QWheelEvent) -> None:
+        self._move(dolly(self._viewport_camera(), self._pivot(), 0.9 ** (event.angleDelta().y() / 120.0)))
+
+    def _key(self, event: QKeyEvent) -> bool:
+        camera, pivot, turn = self._viewport_camera(), self._pivot(), np.radians(5.0)
+        match event.key():
+            case Qt.Key.Key_Left:
+                self._move(orbit(camera, pivot, -turn, 0.0))
+            case Qt.Key.Key_Right:
+                self._move(orbit(camera, pivot, turn, 0.0))
+            case Qt.Key.Key_Up:
+                self._move(orbit(camera, pivot, 0.0, turn))
+            case Qt.Key.Key_Down:
+                self._move(orbit(camera, pivot, 0.0, -turn))
+            case Qt.Key.Key_Plus | Qt.Key.Key_Equal:
+                self._move(dolly(camera, pivot, 0.9))
+            case Qt.Key.Key_Minus:
+                self._move(dolly(camera, pivot, 1 / 0.9))
+            case Qt.Key.Key_R:
+                self.reset_view()
+            case _:
+                event.ignore()  # goes on to the parents
+        return True
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        QTimer.singleShot(0, self, lambda: self._apply_camera(sort=False))
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.PaletteChange and not self._closed:
+            self._paint_background()
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Give VTK's window back while its OpenGL context still lives."""
+        if not self._closed:
+            self._closed = True
+            self._idle.stop()
+            self._canvas.removeEventFilter(self)
+            self._canvas.close()
+        super().closeEvent(event)

@@ -1,0 +1,129 @@
+"""Dark (for operating rooms), light and system themes, and the colours of classes."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor, QPalette
+from PySide6.QtWidgets import QApplication
+
+THEMES = ("dark", "light", "system")
+
+#: Okabe–Ito without black, then Tol's bright and muted colours: told apart by colour-blind readers and on dark tissue.
+CLASS_COLOURS = (
+    "#e69f00",
+    "#56b4e9",
+    "#009e73",
+    "#f0e442",
+    "#0072b2",
+    "#d55e00",
+    "#cc79a7",
+    "#66ccee",
+    "#ccbb44",
+    "#aa3377",
+    "#88ccee",
+    "#44aa99",
+    "#ddcc77",
+    "#cc6677",
+    "#332288",
+    "#999933",
+)
+
+_ROLES = {
+    "dark": {
+        QPalette.ColorRole.Window: "#1e2126",
+        QPalette.ColorRole.WindowText: "#d9dce1",
+        QPalette.ColorRole.Base: "#15171b",
+        QPalette.ColorRole.AlternateBase: "#1b1e23",
+        QPalette.ColorRole.Text: "#e2e4e8",
+        QPalette.ColorRole.Button: "#2b2f36",
+        QPalette.ColorRole.ButtonText: "#e2e4e8",
+        QPalette.ColorRole.BrightText: "#ffffff",
+        QPalette.ColorRole.ToolTipBase: "#2b2f36",
+        QPalette.ColorRole.ToolTipText: "#e2e4e8",
+        QPalette.ColorRole.PlaceholderText: "#8b929c",
+        QPalette.ColorRole.Highlight: "#2f7fb8",
+        QPalette.ColorRole.HighlightedText: "#ffffff",
+        QPalette.ColorRole.Accent: "#56b4e9",
+        QPalette.ColorRole.Link: "#56b4e9",
+        QPalette.ColorRole.LinkVisited: "#cc79a7",
+        QPalette.ColorRole.Light: "#3a3f48",
+        QPalette.ColorRole.Midlight: "#343941",
+        QPalette.ColorRole.Mid: "#3d424b",
+        QPalette.ColorRole.Dark: "#121417",
+        QPalette.ColorRole.Shadow: "#000000",
+    },
+    "light": {
+        QPalette.ColorRole.Window: "#f1f2f4",
+        QPalette.ColorRole.WindowText: "#1d2127",
+        QPalette.ColorRole.Base: "#ffffff",
+        QPalette.ColorRole.AlternateBase: "#f6f7f9",
+        QPalette.ColorRole.Text: "#1d2127",
+        QPalette.ColorRole.Button: "#e6e8ec",
+        QPalette.ColorRole.ButtonText: "#1d2127",
+        QPalette.ColorRole.BrightText: "#000000",
+        QPalette.ColorRole.ToolTipBase: "#ffffff",
+        QPalette.ColorRole.ToolTipText: "#1d2127",
+        QPalette.ColorRole.PlaceholderText: "#686f7a",
+        QPalette.ColorRole.Highlight: "#1769a5",
+        QPalette.ColorRole.HighlightedText: "#ffffff",
+        QPalette.ColorRole.Accent: "#1769a5",
+        QPalette.ColorRole.Link: "#1769a5",
+        QPalette.ColorRole.LinkVisited: "#8c3f6f",
+        QPalette.ColorRole.Light: "#ffffff",
+        QPalette.ColorRole.Midlight: "#f6f7f9",
+        QPalette.ColorRole.Mid: "#c3c8d0",
+        QPalette.ColorRole.Dark: "#9aa1ab",
+        QPalette.ColorRole.Shadow: "#5d636d",
+    },
+}
+
+_DISABLED = {"dark": "#686f7a", "light": "#9aa1ab"}
+
+_STYLE = """
+QToolTip { color: palette(tool-tip-text); background: palette(tool-tip-base); border: 1px solid palette(mid); padding: 4px; }
+QGroupBox { border: 1px solid palette(mid); border-radius: 4px; margin-top: 8px; padding-top: 6px; }
+QGroupBox::title { subcontrol-origin: margin; left: 8px; padding: 0 3px; }
+QLabel#viewNote { color: palette(window-text); background: palette(window); border-radius: 4px; padding: 2px 6px; }
+QLabel#secondary { color: palette(placeholder-text); }
+QToolButton { padding: 3px; border: 1px solid transparent; border-radius: 4px; }
+QToolButton:hover { background: palette(midlight); }
+QToolButton:checked { background: palette(mid); }
+QToolButton:focus { border: 1px solid palette(accent); }
+QFrame#chip { background: palette(button); border: 1px solid palette(mid); border-radius: 6px; }
+"""
+
+
+def class_colour(index: int) -> QColor:
+    """The colour of a class or prompt; colours repeat after the last."""
+    return QColor(CLASS_COLOURS[index % len(CLASS_COLOURS)])
+
+
+def is_dark(palette: QPalette) -> bool:
+    """True when text is lighter than what it lies on."""
+    return palette.color(QPalette.ColorRole.WindowText).lightness() > palette.color(QPalette.ColorRole.Window).lightness()
+
+
+def error_colour(palette: QPalette) -> QColor:
+    """For text that says what is wrong; never the only sign of it."""
+    return QColor("#ff8f66" if is_dark(palette) else "#b03a00")
+
+
+def _palette(name: str) -> QPalette:
+    palette = QPalette()
+    for role, colour in _ROLES[name].items():
+        palette.setColor(role, QColor(colour))
+    for role in (QPalette.ColorRole.WindowText, QPalette.ColorRole.Text, QPalette.ColorRole.ButtonText, QPalette.ColorRole.HighlightedText):
+        palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(_DISABLED[name]))
+    palette.setColor(QPalette.ColorGroup.Disabled, QPalette.ColorRole.Highlight, QColor(_ROLES[name][QPalette.ColorRole.Mid]))
+    return palette
+
+
+def apply_theme(app: QApplication, name: str) -> None:
+    """Dress the application; may be called again at run time. `system` follows the desktop's light or dark scheme."""
+    if name not in THEMES:
+        raise ValueError(f"unknown theme {name!r}; there are {', '.join(THEMES)}")
+    app.setStyle("Fusion")
+    if name == "system":
+        name = "dark" if app.styleHints().colorScheme() == Qt.ColorScheme.Dark else "light"
+    app.setPalette(_palette(name))
+    app.setStyleSheet(_STYLE)

@@ -1,0 +1,284 @@
+"""Scrubbing and playing: the one place that says which frame is shown."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterable
+
+import numpy as np
+from PySide6.QtCore import Qt, QTimer, Signal
+from PySide6.QtGui import QColor, QKeyEvent
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from widgets.frame_track import FrameTrack
+from widgets.glyphs import GlyphButton
+from widgets.keys import ARROWS, PRESS, keep_keys
+
+LOOP_MODES = ("once", "loop", "bounce")
+SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)
+
+_LOOP_TITLES = {"once": "Once", "loop": "Loop", "bounce": "Back and forth"}
+
+#: Playback goes on after this many seconds when nobody says that the frame was drawn.
+PATIENCE = 0.5
+
+
+def played_frame(phase: float, count: int, mode: str) -> tuple[int, bool]:
+    """Frame shown after playing `phase` frames from frame 0, and whether playback has ended."""
+    step = int(phase)
+    if mode == "once" or count < 2:
+        return min(step, count - 1), step >= count - 1
+    if mode == "loop":
+        return step % count, False
+    folded = step % (2 * (count - 1))
+    return min(folded, 2 * (count - 1) - folded), False
+
+
+class Timeline(QWidget):
+    """Slider over the frames with playback in real time.
+
+    Frames that cannot be drawn in time are left out, and the rate that is reached is shown.
+    """
+
+    frame_changed = Signal(int)
+    playing_changed = Signal(bool)
+    speed_changed = Signal(float)
+    loop_mode_changed = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("Timeline")
+        self._count = 0
+        self._fps = 25.0
+        self._playing = False
+        self._phase = 0.0
+        self._ticked = 0.0
+        self._asked: float | None = None  # when the frame not yet drawn was asked for
+        self._drawn: deque[float] = deque(maxlen=120)
+        self._clock = time.perf_counter
+        self._tick_timer = QTimer(self)
+        self._tick_timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self._tick_timer.timeout.connect(self._tick)
+        self._emit_timer = QTimer(self)
+        self._emit_timer.setSingleShot(True)
+        self._emit_timer.setInterval(0)
+        self._emit_timer.timeout.connect(lambda: self.frame_changed.emit(self.frame()))
+
+        self._track = FrameTrack(self)
+        self._track.valueChanged.connect(self._scrubbed)
+        self._play_button = GlyphButton("play", "Play", self)
+        self._play_button.clicked.connect(self.toggle_play)
+        moves = [("first", "First frame", self._to_first), ("previous", "Previous frame", lambda: self.step(-1))]
+        moves += [("next", "Next frame", lambda: self.step(1)), ("last", "Last frame", self._to_last)]
+        self._move_buttons = []
+        for glyph, name, action in moves:
+            button = GlyphButton(glyph, name, self)
+            button.setAutoRepeat(glyph in ("previous", "next"))
+            button.clicked.connect(action)
+            self._move_buttons.append(button)
+        self._speed_box = QComboBox(self)
+        self._speed_box.setAccessibleName("Playback speed")
+        self._speed_box.setToolTip("Playback speed")
+        for speed in SPEEDS:
+            self._speed_box.addItem(f"{speed:g} ×", speed)
+        self._speed_box.setCurrentIndex(SPEEDS.index(1.0))
+        self._speed_box.activated.connect(lambda: self.speed_changed.emit(self.speed()))
+        self._loop_box = QComboBox(self)
+        self._loop_box.setAccessibleName("At the end")
+        self._loop_box.setToolTip("What happens at the end")
+        for mode in LOOP_MODES:
+            self._loop_box.addItem(_LOOP_TITLES[mode], mode)
+        self._loop_box.setCurrentIndex(LOOP_MODES.index("loop"))
+        self._loop_box.activated.connect(lambda: self.loop_mode_changed.emit(self.loop_mode()))
+        for box in (self._speed_box, self._loop_box):
+            keep_keys(box, ARROWS | PRESS)
+        self._readout = QLabel(self)
+        self._readout.setAccessibleName("Frame and time")
+        self._rate = QLabel(self)
+        self._rate.setObjectName("secondary")
+        self._rate.setAccessibleName("Frames a second, reached and wanted")
+
+        row = QHBoxLayout()
+        row.setSpacing(2)
+        for button in (*self._move_buttons[:2], self._play_button, *self._move_buttons[2:]):
+            row.addWidget(button)
+        row.addSpacing(8)
+        row.addWidget(self._speed_box)
+        row.addSpacing(4)
+        row.addWidget(self._loop_box)
+        row.addStretch(1)
+        row.addWidget(self._rate)
+        row.addSpacing(12)
+        row.addWidget(self._readout)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 4, 6, 4)
+        layout.setSpacing(4)
+        layout.addWidget(self._track)
+        layout.addLayout(row)
+        self.set_frames(0)
+
+    # The frames
+
+    def set_frames(self, count: int, fps: float = 25.0) -> None:
+        """Lay out another sequence: frame 0 is shown, playback stops, marks and curves go. No frames: nothing can be moved."""
+        if count < 0 or not fps > 0:
+            raise ValueError(f"a timeline has 0 frames or more at a positive rate, not {count} at {fps} a second")
+        self.pause()
+        self._count, self._fps = count, fps
+        self._track.set_frames(count)
+        self._emit_timer.stop()
+        for widget in (self._track, self._play_button, *self._move_buttons, self._speed_box, self._loop_box):
+            widget.setEnabled(count > 0)
+        self._show_readout()
+
+    def count(self) -> int:
+        return self._count
+
+    def fps(self) -> float:
+        return self._fps
+
+    def frame(self) -> int:
+        return self._track.value()
+
+    def set_frame(self, frame: int) -> None:
+        """Show another frame without telling anyone; out of range is clipped."""
+        self._track.blockSignals(True)
+        self._track.setValue(frame)
+        self._track.blockSignals(False)
+        self._phase = float(self.frame())
+        self._show_readout()
+
+    def step(self, frames: int) -> None:
+        """Go on by some frames, as the user does; playback pauses."""
+        self.pause()
+        self._track.setValue(self.frame() + frames)
+
+    def set_marks(self, test: Iterable[int] = (), labelled: Iterable[int] = ()) -> None:
+        """Mark held-out frames (below the line, hollow) and frames with annotations (filled)."""
+        self._track.set_marks(test, labelled)
+
+    def set_strip(self, name: str, values: np.ndarray, colour: QColor) -> None:
+        """Lay a curve over time, [count], such as the area of a mask, above the line.
+
+        NaN leaves a gap. Each curve has its own scale from 0.
+        """
+        if len(values) != self._count:
+            raise ValueError(f"the curve {name!r} has {len(values)} values for {self._count} frames")
+        self._track.set_strip(name, np.asarray(values, float), colour)
+
+    def remove_strip(self, name: str) -> None:
+        self._track.remove_strip(name)
+
+    def clear_strips(self) -> None:
+        self._track.clear_strips()
+
+    # Playback
+
+    def is_playing(self) -> bool:
+        return self._playing
+
+    def play(self) -> None:
+        if self._playing or self._count < 2:
+            return
+        if self.loop_mode() == "once" and self.frame() == self._count - 1:
+            self._track.setValue(0)
+        self._playing = True
+        self._phase = float(self.frame())
+        self._ticked = self._clock()
+        self._asked = None
+        self._drawn.clear()
+        self._tick_timer.start(8)
+        self._show_playing()
+
+    def pause(self) -> None:
+        if not self._playing:
+            return
+        self._playing = False
+        self._tick_timer.stop()
+        self._show_playing()
+
+    def toggle_play(self) -> None:
+        self.pause() if self._playing else self.play()
+
+    def speed(self) -> float:
+        return self._speed_box.currentData()
+
+    def set_speed(self, speed: float) -> None:
+        if speed not in SPEEDS:
+            raise ValueError(f"speeds are {SPEEDS}, not {speed}")
+        self._speed_box.setCurrentIndex(SPEEDS.index(speed))
+
+    def loop_mode(self) -> str:
+        return self._loop_box.currentData()
+
+    def set_loop_mode(self, mode: str) -> None:
+        if mode not in LOOP_MODES:
+            raise ValueError(f"unknown loop mode {mode!r}; there are {', '.join(LOOP_MODES)}")
+        self._loop_box.setCurrentIndex(LOOP_MODES.index(mode))
+
+    def frame_drawn(self) -> None:
+        """Say that the frame last asked for is on the screen.
+
+        Playback waits for this, so that slow drawing drops frames instead of queueing them.
+        """
+        self._asked = None
+        self._drawn.append(self._clock())
+        self._show_rate()
+
+    # Inside
+
+    def _tick(self) -> None:
+        now = self._clock()
+        self._phase += (now - self._ticked) * self._fps * self.speed()
+        self._ticked = now
+        frame, ended = played_frame(self._phase, self._count, self.loop_mode())
+        waiting = self._asked is not None and now - self._asked < PATIENCE
+        if frame != self.frame() and not waiting:
+            self._track.blockSignals(True)
+            self._track.setValue(frame)
+            self._track.blockSignals(False)
+            self._show_readout()
+            self._asked = now
+            self.frame_changed.emit(frame)
+        if ended and self.frame() == frame:
+            self.pause()
+
+    def _scrubbed(self, frame: int) -> None:
+        """The user moved the slider: many moves in one turn of the event loop become one signal with the latest frame."""
+        self._phase = float(frame)
+        self._show_readout()
+        self._emit_timer.start()
+
+    def _to_first(self) -> None:
+        self.step(-self._count)
+
+    def _to_last(self) -> None:
+        self.step(self._count)
+
+    def _show_playing(self) -> None:
+        self._play_button.set_glyph(*(("pause", "Pause") if self._playing else ("play", "Play")))
+        self._show_rate()
+        self.playing_changed.emit(self._playing)
+
+    def _show_rate(self) -> None:
+        now = self._clock()
+        recent = [t for t in self._drawn if now - t < 1.0]
+        if not self._playing:
+            self._rate.setText("")
+        elif len(recent) > 1 and recent[-1] > recent[0]:
+            reached = (len(recent) - 1) / (recent[-1] - recent[0])
+            self._rate.setText(f"{reached:.0f} / {self._fps * self.speed():.3g} fps")
+
+    def _show_readout(self) -> None:
+        if self._count:
+            last = self._count - 1
+            self._readout.setText(f"Frame {self.frame()} / {last}    {self.frame() / self._fps:.2f} / {last / self._fps:.2f} s")
+        else:
+            self._readout.setText("No frames")
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        if event.key() == Qt.Key.Key_Space:
+            self.toggle_play()
+        else:
+            super().keyPressEvent(event)
