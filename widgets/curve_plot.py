@@ -135,7 +135,7 @@ class CurvePlot(QWidget):
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.fillRect(self.rect(), self.palette().color(QPalette.ColorRole.Base))
+        painter.fillRect(self.rect(), self.palette().color(QPalette.ColorRole.AlternateBase))
         quiet = self.palette().color(QPalette.ColorRole.PlaceholderText)
         layout = self._layout()
         if layout is None:
@@ -167,13 +167,14 @@ class CurvePlot(QWidget):
             painter.drawLine(QPointF(area.left(), y), QPointF(area.right(), y))
             painter.setPen(quiet)
             painter.drawText(QRectF(0, y - 10, area.left() - 5, 20), Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, text)
-        for value in linear_ticks(limits[0], limits[1], max(2, int(area.width() / 70))):
+        for value in linear_ticks(limits[0], limits[1], max(2, int(area.width() / 45))):
             x = self._to_x(value, area, limits)
             painter.setPen(grid)
             painter.drawLine(QPointF(x, area.top()), QPointF(x, area.bottom()))
             painter.setPen(quiet)
-            label = QRectF(min(x - 40, self.width() - 80), area.bottom() + 2, 80, metrics.height())
-            painter.drawText(label, Qt.AlignmentFlag.AlignHCenter, short(value, 6))
+            text = short(value, 6)
+            width = metrics.horizontalAdvance(text)
+            painter.drawText(QPointF(min(x - width / 2, self.width() - width - 1), area.bottom() + 2 + metrics.ascent()), text)
         if self._x_label and self.height() > 130:
             painter.setPen(quiet)
             label = QRectF(area.left(), self.height() - metrics.height() - 2, area.width(), metrics.height())

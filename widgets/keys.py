@@ -1,8 +1,8 @@
 """Who owns a plain key press: the focused control or the window's single-key shortcuts.
 
 Qt asks the focused widget first, with a `ShortcutOverride` event; a widget that accepts it gets the key press and no shortcut fires.
-Text fields accept printable keys by themselves, sliders and buttons accept nothing. Our controls keep the keys that they use with `keep_keys`,
-so that the window may bind Space and arrows with ordinary shortcuts; for controls that are not ours it can ask
+Text fields accept printable keys by themselves, sliders and buttons accept nothing. Our controls keep the keys that they use with
+`keep_keys`, so that the window may bind Space and arrows with ordinary shortcuts; for controls that are not ours it can ask
 `consumes_key(QApplication.focusWidget())`.
 """
 
@@ -40,7 +40,7 @@ class _AllTyping(Container):
     """Every key but those that no text field uses: Escape and the function keys."""
 
     def __contains__(self, key: object) -> bool:
-        return key != Qt.Key.Key_Escape and not Qt.Key.Key_F1 <= key <= Qt.Key.Key_F35
+        return isinstance(key, int) and key != Qt.Key.Key_Escape and not Qt.Key.Key_F1 <= key <= Qt.Key.Key_F35
 
 
 TYPING = _AllTyping()

@@ -43,7 +43,7 @@ class ProbePanel(QWidget):
         self._table.setAccessibleName("Values")
         self._table.setFrameShape(QFrame.Shape.NoFrame)
         self._table.setShowGrid(False)
-        self._table.setAlternatingRowColors(True)
+        self._table.viewport().setAutoFillBackground(False)
         self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self._table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self._table.verticalHeader().hide()

@@ -34,6 +34,21 @@ class _Swatch(QToolButton):
         painter.drawRoundedRect(self.rect().adjusted(2, 2, -3, -3), 4, 4)
 
 
+class _ElidedLabel(QLabel):
+    """Plain text that ends in dots where there is no room, and then says all in its tooltip."""
+
+    def __init__(self, text: str, parent: QWidget) -> None:
+        super().__init__(text, parent)
+        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setToolTip(text)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
+        alignment = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+        self.style().drawItemText(QPainter(self), self.rect(), alignment, self.palette(), self.isEnabled(), text, self.foregroundRole())
+
+
 class PromptRow(QFrame):
     """A chip with swatch, words, eye and cross. Signals are the user's doing only."""
 
@@ -52,10 +67,7 @@ class PromptRow(QFrame):
         self._swatch.setAccessibleName(f"Colour of {text}")
         self._swatch.setToolTip("Change the colour")
         self._swatch.setMenu(self._colour_menu())
-        self._label = QLabel(text, self)
-        self._label.setTextFormat(Qt.TextFormat.PlainText)
-        self._label.setToolTip(text)
-        self._label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self._label = _ElidedLabel(text, self)
         self._eye = GlyphButton("eye", "", self)
         self._eye.clicked.connect(lambda: self._toggle(not self._visible))
         self._cross = GlyphButton("cross", f"Remove {text}", self)

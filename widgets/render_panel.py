@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from widgets.images import to_array, to_qimage
 from widgets.keys import keep_keys
 from widgets.panel_marks import paint_cross, paint_legend, paint_tag, paint_wipe_handle
+from widgets.theme import picture_background
 
 COMPARE_MODES = ("off", "wipe", "difference")
 
@@ -35,6 +37,13 @@ _KEYS = {
 }
 
 
+class _Picture(NamedTuple):
+    """An image as it came, and as Qt draws it."""
+
+    rgb: np.ndarray
+    drawn: QImage
+
+
 class RenderPanel(QWidget):
     """Shows one picture. Positions in signals and markers are pixels of the full-size image, even while a smaller preview is shown."""
 
@@ -52,10 +61,8 @@ class RenderPanel(QWidget):
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(160, 120)
-        self._rgb: np.ndarray | None = None
-        self._observed_rgb: np.ndarray | None = None
-        self._image: QImage | None = None
-        self._observed: QImage | None = None
+        self._image: _Picture | None = None
+        self._observed: _Picture | None = None
         self._difference: QImage | None = None
         self._overlay: QImage | None = None
         self._size = (1, 1)
@@ -81,8 +88,7 @@ class RenderPanel(QWidget):
 
         `size` (width, height) is the full size that a smaller preview stands for.
         """
-        self._rgb = None if rgb is None else np.ascontiguousarray(rgb)
-        self._image = None if rgb is None else to_qimage(rgb)
+        self._image = None if rgb is None else _Picture(rgb, to_qimage(rgb))
         self._difference = None
         if rgb is not None:
             size = size or (rgb.shape[1], rgb.shape[0])
@@ -112,8 +118,7 @@ class RenderPanel(QWidget):
 
     def set_observed(self, rgb: np.ndarray | None) -> None:
         """The clip's own frame, uint8 [H, W, 3], to compare with."""
-        self._observed_rgb = None if rgb is None else np.ascontiguousarray(rgb)
-        self._observed = None if rgb is None else to_qimage(rgb)
+        self._observed = None if rgb is None else _Picture(rgb, to_qimage(rgb))
         self._difference = None
         self.update()
 
@@ -156,9 +161,9 @@ class RenderPanel(QWidget):
         """What is shown, uint8 [H, W, 3], at the picture's own resolution, without marker and legend."""
         if self._image is None:
             raise ValueError("there is no picture to grab")
-        canvas = QImage(self._image.size(), QImage.Format.Format_RGB32)
+        canvas = QImage(self._image.drawn.size(), QImage.Format.Format_RGB32)
         painter = QPainter(canvas)
-        self._paint_picture(painter, QRectF(0, 0, canvas.width(), canvas.height()))
+        self._paint_picture(painter, QRectF(canvas.rect()), self._image)
         painter.end()
         return to_array(canvas)
 
@@ -216,7 +221,7 @@ class RenderPanel(QWidget):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         painter = QPainter(self)
-        painter.fillRect(self.rect(), self.palette().color(QPalette.ColorRole.Base).darker(115))
+        painter.fillRect(self.rect(), picture_background(self.palette()))
         if self._image is None:
             painter.setPen(self.palette().color(QPalette.ColorRole.PlaceholderText))
             painter.drawText(
@@ -224,7 +229,7 @@ class RenderPanel(QWidget):
             )
             return
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, self.zoom() < NEAREST_FROM)
-        self._paint_picture(painter, self._target())
+        self._paint_picture(painter, self._target(), self._image)
         self._paint_marks(painter)
         if self.hasFocus():
             painter.setPen(QPen(self.palette().color(QPalette.ColorRole.Accent), 1))
@@ -243,9 +248,11 @@ class RenderPanel(QWidget):
         elif self._mode == "difference":
             paint_tag(painter, QPointF(8, 8), f"difference × {self._gain:g}")
 
-    def _paint_picture(self, painter: QPainter, target: QRectF) -> None:
-        image = self._difference_image() if self._mode == "difference" and self._observed is not None else self._image
-        painter.drawImage(target, image)
+    def _paint_picture(self, painter: QPainter, target: QRectF, shown: _Picture) -> None:
+        if self._mode == "difference" and self._observed is not None:
+            painter.drawImage(target, self._difference_image(shown, self._observed))
+        else:
+            painter.drawImage(target, shown.drawn)
         if self._overlay is not None and self._overlay_opacity > 0:
             painter.setOpacity(self._overlay_opacity)
             painter.drawImage(target, self._overlay)
@@ -255,14 +262,14 @@ class RenderPanel(QWidget):
             right = QRectF(target)
             right.setLeft(target.left() + self._split * target.width())
             painter.setClipRect(right)
-            painter.drawImage(target, self._observed)
+            painter.drawImage(target, self._observed.drawn)
             painter.restore()
 
-    def _difference_image(self) -> QImage:
+    def _difference_image(self, shown: _Picture, observed: _Picture) -> QImage:
         if self._difference is None:
-            height, width = self._observed_rgb.shape[:2]
-            rgb = self._rgb if self._rgb.shape[:2] == (height, width) else cv2.resize(self._rgb, (width, height))
-            difference = np.abs(rgb.astype(np.int16) - self._observed_rgb)
+            height, width = observed.rgb.shape[:2]
+            rgb = shown.rgb if shown.rgb.shape[:2] == (height, width) else cv2.resize(shown.rgb, (width, height))
+            difference = np.abs(rgb.astype(np.int16) - observed.rgb)
             self._difference = to_qimage(np.minimum(difference * np.float32(self._gain), 255.0).astype(np.uint8))
         return self._difference
 

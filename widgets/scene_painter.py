@@ -1,8 +1,8 @@
 """Draws Gaussians with VTK, the same on the screen and off it.
 
 VTK's point Gaussian mapper projects and blends true anisotropic Gaussians, but only in the order in which the vertices come, so the painter
-sorts them far to near whenever the camera or the centres change. Order-independent transparency would replace that order by a worse one and is
-switched off.
+sorts them far to near whenever the camera or the centres change. Order-independent transparency would replace that order by a worse one
+and is switched off.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class ScenePainter:
         means, quats, scales = (np.asarray(a, np.float32) for a in (means, quats, scales))
         opacities = np.asarray(opacities, np.float32).reshape(-1)
         lengths = np.linalg.norm(quats, axis=1, keepdims=True)
-        quats = np.where(lengths > 0.0, quats / np.where(lengths > 0.0, lengths, 1.0), np.float32([1.0, 0.0, 0.0, 0.0]))
+        quats = np.where(lengths > 0.0, quats / np.where(lengths > 0.0, lengths, 1.0), np.array([1.0, 0.0, 0.0, 0.0], np.float32))
         broken = ~(np.isfinite(means).all(1) & np.isfinite(quats).all(1) & np.isfinite(scales).all(1) & np.isfinite(opacities))
         if broken.any():
             means, quats, scales = (np.where(broken[:, None], np.float32(0.0), a) for a in (means, quats, scales))
@@ -137,7 +137,7 @@ class ScenePainter:
 
     def show_points(self, on: bool) -> None:
         """Draw plain points (fast on software GL, any order) or the splats."""
-        if self._actor is not None:
+        if self._actor is not None and self._points is not None:
             self._actor.visibility = not on
             self._points.visibility = on
 

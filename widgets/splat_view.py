@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent, QMouseEvent, QPalette, QResizeEvent, QWheelEvent
+from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent, QMouseEvent, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 from pyvistaqt import QtInteractor
 
@@ -14,6 +14,7 @@ from widgets.camera_moves import dolly, framing, orbit, pan, splat_at
 from widgets.images import to_array
 from widgets.keys import ARROWS, keep_keys
 from widgets.scene_painter import ScenePainter, as_bytes, letterboxed
+from widgets.theme import picture_background
 
 #: Points give way to sorted splats this long after the last movement, milliseconds.
 IDLE_MS = 120
@@ -54,7 +55,7 @@ class SplatView(QWidget):
         self._note.move(8, 8)
 
         self._painter = ScenePainter(self._canvas)
-        self._arrays: tuple[np.ndarray, ...] | None = None
+        self._arrays: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
         self._colours = np.zeros((0, 3), np.uint8)
         self._scalars: tuple[np.ndarray, str, float, float] | None = None
         self._highlight: np.ndarray | None = None
@@ -81,7 +82,7 @@ class SplatView(QWidget):
         """
         if self._arrays is None or len(means) != len(self._arrays[0]):
             self._scalars = self._highlight = None
-        self._arrays = tuple(np.asarray(a) for a in (means, quats, scales, opacities))
+        self._arrays = (np.asarray(means), np.asarray(quats), np.asarray(scales), np.asarray(opacities))
         self._colours = as_bytes(colours)
         self._painter.set_splats(*self._arrays, self._shown_colours())
         self._apply_camera(sort=True)
@@ -165,7 +166,7 @@ class SplatView(QWidget):
             return
         camera = self._viewport_camera()
         # Locked, the pixels of the clip are dilated, as in the 2D panel; free, those of the screen.
-        self._painter.set_camera(camera, camera.fx / self._home.fx if self.is_locked() else 1.0)
+        self._painter.set_camera(camera, camera.fx / self._home.fx if self._home is not None and self._free is None else 1.0)
         if sort:
             self._painter.sort()
         self._note.setText("Surgeon’s view" if self.is_locked() else "Free look — R goes back" if self._home is not None else "Free look")
@@ -191,7 +192,7 @@ class SplatView(QWidget):
         self._canvas.update()
 
     def _paint_background(self) -> None:
-        colour = self._background or self.palette().color(QPalette.ColorRole.Base).darker(115)
+        colour = self._background or picture_background(self.palette())
         self._canvas.renderer.SetBackground(colour.redF(), colour.greenF(), colour.blueF())
         self._canvas.update()
 
@@ -224,24 +225,22 @@ class SplatView(QWidget):
     # Events: the canvas would hand them to VTK's own interaction styles, which know nothing of our cameras.
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if watched is not self._canvas:
-            return super().eventFilter(watched, event)
-        match event.type():
-            case QEvent.Type.MouseButtonPress:
+        kind = event.type()
+        if isinstance(event, QMouseEvent):
+            if kind == QEvent.Type.MouseButtonPress:
                 self._pressed(event)
-            case QEvent.Type.MouseMove:
+            elif kind == QEvent.Type.MouseMove:
                 self._dragged(event)
-            case QEvent.Type.MouseButtonRelease:
+            elif kind == QEvent.Type.MouseButtonRelease:
                 self._released(event)
-            case QEvent.Type.Wheel:
-                self._wheeled(event)
-            case QEvent.Type.KeyPress:
-                return self._key(event)
-            case QEvent.Type.MouseButtonDblClick | QEvent.Type.KeyRelease | QEvent.Type.Enter | QEvent.Type.Leave:
-                pass
-            case _:
-                return False
-        return True
+            return True
+        if isinstance(event, QWheelEvent):
+            self._wheeled(event)
+            return True
+        if isinstance(event, QKeyEvent) and kind == QEvent.Type.KeyPress:
+            self._key(event)
+            return True
+        return kind in (QEvent.Type.KeyRelease, QEvent.Type.Enter, QEvent.Type.Leave)
 
     def _pressed(self, event: QMouseEvent) -> None:
         self._canvas.setFocus(Qt.FocusReason.MouseFocusReason)
@@ -276,7 +275,7 @@ class SplatView(QWidget):
     def _wheeled(self, event: QWheelEvent) -> None:
         self._move(dolly(self._viewport_camera(), self._pivot(), 0.9 ** (event.angleDelta().y() / 120.0)))
 
-    def _key(self, event: QKeyEvent) -> bool:
+    def _key(self, event: QKeyEvent) -> None:
         camera, pivot, turn = self._viewport_camera(), self._pivot(), np.radians(5.0)
         match event.key():
             case Qt.Key.Key_Left:
@@ -295,7 +294,6 @@ class SplatView(QWidget):
                 self.reset_view()
             case _:
                 event.ignore()  # goes on to the parents
-        return True
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

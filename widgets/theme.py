@@ -32,13 +32,13 @@ _ROLES = {
     "dark": {
         QPalette.ColorRole.Window: "#1e2126",
         QPalette.ColorRole.WindowText: "#d9dce1",
-        QPalette.ColorRole.Base: "#15171b",
-        QPalette.ColorRole.AlternateBase: "#1b1e23",
+        QPalette.ColorRole.Base: "#343a43",
+        QPalette.ColorRole.AlternateBase: "#23272d",
         QPalette.ColorRole.Text: "#e2e4e8",
-        QPalette.ColorRole.Button: "#2b2f36",
+        QPalette.ColorRole.Button: "#3b414b",
         QPalette.ColorRole.ButtonText: "#e2e4e8",
         QPalette.ColorRole.BrightText: "#ffffff",
-        QPalette.ColorRole.ToolTipBase: "#2b2f36",
+        QPalette.ColorRole.ToolTipBase: "#353a43",
         QPalette.ColorRole.ToolTipText: "#e2e4e8",
         QPalette.ColorRole.PlaceholderText: "#8b929c",
         QPalette.ColorRole.Highlight: "#2f7fb8",
@@ -46,9 +46,9 @@ _ROLES = {
         QPalette.ColorRole.Accent: "#56b4e9",
         QPalette.ColorRole.Link: "#56b4e9",
         QPalette.ColorRole.LinkVisited: "#cc79a7",
-        QPalette.ColorRole.Light: "#3a3f48",
-        QPalette.ColorRole.Midlight: "#343941",
-        QPalette.ColorRole.Mid: "#3d424b",
+        QPalette.ColorRole.Light: "#4a505b",
+        QPalette.ColorRole.Midlight: "#3d424b",
+        QPalette.ColorRole.Mid: "#4a505b",
         QPalette.ColorRole.Dark: "#121417",
         QPalette.ColorRole.Shadow: "#000000",
     },
@@ -56,7 +56,7 @@ _ROLES = {
         QPalette.ColorRole.Window: "#f1f2f4",
         QPalette.ColorRole.WindowText: "#1d2127",
         QPalette.ColorRole.Base: "#ffffff",
-        QPalette.ColorRole.AlternateBase: "#f6f7f9",
+        QPalette.ColorRole.AlternateBase: "#fafbfc",
         QPalette.ColorRole.Text: "#1d2127",
         QPalette.ColorRole.Button: "#e6e8ec",
         QPalette.ColorRole.ButtonText: "#1d2127",
@@ -101,6 +101,11 @@ def class_colour(index: int) -> QColor:
 def is_dark(palette: QPalette) -> bool:
     """True when text is lighter than what it lies on."""
     return palette.color(QPalette.ColorRole.WindowText).lightness() > palette.color(QPalette.ColorRole.Window).lightness()
+
+
+def picture_background(palette: QPalette) -> QColor:
+    """What lies around pictures: darker than the panels, so that it does not outshine them."""
+    return QColor("#0f1114" if is_dark(palette) else "#d6d9de")
 
 
 def error_colour(palette: QPalette) -> QColor:
