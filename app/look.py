@@ -68,7 +68,7 @@ class Look:
     threshold: float = 0.5
     decoder: str = "rnse"
     masks_shown: bool = True
-    overlay_opacity: float = 0.5
+    overlay_opacity: float = 0.75
     compare: Compare = "off"
     ranges: tuple[tuple[str, ColourRange], ...] = field(default=())
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 PROMPTED = ("similarity", "mask")
 EXCLUDED = (213, 94, 0)
 NO_MASK = 40
+#: Opacity of the inside of a mask against its outline, before the user's opacity.
+MASK_FILL = 0.6
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,8 @@ def draw_view(scene: Scene, request: ViewRequest) -> Steps[View]:
         return view
     yield replace(view, complete=False)
     masks = prompt_masks(scene, frame, [prompt.text for prompt in masked], look.decoder, look.threshold)
-    return replace(view, masks=mask_overlay([(mask, prompt.colour) for mask, prompt in zip(masks, masked, strict=True)], fill=1.0))
+    fill = 0.0 if scalar or look.compare == "difference" else MASK_FILL  # numbers and differences keep their colours: outlines only
+    return replace(view, masks=mask_overlay([(mask, prompt.colour) for mask, prompt in zip(masks, masked, strict=True)], fill))
 
 
 def splat_arrays(scene: Scene, layer: Layer, query: LayerRequest, look: Look, span: tuple[float, float] | None, cmap: str) -> SplatArrays:
@@ -162,5 +165,5 @@ def prompt_masks(scene: Scene, frame: float, texts: Sequence[str], decoder: str 
 def draw_clip(clip: Clip, frame: int) -> View:
     """A frame of a clip that has no run, with the pixels that will not be reconstructed laid over it."""
     invalid = ~clip.valid(frame)
-    masks = mask_overlay([(invalid, EXCLUDED)], fill=1.0) if invalid.any() else None
+    masks = mask_overlay([(invalid, EXCLUDED)], MASK_FILL) if invalid.any() else None
     return View(frame, clip.cameras[frame], clip.frame(frame), None, "", "", None, None, masks)

@@ -1,0 +1,67 @@
+"""The embedded sample: a synthetic clip and its finished run, small enough to travel with the program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from app.look import PROMPT_COLOURS
+from app.pictures import get_layer, layer_picture, overlaid, with_colour_bar, write_png
+from app.terminal import Steps
+from app.view import prompt_masks
+from engine.errors import DegenseError
+
+if TYPE_CHECKING:
+    from engine.scene import Scene
+
+PROMPT = "gallbladder"
+ASSETS = Path(__file__).resolve().parent.parent / "assets"
+
+
+def demo_run() -> Path:
+    """The run folder of the sample.
+
+    Raises
+    ------
+    DegenseError
+        When this installation does not hold it.
+    """
+    run = ASSETS / "demo" / "run"
+    if not (run / "run.json").is_file():
+        raise DegenseError(
+            f"The sample is missing from this installation ({run}); install the program again, or make a clip with degense phantom."
+        )
+    return run
+
+
+def is_demo(path: Path) -> bool:
+    """Whether a path lies in the sample, which the program never changes."""
+    return path.resolve().is_relative_to(ASSETS / "demo")
+
+
+def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:
+    """Write the pictures of the sample; the sentences that say what they show."""
+    from engine.layers import LayerRequest, layer_range
+
+    frame = scene.frames - 1
+    rgb = scene.picture(frame)
+    said = []
+    yield 0.0, "colours"
+    write_png(out / "rgb.png", rgb)
+    said.append(f"rgb.png: frame {frame} of {scene.frames}, reconstructed ({scene.clip_size[0]} × {scene.clip_size[1]})")
+    yield 0.2, f"mask of {PROMPT}"
+    [mask] = prompt_masks(scene, frame, [PROMPT], None, None)
+    write_png(out / f"mask_{PROMPT}.png", overlaid(rgb, [(mask, PROMPT_COLOURS[0])]))
+    said.append(f"mask_{PROMPT}.png: what the prompt “{PROMPT}” finds in it, {mask.mean():.1%} of the picture")
+    for done, name in ((0.5, "displacement"), (0.7, "warp")):
+        layer = get_layer(name)
+        yield done, layer.title.lower()
+        request = LayerRequest(frame=frame)
+        low, high = layer_range(scene, layer, request, "sequence")
+        unit = layer.unit(scene)
+        write_png(
+            out / f"{name}.png",
+            with_colour_bar(layer_picture(scene, layer, request, (low, high)), layer.title, unit, low, high, layer.cmap),
+        )
+        said.append(f"{name}.png: {layer.description} Colours from {low:.3g} to {high:.3g} {unit}.")
+    return said

@@ -1,0 +1,1 @@
+"""The window. Each file wires one thing: session and engine on one side, widgets on the other."""

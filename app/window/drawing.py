@@ -1,0 +1,171 @@
+"""From the session to both views: one request at a time, the latest only, and both views in the same moment."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QColor
+
+from app.look import Look
+from app.pictures import get_layer
+from app.render_service import RenderService
+from app.session import Session
+from app.terminal import Steps
+from app.view import View, ViewRequest, draw_clip, draw_view, layer_request
+from app.window.parts import WELCOME, Parts
+from engine.camera import Camera
+
+if TYPE_CHECKING:
+    from engine.scene import Scene
+
+
+class Drawing(QObject):
+    """Asks the render service for what the session shows, and hands the answer to the widgets.
+
+    Signals
+    -------
+    shown(View)
+        After both views show it.
+    """
+
+    shown = Signal(object)
+
+    def __init__(self, session: Session, service: RenderService, parts: Parts) -> None:
+        super().__init__(parts)
+        self.session, self.service, self.parts = session, service, parts
+        self.view: View | None = None
+        self.milliseconds: deque[float] = deque(maxlen=200)
+        self._spans: dict[tuple[str, tuple[str, ...]], tuple[float, float]] = {}
+        self._camera: Camera | None = None
+        self._asked = 0.0
+        session.opened.connect(self._opened)
+        session.frame_changed.connect(lambda frame: self.request())
+        session.look_changed.connect(lambda before, after: self.request())
+        session.playing_changed.connect(lambda playing: playing or self.request())
+        session.camera_mode_changed.connect(lambda mode: self._aim(force=True))
+
+    def use_splat_view(self) -> None:
+        """The 3D view is there now."""
+        assert self.parts.splats is not None
+        self.parts.splats.locked_changed.connect(self._locked_changed)
+        self.request()
+
+    def request(self) -> None:
+        """Draw what the session shows now."""
+        session = self.session
+        self._asked = time.perf_counter()
+        if session.scene is not None:
+            scene, look = session.scene, session.look
+            splats = self.parts.splats is not None and self.parts.splats.isVisible()
+            wanted = ViewRequest(session.frame, look, self._span(scene, look), splats, quick=session.playing)
+            self.service.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
+        elif session.clip is not None:
+            clip, frame = session.clip, session.frame
+            self.service.submit("view", lambda: draw_clip(clip, frame), self._show, self._failed)
+
+    def _opened(self) -> None:
+        self._spans.clear()
+        self.view = self._camera = None
+        self.service.cancel("range")
+        self.parts.panel.set_overlay(None)
+        self.parts.panel.set_observed(None)
+        self.parts.panel.clear_marker()
+        if self.session.frames == 0:
+            self.parts.panel.set_image(None)
+            self.parts.panel.set_message(WELCOME)
+        self.request()
+
+    # Ranges
+
+    def _span(self, scene: Scene, look: Look) -> tuple[float, float] | None:
+        chosen = look.range(look.layer)
+        if chosen.mode == "fixed":
+            return chosen.low, chosen.high
+        if chosen.mode == "frame" or get_layer(look.layer).kind != "scalar":
+            return None
+        key = (look.layer, tuple(prompt.text for prompt in look.visible_prompts) if get_layer(look.layer).needs_prompt else ())
+        if key not in self._spans and not get_layer(look.layer).missing(scene, key[1]):
+
+            def found(span: tuple[float, float]) -> None:
+                self._spans[key] = span
+                self.parts.set_busy()
+                self.request()
+
+            def failed(message: str) -> None:
+                self.parts.set_busy()
+                self._failed(message)
+
+            def progress(step: tuple[float, str]) -> None:
+                self.parts.set_busy("Range of the whole sequence", step[0])
+
+            self.service.submit("range", lambda: _sequence_range(scene, look), found, failed, progress)
+        return self._spans.get(key)
+
+    # Answers
+
+    def _show(self, view: View) -> None:
+        same_frame = self.view is not None and self.view.frame == view.frame
+        self.view = view
+        parts, look = self.parts, self.session.look
+        parts.panel.set_image(view.rgb)
+        if view.complete or not same_frame:
+            parts.panel.set_overlay(view.masks)
+        parts.panel.set_overlay_opacity(look.overlay_opacity)
+        parts.panel.set_observed(view.observed)
+        parts.panel.set_compare_mode(look.compare)
+        shown = look.visible_prompts if view.masks is not None or look.layer == "mask" else ()
+        parts.panel.set_legend([(prompt.text, QColor(*prompt.colour)) for prompt in shown])
+        if view.span is not None:
+            parts.colour_bar.set_range(*view.span)
+            parts.colour_bar.set_unit(view.unit)
+            parts.colour_bar.set_cmap(view.cmap)
+        parts.colour_bar.setVisible(view.span is not None)
+        if view.splats is not None and parts.splats is not None:
+            arrays = view.splats
+            parts.splats.set_splats(arrays.means, arrays.quats, arrays.scales, arrays.opacities, arrays.colours)
+            self._aim()
+        if view.complete:
+            parts.timeline.frame_drawn()
+            self.milliseconds.append(1000 * (time.perf_counter() - self._asked))
+            self.shown.emit(view)
+
+    def _failed(self, message: str) -> None:
+        self.view = None
+        self.parts.panel.set_image(None)
+        self.parts.panel.set_overlay(None)
+        self.parts.panel.set_message(message)
+        self.parts.timeline.frame_drawn()
+
+    # The 3D camera
+
+    def _aim(self, force: bool = False) -> None:
+        """Put the 3D view where the session wants it: at the surgeon's camera of this frame, or where the user has turned it."""
+        splats, scene = self.parts.splats, self.session.scene
+        if splats is None or scene is None:
+            return
+        camera = scene.camera(self.session.frame)
+        if self.session.camera_mode == "surgeon":
+            if camera is not self._camera or force or not splats.is_locked():
+                splats.set_camera(camera)
+                self._camera = camera
+        elif splats.is_locked():
+            splats.set_free_camera(splats.camera())
+
+    def _locked_changed(self, locked: bool) -> None:
+        self.session.camera_mode = "surgeon" if locked else "free"
+
+
+def _sequence_range(scene: Scene, look: Look) -> Steps[tuple[float, float]]:
+    """The range of a layer over the whole sequence. Its frames are drawn one a step, and kept by the scene, so that nobody waits long."""
+    from engine.layers.registry import SEQUENCE_SAMPLES, layer_range
+
+    layer, request = get_layer(look.layer), layer_request(look, 0)
+    frames = [round(index * (scene.frames - 1) / max(1, SEQUENCE_SAMPLES - 1)) for index in range(SEQUENCE_SAMPLES)]
+    for done, frame in enumerate(frames):
+        yield done / len(frames), "range"
+        layer.image(scene, replace(request, frame=float(frame)))
+    return layer_range(scene, layer, request, "sequence")

@@ -1,0 +1,84 @@
+"""File ▸ Export: the window's way to `app.exports`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QFileDialog
+
+from app.exports import FORMATS, ExportOptions
+from app.pictures import get_layer, with_colour_bar, write_png
+from app.render_service import RenderService
+from app.session import Session
+from app.window.drawing import Drawing
+from app.window.messages import show_error
+from app.window.parts import Parts
+from engine.errors import DegenseError
+
+
+class Exporting(QObject):
+    """Asks where to, then exports in the worker while the window goes on."""
+
+    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing) -> None:
+        super().__init__(parts)
+        self.session, self.service, self.parts, self.drawing = session, service, parts, drawing
+
+    def ask_for_picture(self) -> None:
+        name = f"{self.session.name}-{self.session.look.layer}-{self.session.frame:06d}.png"
+        file, _ = QFileDialog.getSaveFileName(self.parts.window, "Export picture", name, "PNG (*.png)")
+        if file:
+            self.save_picture(Path(file))
+
+    def save_picture(self, path: Path) -> None:
+        """The picture as it is shown, with its colour bar, as PNG."""
+        picture, view = self.parts.panel.grab_image(), self.drawing.view
+        if view is not None and view.span is not None:
+            title = get_layer(self.session.look.layer).title
+            picture = with_colour_bar(picture, title, view.unit, *view.span, view.cmap)
+        try:
+            write_png(path, picture)
+        except DegenseError as error:
+            show_error(self.parts.window, str(error))
+        else:
+            self.parts.say(f"Saved {path}")
+
+    def ask(self, name: str) -> None:
+        """Ask where to write a format, and write it there."""
+        chosen = FORMATS[name]
+        proposal = f"{self.session.name}-{name}{chosen.suffix}"
+        filter_ = f"*{chosen.suffix}" if chosen.suffix else ""
+        file, _ = QFileDialog.getSaveFileName(self.parts.window, chosen.title, proposal, filter_)
+        if file:
+            self.export(name, Path(file))
+
+    def export(self, name: str, out: Path) -> None:
+        """Write a format to `out` in the worker. Masks are those of the visible prompts, or of all classes when there are none."""
+        scene, look, view = self.session.scene, self.session.look, self.drawing.view
+        assert scene is not None
+        options = ExportOptions(
+            prompts=tuple(prompt.text for prompt in look.visible_prompts),
+            decoder=look.decoder,
+            threshold=look.threshold,
+            frame=self.session.frame,
+            layer=look.layer,
+            span=view.span if view is not None else None,
+        )
+
+        def done(text: str) -> None:
+            self.parts.set_busy()
+            self.parts.say(text)
+
+        def failed(message: str) -> None:
+            self.parts.set_busy()
+            show_error(self.parts.window, message)
+
+        def progress(step: tuple[float, str]) -> None:
+            self.parts.set_busy(f"Exporting {out.name}", step[0])
+
+        self.service.submit("export", lambda: FORMATS[name].export(scene, out, options), done, failed, progress)
+
+    def cancel(self) -> None:
+        self.service.cancel("export")
+        self.parts.set_busy()
+        self.parts.say("Export stopped.")

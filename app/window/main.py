@@ -1,0 +1,167 @@
+"""The main window: puts the pieces together, and nothing else."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QShowEvent
+from PySide6.QtWidgets import QApplication, QMainWindow
+
+from app.actions import ActionRegistry
+from app.render_service import RenderService
+from app.session import Session
+from app.settings import SettingsFile
+from app.window import table
+from app.window.controls import Controls
+from app.window.drawing import Drawing
+from app.window.exporting import Exporting
+from app.window.menus import Menus
+from app.window.messages import show_about, show_cheat_sheet, show_error, show_text
+from app.window.opening import Opening
+from app.window.palette import Palette
+from app.window.parts import Parts
+from app.window.probing import Probing
+from app.window.training import Training
+from widgets.theme import apply_theme
+
+CHANNELS = ("open", "view", "range", "probe", "curves", "export", "doctor")
+
+
+class MainWindow(QMainWindow):
+    """Everything of one window.
+
+    Signals
+    -------
+    complaint(text)
+        Show an error; safe to emit from any thread.
+    ready()
+        The 3D view is there.
+    """
+
+    complaint = Signal(str)
+    ready = Signal()
+
+    def __init__(self, settings: SettingsFile) -> None:
+        super().__init__()
+        self.settings = settings
+        self.session = Session()
+        self.service = RenderService(CHANNELS, self)
+        self.parts = Parts(self)
+        self.drawing = Drawing(self.session, self.service, self.parts)
+        self.controls = Controls(self.session, settings, self.parts)
+        self.probing = Probing(self.session, self.service, self.parts, self.drawing)
+        self.opening = Opening(self.session, self.service, settings, self.parts)
+        self.exporting = Exporting(self.session, self.service, self.parts, self.drawing)
+        self.training = Training(self.session, self.parts, self.opening)
+        self.registry = ActionRegistry()
+        table.fill(self.registry, self)
+        self.menus = Menus(self.registry, self, self.complaint.emit)
+        self.menus.add_recent(settings, self.opening.open_path)
+        docks = self.menus.menu(("View", "Panels"))
+        for dock in self.parts.docks:
+            docks.addAction(dock.toggleViewAction())
+        self.complaint.connect(lambda text: show_error(self, text), Qt.ConnectionType.QueuedConnection)
+        for signal in (self.session.opened, self.session.undo.changed):
+            signal.connect(self._refresh)
+        self.session.playing_changed.connect(lambda playing: self.menus.refresh())
+        self.session.camera_mode_changed.connect(lambda mode: self.menus.refresh())
+        self.session.dirty_changed.connect(lambda dirty: self._refresh())
+        self.training.changed.connect(self.menus.refresh)
+        self.parts.log.attach()
+        self.setAcceptDrops(True)
+        self.resize(1440, 900)
+        self._restore()
+        self._refresh()
+
+    # What actions need
+
+    def focus_prompt(self) -> None:
+        self.parts.prompts_dock.show()
+        self.parts.prompts_dock.raise_()
+        self.parts.prompts.focus_input()
+
+    def toggle_theme(self) -> None:
+        theme = "light" if self.settings.value.theme == "dark" else "dark"
+        self.settings.update(theme=theme)
+        app = QApplication.instance()
+        assert isinstance(app, QApplication)
+        apply_theme(app, theme)
+
+    def show_palette(self) -> None:
+        palette = Palette(self.registry, self)
+        palette.show()
+        palette.input.setFocus()
+
+    def show_cheat_sheet(self) -> None:
+        show_cheat_sheet(self, self.registry.cheat_sheet())
+
+    def show_about(self) -> None:
+        show_about(self)
+
+    def show_doctor(self) -> None:
+        """Examine the machine in the worker (it takes seconds), then show the report."""
+        from app.doctor import report
+
+        self.parts.set_busy("Examining this machine")
+
+        def done(result: tuple[str, bool]) -> None:
+            self.parts.set_busy()
+            show_text(self, "Doctor", result[0])
+
+        self.service.submit("doctor", report, done, self.complaint.emit)
+
+    # Qt's own events
+
+    def showEvent(self, event: QShowEvent) -> None:
+        super().showEvent(event)
+        if self.parts.splats is None:
+            QTimer.singleShot(0, self._add_splat_view)
+
+    def _add_splat_view(self) -> None:
+        if self.parts.splats is None and self.isVisible():
+            self.parts.add_splat_view()
+            self.drawing.use_splat_view()
+            self.probing.use_splat_view()
+            self.menus.refresh()
+            self.ready.emit()
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        if self.opening.dropped(event.mimeData()) is not None:
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        path = self.opening.dropped(event.mimeData())
+        if path is not None:
+            event.acceptProposedAction()
+            self.opening.open_path(path)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        if not self.training.may_close(self.close):
+            event.ignore()
+            return
+        self.session.pause()
+        self.opening.save_session()
+        geometry = bytes(self.saveGeometry().toBase64().data()).decode("ascii")
+        state = bytes(self.saveState().toBase64().data()).decode("ascii")
+        self.settings.update(geometry=geometry, state=state)
+        self.service.close()
+        self.parts.log.detach()
+        if self.parts.splats is not None:
+            self.parts.splats.close()
+        super().closeEvent(event)
+
+    def _restore(self) -> None:
+        settings = self.settings.value
+        if settings.geometry:
+            self.restoreGeometry(QByteArray.fromBase64(settings.geometry.encode("ascii")))
+        if settings.state:
+            self.restoreState(QByteArray.fromBase64(settings.state.encode("ascii")))
+            self.parts.monitor_dock.hide()
+
+    def _refresh(self) -> None:
+        """Title, undo names, and the states of all actions."""
+        session = self.session
+        self.setWindowTitle(f"{session.name}[*] – DeGense" if session.name else "DeGense[*]")
+        self.setWindowModified(session.dirty)
+        for action, name, verb in (("edit.undo", session.undo.undo_name, "Undo"), ("edit.redo", session.undo.redo_name, "Redo")):
+            self.menus.actions[action].setText(f"{verb}: {name}" if name else verb)
+        self.menus.refresh()

@@ -1,0 +1,83 @@
+"""Dialogs that say something. They do not block: the window goes on living behind them."""
+
+from __future__ import annotations
+
+import logging
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QMessageBox, QPlainTextEdit, QScrollArea, QVBoxLayout, QWidget
+
+log = logging.getLogger(__name__)
+
+ABOUT = """<h3>DeGense</h3>
+<p>Reconstructs a surgical video as a 4D Gaussian scene, answers prompts in words, and shows how tissue moved.</p>
+<p><b>For research, not a medical device.</b> Nothing shown here may guide the treatment of a patient.</p>"""
+
+
+def show_error(parent: QWidget, text: str) -> None:
+    """One sentence about what went wrong. While such a dialog is open, a further error replaces its text: no heap of dialogs."""
+    log.error(text)
+    box = parent.findChild(QMessageBox, "error")
+    if box is None:
+        box = QMessageBox(QMessageBox.Icon.Warning, "DeGense", "", QMessageBox.StandardButton.Ok, parent)
+        box.setObjectName("error")
+        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        box.setTextFormat(Qt.TextFormat.PlainText)
+    box.setText(text)
+    box.open()
+
+
+def show_about(parent: QWidget) -> None:
+    box = QMessageBox(QMessageBox.Icon.NoIcon, "About DeGense", ABOUT, QMessageBox.StandardButton.Ok, parent)
+    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    box.open()
+
+
+def show_text(parent: QWidget, title: str, text: str) -> QDialog:
+    """A window with text in fixed columns."""
+    view = QPlainTextEdit(text)
+    view.setReadOnly(True)
+    view.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
+    font = view.font()
+    font.setFamily("monospace")
+    font.setStyleHint(font.StyleHint.Monospace)
+    view.setFont(font)
+    return _dialog(parent, title, view, (760, 480))
+
+
+def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -> QDialog:
+    """All shortcuts, by menu, in two columns."""
+    blocks = []
+    for menu, rows in sheet.items():
+        keys = "".join(f"<tr><td style='padding: 2px 18px 2px 0'><b>{_arrows(key)}</b></td><td>{title}</td></tr>" for key, title in rows)
+        blocks.append(f"<h4 style='margin: 8px 0 2px 0'>{menu}</h4><table>{keys}</table>")
+    half = (len(blocks) + 1) // 2
+    columns = ("".join(blocks[:half]), "".join(blocks[half:]))
+    text = "<table><tr>" + "".join(f"<td style='padding-right: 36px'>{column}</td>" for column in columns) + "</tr></table>"
+    label = QLabel(text)
+    label.setAlignment(Qt.AlignmentFlag.AlignTop)
+    label.setMargin(12)
+    area = QScrollArea()
+    area.setWidget(label)
+    area.setWidgetResizable(True)
+    return _dialog(parent, "Shortcuts", area, (760, 680))
+
+
+def _arrows(key: str) -> str:
+    for name, sign in (("Left", "←"), ("Right", "→"), ("Up", "↑"), ("Down", "↓")):
+        key = key.replace(name, sign)
+    return key
+
+
+def _dialog(parent: QWidget, title: str, content: QWidget, size: tuple[int, int]) -> QDialog:
+    dialog = QDialog(parent)
+    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    dialog.setWindowTitle(title)
+    dialog.resize(*size)
+    column = QVBoxLayout(dialog)
+    column.addWidget(content)
+    buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+    buttons.rejected.connect(dialog.reject)
+    column.addWidget(buttons)
+    dialog.show()
+    return dialog

@@ -1,0 +1,175 @@
+"""The widgets of the window and where they sit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSlider,
+    QDockWidget,
+    QLabel,
+    QMainWindow,
+    QProgressBar,
+    QSizePolicy,
+    QSplitter,
+    QVBoxLayout,
+    QWidget,
+)
+
+from app.window.facts import Facts
+from app.window.log_view import LogView
+from widgets.colour_bar import ColourBar
+from widgets.curve_plot import CurvePlot
+from widgets.layer_list import LayerList
+from widgets.probe_panel import ProbePanel
+from widgets.prompt_bar import PromptBar
+from widgets.render_panel import RenderPanel
+from widgets.timeline import Timeline
+from widgets.training_monitor import TrainingMonitor
+
+if TYPE_CHECKING:
+    from widgets.splat_view import SplatView
+
+WELCOME = "Drop a clip or a run here, or open one from the File menu.\nHelp ▸ Demo shows a finished scene."
+
+
+class Parts(QObject):
+    """All widgets, in place.
+
+    Attributes
+    ----------
+    similarity : CurvePlot
+        Similarity to the prompts over time, below the probe's displacement: another unit, another plot.
+    splats : SplatView or None
+        The 3D view. It comes after the window is on the screen (`add_splat_view`), because loading VTK takes a second.
+    """
+
+    def __init__(self, window: QMainWindow) -> None:
+        super().__init__(window)
+        self.window = window
+        self.panel = RenderPanel()
+        self.panel.set_message(WELCOME)
+        self.splats: SplatView | None = None
+        self.timeline = Timeline()
+        self.layers = LayerList()
+        self.colour_bar = ColourBar()
+        self.prompts = PromptBar()
+        self.probe = ProbePanel()
+        self.similarity = CurvePlot()
+        self.similarity.set_labels("frame", "cosine")
+        self.similarity.hide()
+        self.facts = Facts()
+        self.monitor = TrainingMonitor()
+        self.log = LogView()
+        self._place()
+        self._status()
+        _LayerDigits(self.panel)
+
+    def add_splat_view(self) -> SplatView:
+        """Load VTK and put the 3D view at the left of the picture."""
+        from widgets.splat_view import SplatView
+
+        self.splats = SplatView()
+        self.views.insertWidget(0, self.splats)
+        self.views.setStretchFactor(0, 1)
+        self.views.setStretchFactor(1, 1)
+        self.views.setSizes([1000, 1000])
+        return self.splats
+
+    def say(self, text: str, seconds: float = 8.0) -> None:
+        """A line in the status bar, for some seconds."""
+        self.window.statusBar().showMessage(text, round(seconds * 1000))
+
+    def set_busy(self, text: str = "", fraction: float | None = None) -> None:
+        """Show that something is being done; an empty text hides it. Without a fraction the bar only moves."""
+        self.busy_text.setText(text)
+        self.busy_text.setVisible(bool(text))
+        self.busy_bar.setVisible(bool(text))
+        self.busy_bar.setRange(0, 0 if fraction is None else 100)
+        if fraction is not None:
+            self.busy_bar.setValue(round(100 * fraction))
+
+    def _place(self) -> None:
+        window = self.window
+        self.views = QSplitter(Qt.Orientation.Horizontal)
+        self.views.setObjectName("views")
+        self.views.setChildrenCollapsible(False)
+        self.views.addWidget(self.panel)
+        centre = QWidget()
+        column = QVBoxLayout(centre)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addWidget(self.views, 1)
+        column.addWidget(self.timeline)
+        window.setCentralWidget(centre)
+        window.setDockOptions(QMainWindow.DockOption.AllowTabbedDocks | QMainWindow.DockOption.AnimatedDocks)
+        window.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, window.tabPosition(Qt.DockWidgetArea.TopDockWidgetArea))
+        right, bottom = Qt.DockWidgetArea.RightDockWidgetArea, Qt.DockWidgetArea.BottomDockWidgetArea
+        layers = QWidget()
+        layers.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
+        stack = QVBoxLayout(layers)
+        stack.setContentsMargins(6, 6, 6, 6)
+        stack.addWidget(self.layers)
+        stack.addWidget(self.colour_bar)
+        stack.addStretch(1)
+        self.layers_dock = self._dock("Layers", layers, right)
+        self.prompts_dock = self._dock("Prompts", self.prompts, right)
+        probe = QWidget()
+        below = QVBoxLayout(probe)
+        below.setContentsMargins(0, 0, 0, 0)
+        below.addWidget(self.probe, 3)
+        below.addWidget(self.similarity, 2)
+        self.probe_dock = self._dock("Probe", probe, right)
+        self.facts_dock = self._dock("Clip and run", self.facts, right)
+        self.monitor_dock = self._dock("Training", self.monitor, bottom)
+        self.log_dock = self._dock("Log", self.log, bottom)
+        self.monitor_dock.hide()
+        self.log_dock.hide()
+        window.tabifyDockWidget(self.probe_dock, self.facts_dock)
+        window.resizeDocks([self.layers_dock, self.prompts_dock, self.probe_dock], [240, 160, 420], Qt.Orientation.Vertical)
+        window.resizeDocks([self.layers_dock], [360], Qt.Orientation.Horizontal)
+        self.probe_dock.raise_()
+        # A click is no wish to type: Space and arrows go on moving time. Tab still reaches everything.
+        for owner in (*self.docks, self.timeline):
+            for kind in (QAbstractButton, QAbstractSlider):
+                for widget in owner.findChildren(kind):
+                    if widget.focusPolicy() != Qt.FocusPolicy.NoFocus:
+                        widget.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+
+    def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:
+        dock = QDockWidget(title, self.window)
+        dock.setObjectName(title)
+        dock.setWidget(widget)
+        self.window.addDockWidget(area, dock)
+        return dock
+
+    @property
+    def docks(self) -> tuple[QDockWidget, ...]:
+        return self.layers_dock, self.prompts_dock, self.probe_dock, self.facts_dock, self.monitor_dock, self.log_dock
+
+    def _status(self) -> None:
+        bar = self.window.statusBar()
+        self.busy_text, self.busy_bar = QLabel(), QProgressBar()
+        self.busy_bar.setTextVisible(False)
+        self.busy_bar.setFixedWidth(140)
+        self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        bar.addPermanentWidget(self.busy_text)
+        bar.addPermanentWidget(self.busy_bar)
+        self.set_busy()
+
+
+class _LayerDigits(QObject):
+    """Leaves the key 1 to the layers, also while the picture has the focus (there it would zoom to 100 %)."""
+
+    def __init__(self, panel: RenderPanel) -> None:
+        super().__init__(panel)
+        panel.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_1:
+            event.ignore()
+            return True
+        return False
