@@ -10,8 +10,7 @@ from collections.abc import Callable
 
 import torch
 
-from engine.raster.render import rasterize
-from engine.raster.scenes import random_scene
+from engine.raster.scenes import draw_scene, random_scene
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:
@@ -36,7 +35,7 @@ def main() -> None:
     width, height = (int(number) for number in options.size.split("x"))
     begin = time.perf_counter()
     tensors, camera = random_scene(10, 8, 8, 1, 0)
-    rasterize(*(tensor.requires_grad_() for tensor in tensors), camera).image.sum().backward()
+    draw_scene([tensor.requires_grad_() for tensor in tensors], camera).image.sum().backward()
     print(f"first picture (compiling, or reading what was compiled): {time.perf_counter() - begin:.1f} s")
 
     scene = f"{options.gaussians} Gaussians, {width} × {height}"
@@ -47,26 +46,26 @@ def main() -> None:
 
         def forward(tensors=tensors, camera=camera):
             with torch.no_grad():
-                return rasterize(*tensors, camera)
+                return draw_scene(tensors, camera)
 
         def both(leaves=leaves, camera=camera, pull=pull):
-            rasterize(*leaves, camera).image.backward(pull)
+            draw_scene(leaves, camera).image.backward(pull)
 
-        def features(tensors=tensors, leaves=leaves, camera=camera, pull=pull):
-            rasterize(*tensors[:4], leaves[4], camera).image.backward(pull)
+        def features_only(tensors=tensors, leaves=leaves, camera=camera, pull=pull):
+            draw_scene([*tensors[:4], leaves[4]], camera).image.backward(pull)
 
         if channels == 4:
             threads, load = torch.get_num_threads(), os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
             print(f"{scene}, mean alpha {forward().alpha.mean():.2f}, {threads} threads, load {load:.1f}")
         print(f"{channels:3d} channels: forward {median_ms(forward, options.repeats):6.1f}", end="")
         print(f"   forward + backward {median_ms(both, options.repeats):6.1f}", end="")
-        print(f"   features only {median_ms(features, options.repeats):6.1f}")
+        print(f"   features only {median_ms(features_only, options.repeats):6.1f}")
 
     tensors, camera = random_scene(options.gaussians, width, height, 3, 0, footprint=options.footprint)
 
     def frame():
         with torch.no_grad():
-            return rasterize(*tensors, camera).image.mul_(255.0).clamp_(0.0, 255.0).to(torch.uint8).numpy()
+            return draw_scene(tensors, camera).image.mul_(255.0).clamp_(0.0, 255.0).to(torch.uint8).numpy()
 
     print(f"baked playback, uint8 frame: {median_ms(frame, options.repeats):6.1f}")
 

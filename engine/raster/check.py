@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from engine.camera import Camera
-from engine.raster.render import Render, rasterize
-from engine.raster.scenes import random_scene
+from engine.raster.render import Backend, Render, rasterize
+from engine.raster.scenes import draw_scene, random_scene
 
 INPUTS = ("means", "quats", "scales", "opacities", "features", "background", "offsets")
 IMAGE_TOLERANCE, OUTLIERS, OUTLIER_TOLERANCE, GRADIENT_TOLERANCE, RADII_TOLERANCE = 1e-3, 2e-3, 6e-3, 1e-2, 0.01
@@ -43,8 +43,8 @@ class Comparison:
     outliers : float
         Share of pixels whose image differs by more than IMAGE_TOLERANCE.
     radii : float
-        Share of Gaussians drawn by only one of the two, or with boxes that differ by more than the rounding to whole pixels. A few may:
-        those whose box touches the border of the picture.
+        Share of Gaussians drawn by only one of the two, or with boxes that differ by more than the rounding to whole pixels. A few
+        may be: those whose box touches the border of the picture.
     gradients : dict of str to float
         ‖g − g_ref‖ / ‖g_ref‖ by input.
     finite : bool
@@ -69,24 +69,24 @@ class Comparison:
         )
 
 
-def draw(case: Case, device: str, backend: str = "auto") -> tuple[Render, dict[str, Tensor]]:
+def draw(case: Case, device: str, backend: Backend = "auto") -> tuple[Render, dict[str, Tensor]]:
     """The picture, and gradients of a fixed random loss over image and alpha for the wanted inputs."""
-    tensors = [
-        None if tensor is None else tensor.detach().to(device).requires_grad_(name in case.wanted)
-        for name, tensor in zip(INPUTS, case.tensors, strict=True)
-    ]
-    render = rasterize(*tensors[:5], case.camera, background=tensors[5], screen_offsets=tensors[6], backend=backend)
+    given = {name: tensor for name, tensor in zip(INPUTS, case.tensors, strict=True) if tensor is not None}
+    inputs = {name: tensor.detach().to(device).requires_grad_(name in case.wanted) for name, tensor in given.items()}
+    means, quats, scales, opacities, features = (inputs[name] for name in INPUTS[:5])
+    background, offsets = inputs.get("background"), inputs.get("offsets")
+    render = rasterize(
+        means, quats, scales, opacities, features, case.camera, background=background, screen_offsets=offsets, backend=backend
+    )
     generator = torch.Generator().manual_seed(1)
     image_pull, alpha_pull = (torch.randn(part.shape, generator=generator).to(part) for part in (render.image, render.alpha))
     loss = (render.image * image_pull).sum() + (render.alpha * alpha_pull).sum()
     if loss.requires_grad:
         loss.backward()
-    return render, {
-        name: tensor.grad for name, tensor in zip(INPUTS, tensors, strict=True) if tensor is not None and tensor.grad is not None
-    }
+    return render, {name: tensor.grad for name, tensor in inputs.items() if tensor.grad is not None}
 
 
-def compare(case: Case, device: str, backend: str = "auto") -> Comparison:
+def compare(case: Case, device: str, backend: Backend = "auto") -> Comparison:
     """Draw on a device and by the reference, and measure the distance."""
     render, gradients = draw(case, device, backend)
     truth, true_gradients = draw(case, "cpu", "reference")
@@ -202,13 +202,13 @@ def time_cuda(count: int = 100_000, width: int = 854, height: int = 480) -> None
 
         def ours(tensors=tensors, camera=camera) -> None:
             with torch.no_grad():
-                rasterize(*tensors, camera)
+                draw_scene(tensors, camera)
 
         def ours_backward(leaves=leaves, offsets=offsets, camera=camera, pull=pull) -> None:
-            rasterize(*leaves, camera, screen_offsets=offsets).image.backward(pull)
+            draw_scene(leaves, camera, offsets).image.backward(pull)
 
         def ours_features(tensors=tensors, leaves=leaves, camera=camera, pull=pull) -> None:
-            rasterize(*tensors[:4], leaves[4], camera).image.backward(pull)
+            draw_scene([*tensors[:4], leaves[4]], camera).image.backward(pull)
 
         def theirs(tensors=tensors, view=view, lens=lens) -> None:
             with torch.no_grad():

@@ -72,11 +72,12 @@ class _Rasterize(torch.autograd.Function):
         if needs_geometry or needs[4]:
             sums = _sum_over_pixels(ctx.lists, features, image, transmittance, grad_image, grad_alpha, needs_geometry)
             if needs_geometry:
-                grads[:4] = [torch.empty_like(tensor) for tensor in (means, quats, scales, opacities)]
-                grads[6] = torch.empty(means.shape[0], 2)
-                inputs = [tensor.detach().numpy() for tensor in (means, quats, scales, opacities)]
-                outputs = [grads[i].numpy() for i in (0, 1, 2, 3, 6)]
-                run_kernel(project_backward, *inputs, *ctx.geometry, radii.numpy(), sums.numpy(), *outputs)
+                inputs = (means, quats, scales, opacities)
+                outputs = [torch.empty_like(tensor) for tensor in inputs] + [torch.empty(means.shape[0], 2)]
+                arrays = [tensor.detach().numpy() for tensor in inputs]
+                results = [tensor.numpy() for tensor in outputs]
+                run_kernel(project_backward, *arrays, *ctx.geometry, radii.numpy(), sums.numpy(), *results)
+                grads[:4], grads[6] = outputs[:4], outputs[4]
             grads[4] = sums[:, MOMENTS:]
         return None, *(grad if needed else None for grad, needed in zip(grads, needs, strict=True))
 

@@ -61,10 +61,10 @@ def rasterize_cuda(
     _, keys, members = gsplat.isect_tiles(centers, radii, depths, TILE, columns, rows, packed=False)
     starts = gsplat.isect_offset_encode(keys, 1, columns, rows)
 
-    images, alpha = [], None
+    images, alphas = [], []
     for first in range(0, features.shape[1], CHANNELS_AT_ONCE):
         channels = slice(first, first + CHANNELS_AT_ONCE)
-        image, chunk_alpha = gsplat.rasterize_to_pixels(
+        image, alpha = gsplat.rasterize_to_pixels(
             centers,
             conics,
             features[None, :, channels],
@@ -77,8 +77,8 @@ def rasterize_cuda(
             backgrounds=None if background is None else background[None, channels],
         )
         images.append(image[0])
-        alpha = chunk_alpha[0, :, :, 0] if alpha is None else alpha
-    return (images[0] if len(images) == 1 else torch.cat(images, 2)), alpha, radii[0].amax(1)
+        alphas.append(alpha[0, :, :, 0])
+    return (images[0] if len(images) == 1 else torch.cat(images, 2)), alphas[0], radii[0].amax(1)
 
 
 def _opacities_of_the_finite(

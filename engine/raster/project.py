@@ -154,10 +154,10 @@ def project(means, quats, scales, opacities, features, offsets, view, lens, spla
             headroom = math.log2(opacity) - LOG2_MIN_ALPHA
             reach, deviation_x, deviation_y = math.sqrt(2.0 / LOG2E * headroom), math.sqrt(a), math.sqrt(c)
             extent = min(MAX_EXTENT, reach)
-            half_x, half_y = math.ceil(extent * deviation_x), math.ceil(extent * deviation_y)
-            if not (u + half_x > 0.0 and u - half_x < width and v + half_y > 0.0 and v - half_y < height):
+            box_x, box_y = math.ceil(extent * deviation_x), math.ceil(extent * deviation_y)
+            if not (u + box_x > 0.0 and u - box_x < width and v + box_y > 0.0 and v - box_y < height):
                 continue
-            radii[g] = np.int32(min(max(half_x, half_y), 2147483647.0))
+            radii[g] = np.int32(min(max(box_x, box_y), 2147483647))
             depths[g] = z
             half_x, half_y = reach * deviation_x, reach * deviation_y
             tiles[g, LEFT] = int(min(width, max(0.0, u - half_x)) / TILE_WIDTH)

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from engine.camera import Camera
+from engine.raster.render import Render, rasterize
 
 
 def random_scene(
@@ -39,6 +40,12 @@ def random_scene(
         torch.sigmoid(torch.randn(count, generator=generator) * 1.5),
         torch.rand(count, channels, generator=generator),
     ], camera
+
+
+def draw_scene(tensors: list[Tensor], camera: Camera, screen_offsets: Tensor | None = None) -> Render:
+    """`rasterize` for the tensors of `random_scene`."""
+    means, quats, scales, opacities, features = tensors
+    return rasterize(means, quats, scales, opacities, features, camera, screen_offsets=screen_offsets)
 
 
 def _rigid(axis: np.ndarray, angle: float, translation: list[float]) -> np.ndarray:
