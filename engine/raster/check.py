@@ -93,7 +93,7 @@ def compare(case: Case, device: str, backend: Backend = "auto") -> Comparison:
     error = (render.image.detach().cpu() - truth.image.detach()).abs()
     errors = {}
     for name, true in true_gradients.items():
-        got = gradients[name].cpu().double()
+        got = gradients[name].cpu().double() if name in gradients else torch.zeros_like(true)  # no gradient is a zero gradient
         errors[name] = ((got - true).norm() / true.norm().clamp(min=1e-6)).item()
     far_radii = ((render.radii.cpu() - truth.radii).abs() > 1) | ((render.radii.cpu() > 0) != (truth.radii > 0))
     outputs = [render.image, render.alpha, *gradients.values()]
