@@ -7,6 +7,8 @@ and is switched off.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pyvista as pv
 from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
@@ -53,6 +55,34 @@ def as_bytes(colours: np.ndarray) -> np.ndarray:
     return (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
+class Gaussians(NamedTuple):
+    """What VTK may be given: float32 means [N, 3], unit quats [N, 4] (wxyz), scales [N, 3], opacities [N], all finite."""
+
+    means: np.ndarray
+    quats: np.ndarray
+    scales: np.ndarray
+    opacities: np.ndarray
+
+
+def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray) -> Gaussians:
+    """Gaussians with quaternions of any length made units (zero: no rotation).
+
+    One with a number that is not finite is made invisible and put where a sound one lies: it would fill VTK's screen with garbage.
+    """
+    means, quats, scales = (np.asarray(a, np.float32) for a in (means, quats, scales))
+    opacities = np.asarray(opacities, np.float32).reshape(-1)
+    sound = np.isfinite(means).all(1) & np.isfinite(quats).all(1) & np.isfinite(scales).all(1) & np.isfinite(opacities)
+    if not sound.all():
+        place = means[np.argmax(sound)] if sound.any() else np.zeros(3, np.float32)
+        means = np.where(sound[:, None], means, place)
+        quats, scales = (np.where(sound[:, None], a, np.float32(0.0)) for a in (quats, scales))
+        opacities = np.where(sound, opacities, np.float32(0.0))
+    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
+    turned = lengths > 0.0
+    quats = np.where(turned, quats / np.where(turned, lengths, 1.0), np.array([1.0, 0.0, 0.0, 0.0], np.float32)).astype(np.float32)
+    return Gaussians(means, quats, scales, opacities)
+
+
 class ScenePainter:
     """The splats of one plotter.
 
@@ -73,27 +103,14 @@ class ScenePainter:
         plotter.renderer.SetUseOIT(False)
         plotter.renderer.camera_set = True  # otherwise pyvista frames the scene its own way at the first rendering
 
-    def set_splats(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
-        """Show other splats.
-
-        means [N, 3], quats [N, 4] (wxyz, any length), scales [N, 3], opacities [N], colours [N, 3] (uint8, or float in [0, 1]).
-        Splats with a number that is not finite are given opacity 0 and put at the origin: VTK would draw a screen full of garbage.
-        """
-        means, quats, scales = (np.asarray(a, np.float32) for a in (means, quats, scales))
-        opacities = np.asarray(opacities, np.float32).reshape(-1)
-        lengths = np.linalg.norm(quats, axis=1, keepdims=True)
-        quats = np.where(lengths > 0.0, quats / np.where(lengths > 0.0, lengths, 1.0), np.array([1.0, 0.0, 0.0, 0.0], np.float32))
-        broken = ~(np.isfinite(means).all(1) & np.isfinite(quats).all(1) & np.isfinite(scales).all(1) & np.isfinite(opacities))
-        if broken.any():
-            means, quats, scales = (np.where(broken[:, None], np.float32(0.0), a) for a in (means, quats, scales))
-            quats[broken, 0], opacities = 1.0, np.where(broken, np.float32(0.0), opacities)
-        self._means = means
-        if self._mesh is None or self._mesh.n_points != len(means):
-            self._build(means, quats, scales, opacities, as_bytes(colours))
+    def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None:
+        """Show other splats, with colours [N, 3] (uint8, or float in [0, 1])."""
+        self._means = gaussians.means
+        if self._mesh is None or self._mesh.n_points != len(gaussians.means):
+            self._build(gaussians, as_bytes(colours))
         else:
-            self._mesh.points = means
-            for name, values in (("rotation", quats), ("scale", scales), ("opacity", opacities), ("colour", as_bytes(colours))):
-                self._mesh.point_data[name] = values
+            self._mesh.points = gaussians.means
+            self._fill(self._mesh, gaussians, as_bytes(colours))
         self.sort()
 
     def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
@@ -149,15 +166,14 @@ class ScenePainter:
         far = max(float(depth.max()), 1e-6) * 1.5
         return far * 1e-3, far
 
-    def _build(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
+    def _build(self, gaussians: Gaussians, colours: np.ndarray) -> None:
         if self._actor is not None:
             self._plotter.remove_actor([self._actor, self._points], render=False)
             self._actor, self._points, self._mesh = None, None, None
-        if not len(means):
+        if not len(gaussians.means):
             return
-        mesh = pv.PolyData(means)
-        for name, values in (("rotation", quats), ("scale", scales), ("opacity", opacities), ("colour", colours)):
-            mesh.point_data[name] = values
+        mesh = pv.PolyData(gaussians.means)
+        self._fill(mesh, gaussians, colours)
         plain = {"scalars": "colour", "rgb": True, "lighting": False, "render": False, "reset_camera": False, "show_scalar_bar": False}
         actor = self._plotter.add_mesh(mesh, style="points_gaussian", emissive=False, **plain)
         mapper = actor.mapper
@@ -172,6 +188,13 @@ class ScenePainter:
         points.visibility = False
         self._mesh, self._actor, self._points = mesh, actor, points
 
+    @staticmethod
+    def _fill(mesh: pv.PolyData, gaussians: Gaussians, colours: np.ndarray) -> None:
+        mesh.point_data["rotation"] = gaussians.quats
+        mesh.point_data["scale"] = gaussians.scales
+        mesh.point_data["opacity"] = gaussians.opacities
+        mesh.point_data["colour"] = colours
+
 
 def draw_offscreen(
     means: np.ndarray,
@@ -182,12 +205,12 @@ def draw_offscreen(
     camera: Camera,
     background: tuple[int, int, int] = (0, 0, 0),
 ) -> np.ndarray:
-    """One picture of the splats, uint8 [camera.height, camera.width, 3], without any window. Arguments as in `ScenePainter.set_splats`."""
+    """One picture of the splats, uint8 [camera.height, camera.width, 3], without any window. Arrays as in `tamed`."""
     plotter = pv.Plotter(off_screen=True, window_size=(camera.width, camera.height))
     try:
         plotter.set_background(background)
         painter = ScenePainter(plotter)
-        painter.set_splats(means, quats, scales, opacities, colours)
+        painter.set_splats(tamed(means, quats, scales, opacities), colours)
         painter.set_camera(camera)
         painter.sort()
         plotter.render()

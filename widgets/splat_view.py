@@ -13,7 +13,7 @@ from engine.colour_maps import colourise
 from widgets.camera_moves import dolly, framing, orbit, pan, splat_at
 from widgets.images import to_array
 from widgets.keys import ARROWS, keep_keys
-from widgets.scene_painter import ScenePainter, as_bytes, letterboxed
+from widgets.scene_painter import Gaussians, ScenePainter, as_bytes, letterboxed, tamed
 from widgets.theme import picture_background
 
 #: Points give way to sorted splats this long after the last movement, milliseconds.
@@ -55,7 +55,7 @@ class SplatView(QWidget):
         self._note.move(8, 8)
 
         self._painter = ScenePainter(self._canvas)
-        self._arrays: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._gaussians: Gaussians | None = None
         self._colours = np.zeros((0, 3), np.uint8)
         self._scalars: tuple[np.ndarray, str, float, float] | None = None
         self._highlight: np.ndarray | None = None
@@ -76,15 +76,17 @@ class SplatView(QWidget):
     # What is shown
 
     def set_splats(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
-        """Show other splats (see `ScenePainter.set_splats`).
+        """Show other splats (arrays as in `tamed`; colours [N, 3], uint8 or float in [0, 1]).
 
         The camera stays; scalars and highlight stay as long as the number of splats does.
         """
-        if self._arrays is None or len(means) != len(self._arrays[0]):
+        if self._closed:
+            return
+        if self._gaussians is None or len(means) != len(self._gaussians.means):
             self._scalars = self._highlight = None
-        self._arrays = (np.asarray(means), np.asarray(quats), np.asarray(scales), np.asarray(opacities))
+        self._gaussians = tamed(means, quats, scales, opacities)
         self._colours = as_bytes(colours)
-        self._painter.set_splats(*self._arrays, self._shown_colours())
+        self._painter.set_splats(self._gaussians._replace(opacities=self._shown_opacities(self._gaussians)), self._shown_colours())
         self._apply_camera(sort=True)
 
     def set_scalars(self, values: np.ndarray, cmap: str, low: float, high: float) -> None:
@@ -143,10 +145,10 @@ class SplatView(QWidget):
 
     def pick(self, x: float, y: float) -> int:
         """Index of the splat that one sees at a position in the widget (logical pixels), −1 for none."""
-        if self._arrays is None:
+        if self._gaussians is None:
             return -1
         ratio = self._canvas.devicePixelRatioF()
-        return splat_at(x * ratio, y * ratio, self._viewport_camera(), *self._arrays)
+        return splat_at(x * ratio, y * ratio, self._viewport_camera(), *self._gaussians)
 
     # Inside
 
@@ -158,7 +160,7 @@ class SplatView(QWidget):
         width, height = self._pixels()
         camera = self._free or self._home
         if camera is None:
-            return framing(self._arrays[0] if self._arrays is not None else np.zeros((0, 3)), width, height)
+            return framing(self._gaussians.means if self._gaussians is not None else np.zeros((0, 3)), width, height)
         return letterboxed(camera, width, height)
 
     def _apply_camera(self, sort: bool) -> None:
@@ -171,7 +173,7 @@ class SplatView(QWidget):
             self._painter.sort()
         self._note.setText("Surgeon’s view" if self.is_locked() else "Free look — R goes back" if self._home is not None else "Free look")
         self._note.adjustSize()
-        self._note.setVisible(self._arrays is not None)
+        self._note.setVisible(self._gaussians is not None)
         self._canvas.update()
 
     def _shown_colours(self) -> np.ndarray:
@@ -181,14 +183,17 @@ class SplatView(QWidget):
             colours[self._highlight] = HIGHLIGHT
         return colours
 
+    def _shown_opacities(self, gaussians: Gaussians) -> np.ndarray:
+        if self._highlight is None:
+            return gaussians.opacities
+        opacities = gaussians.opacities.copy()
+        opacities[self._highlight] = np.maximum(opacities[self._highlight], 0.8)
+        return opacities
+
     def _recolour(self) -> None:
-        if self._arrays is None:
+        if self._gaussians is None or self._closed:
             return
-        opacities = self._arrays[3]
-        if self._highlight is not None:
-            opacities = opacities.copy()
-            opacities[self._highlight] = np.maximum(opacities[self._highlight], 0.8)
-        self._painter.set_colours(self._shown_colours(), opacities)
+        self._painter.set_colours(self._shown_colours(), self._shown_opacities(self._gaussians))
         self._canvas.update()
 
     def _paint_background(self) -> None:
@@ -198,11 +203,9 @@ class SplatView(QWidget):
 
     def _pivot(self) -> np.ndarray:
         """The point one turns around: the middle of the scene in front of the camera."""
-        if self._arrays is None or not len(self._arrays[0]):
+        if self._gaussians is None or not len(self._gaussians.means):
             return np.zeros(3)
-        means = self._arrays[0].astype(np.float64)
-        finite = means[np.isfinite(means).all(1)]
-        return np.median(finite, 0) if len(finite) else np.zeros(3)
+        return np.median(self._gaussians.means, 0).astype(np.float64)
 
     def _move(self, camera: Camera) -> None:
         """The hand moved the camera: draw points now and splats when it rests."""
@@ -259,7 +262,7 @@ class SplatView(QWidget):
         shift = event.modifiers() & Qt.KeyboardModifier.ShiftModifier
         if event.buttons() & Qt.MouseButton.LeftButton and not shift:
             turn = np.pi / max(self.height(), 1)
-            self._move(orbit(camera, pivot, step.x() * turn, -step.y() * turn))
+            self._move(orbit(camera, pivot, step.x() * turn, step.y() * turn))
         elif event.buttons() & Qt.MouseButton.RightButton:
             self._move(dolly(camera, pivot, 1.01 ** step.y()))
         else:
@@ -283,9 +286,9 @@ class SplatView(QWidget):
             case Qt.Key.Key_Right:
                 self._move(orbit(camera, pivot, turn, 0.0))
             case Qt.Key.Key_Up:
-                self._move(orbit(camera, pivot, 0.0, turn))
-            case Qt.Key.Key_Down:
                 self._move(orbit(camera, pivot, 0.0, -turn))
+            case Qt.Key.Key_Down:
+                self._move(orbit(camera, pivot, 0.0, turn))
             case Qt.Key.Key_Plus | Qt.Key.Key_Equal:
                 self._move(dolly(camera, pivot, 0.9))
             case Qt.Key.Key_Minus:
