@@ -114,7 +114,16 @@ class MainWindow(QMainWindow):
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)
         if self.parts.splats is None:
-            QTimer.singleShot(0, self._add_splat_view)
+            QTimer.singleShot(0, self._start_splat_view)
+
+    def _start_splat_view(self) -> None:
+        """Add the 3D view at once, or after the first picture when something is being opened: loading VTK would hold that up."""
+        if self.service.busy("open"):
+            once = Qt.ConnectionType.QueuedConnection | Qt.ConnectionType.SingleShotConnection
+            self.drawing.shown.connect(self._add_splat_view, once)
+            self.opening.failed.connect(self._add_splat_view, once)
+        else:
+            self._add_splat_view()
 
     def _add_splat_view(self) -> None:
         if self.parts.splats is None and self.isVisible():

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import QMimeData, QObject
+from PySide6.QtCore import QMimeData, QObject, Signal
 from PySide6.QtWidgets import QFileDialog
 
 from app.demo import demo_run, is_demo
@@ -25,7 +25,15 @@ if TYPE_CHECKING:
 
 
 class Opening(QObject):
-    """Opens what the user points at. The window stays alive meanwhile; a second opening replaces the first."""
+    """Opens what the user points at. The window stays alive meanwhile; a second opening replaces the first.
+
+    Signals
+    -------
+    failed()
+        It could not be opened; the user has been told.
+    """
+
+    failed = Signal()
 
     def __init__(self, session: Session, service: RenderService, settings: SettingsFile, parts: Parts) -> None:
         super().__init__(parts)
@@ -89,6 +97,7 @@ class Opening(QObject):
             if self.session.frames == 0:
                 self.parts.panel.set_message(message)
             show_error(self.parts.window, message)
+            self.failed.emit()
 
         self.service.submit("open", job, done, failed)
 

@@ -1,0 +1,47 @@
+"""The table of actions, without a window."""
+
+from __future__ import annotations
+
+import pytest
+
+from app.actions import Action, ActionRegistry
+from engine.errors import DegenseError
+
+
+@pytest.fixture
+def registry() -> ActionRegistry:
+    registry = ActionRegistry()
+    registry.add(
+        Action("file.open", "Open clip…", lambda: None, ("File",), ("Ctrl+O",), help="folder"),
+        Action("view.depth", "Depth", lambda: None, ("View", "Layer"), ("2",)),
+        Action("view.deeper", "Go deeper", lambda: None, ("View",), enabled=lambda: False),
+        Action("edit.redo", "Redo", lambda: None, ("Edit",), ("Ctrl+Y", "Ctrl+Shift+Z")),
+    )
+    return registry
+
+
+@pytest.mark.parametrize(
+    "action", [Action("file.open", "Again", lambda: None), Action("x", "", lambda: None), Action("x", "X", lambda: None, shortcuts=("2",))]
+)
+def test_ids_and_keys_are_unique_and_titles_there(registry, action):
+    with pytest.raises(ValueError, match=r"twice|already"):
+        registry.add(action)
+
+
+def test_search_ranks_word_starts_and_leaves_out_what_cannot_be_done(registry):
+    assert [action.id for action in registry.search("de")] == ["view.depth", "file.open"]
+    assert [action.id for action in registry.search("FOLDER")] == ["file.open"]
+    assert [action.id for action in registry.search("file clip")] == ["file.open"]
+    assert registry.search("nothing like it") == []
+    assert len(registry.search("")) == 3
+
+
+def test_what_is_disabled_does_not_run(registry):
+    with pytest.raises(DegenseError, match="Go deeper"):
+        registry.run("view.deeper")
+
+
+def test_cheat_sheet_groups_by_menu(registry):
+    sheet = registry.cheat_sheet()
+    assert sheet["Edit"] == [("Ctrl+Y or Ctrl+Shift+Z", "Redo")]
+    assert list(sheet) == ["File", "View", "Edit"]

@@ -1,0 +1,232 @@
+"""Signal, undo stack, look and session, without Qt."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.look import PROMPT_COLOURS, ColourRange, Look, Prompt
+from app.session import Session
+from app.signal import Signal
+from app.undo import UndoStack
+from engine.errors import DegenseError, PromptError, RunError
+from tests.fakes import MemoryClip
+
+
+class FakeScene:
+    """What the session uses of a scene."""
+
+    def __init__(self, folder: Path, frames: int = 10) -> None:
+        self.name, self.frames, self.clip_size, self.clip = "fake", frames, (48, 40), None
+        self.run = SimpleNamespace(path=folder)
+
+    def meanings(self, prompt: str) -> None:
+        if prompt == "xyzzy":
+            raise PromptError("'xyzzy' is not in the vocabulary.")
+
+
+@pytest.fixture
+def session(tmp_path) -> Session:
+    session = Session()
+    session.open_scene(FakeScene(tmp_path))
+    return session
+
+
+@pytest.mark.parametrize(
+    "module", ["session", "actions", "settings", "undo", "look", "exports", "probe", "view", "cli", "demo", "pictures"]
+)
+def test_the_model_needs_no_qt(module):
+    code = f"import sys, app.{module}; raise SystemExit(any(name.startswith(('PySide6', 'vtk', 'pyvista')) for name in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_signal_calls_in_order_until_disconnected():
+    signal: Signal[[int]] = Signal()
+    heard: list[str] = []
+    stop = signal.connect(lambda value: heard.append(f"a{value}"))
+    signal.connect(lambda value: heard.append(f"b{value}"))
+    signal.emit(1)
+    stop()
+    stop()
+    signal.emit(2)
+    assert heard == ["a1", "b1", "b2"]
+
+
+@given(st.lists(st.one_of(st.integers(0, 9), st.sampled_from(["undo", "redo"])), max_size=40))
+def test_undo_stack_agrees_with_a_list_of_states(steps):
+    """The oracle keeps all states and an index."""
+    state = [0]
+    stack: UndoStack[int] = UndoStack(lambda value: state.__setitem__(0, value))
+    states, at = [0], 0
+    for step in steps:
+        if step == "undo":
+            stack.undo()
+            at = max(0, at - 1)
+        elif step == "redo":
+            stack.redo()
+            at = min(len(states) - 1, at + 1)
+        else:
+            stack.push(str(step), state[0], step)
+            state[0] = step
+            states[at + 1 :] = [step]
+            at += 1
+        assert state[0] == states[at]
+        assert (stack.undo_name is None, stack.redo_name is None) == (at == 0, at == len(states) - 1)
+
+
+def test_a_drag_is_one_step_and_a_pause_ends_it():
+    now = [0.0]
+    state = [0]
+    stack: UndoStack[int] = UndoStack(lambda value: state.__setitem__(0, value), clock=lambda: now[0])
+    for value in (1, 2, 3):
+        stack.push("slide", value - 1, value, key="slider")
+        now[0] += 0.5
+    now[0] += 5
+    stack.push("slide", 3, 4, key="slider")
+    stack.undo()
+    assert state == [3]
+    stack.undo()
+    assert state == [0]
+    assert stack.undo_name is None
+
+
+def test_undo_remembers_only_so_many():
+    stack: UndoStack[int] = UndoStack(lambda value: None, limit=3)
+    for value in range(10):
+        stack.push(str(value), value, value + 1)
+    assert [stack.undo() for _ in range(4)] == ["9", "8", "7", None]
+
+
+looks = st.builds(
+    Look,
+    layer=st.sampled_from(["rgb", "warp"]),
+    prompts=st.lists(st.builds(Prompt, st.text(max_size=20), st.sampled_from(PROMPT_COLOURS), st.booleans()), max_size=3).map(tuple),
+    threshold=st.floats(0, 1),
+    masks_shown=st.booleans(),
+    overlay_opacity=st.floats(0, 1),
+    compare=st.sampled_from(["off", "wipe", "difference"]),
+    ranges=st.just((("depth", ColourRange("fixed", 1.0, 2.5, "magma")),)),
+)
+
+
+@given(looks)
+def test_look_survives_json(look):
+    assert Look.from_json(json.loads(json.dumps(look.to_json())), "here") == look
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda data: data.pop("layer"),
+        lambda data: data.update(compare="sideways"),
+        lambda data: data.update(prompts=[{"text": "liver"}]),
+        lambda data: data.update(surprise=1),
+        lambda data: data.update(ranges=[["depth", {"mode": "frame", "low": "x", "high": 1, "cmap": ""}]]),
+    ],
+)
+def test_a_spoilt_look_is_refused_in_a_sentence(spoil):
+    data = Look(prompts=(Prompt("liver", (1, 2, 3)),)).to_json()
+    spoil(data)
+    with pytest.raises(RunError, match=r"session\.json .*delete it"):
+        Look.from_json(data, "session.json")
+
+
+def test_prompts_take_free_colours_and_undo(session):
+    for text in ("liver", "fat", "gallbladder"):
+        session.add_prompt(text)
+    assert [prompt.colour for prompt in session.look.prompts] == list(PROMPT_COLOURS[:3])
+    session.remove_prompt("FAT")
+    assert session.undo.undo_name == "Remove fat"
+    session.undo.undo()
+    assert [prompt.text for prompt in session.look.prompts] == ["liver", "fat", "gallbladder"]
+    session.undo.undo()
+    session.undo.undo()
+    assert session.undo.redo_name == "Prompt fat"
+    session.set_visible("liver", False)
+    assert session.look.visible_prompts == ()
+    assert session.undo.redo_name is None
+
+
+@pytest.mark.parametrize(("text", "words"), [("  ", "Type what"), ("Liver", "already"), ("xyzzy", "vocabulary")])
+def test_prompts_that_cannot_be_answered_change_nothing(session, text, words):
+    session.add_prompt("liver")
+    before = session.look
+    with pytest.raises(PromptError, match=words):
+        session.add_prompt(text)
+    assert session.look is before
+
+
+def test_no_prompt_without_a_scene():
+    with pytest.raises(PromptError, match="Open a run"):
+        Session().add_prompt("liver")
+
+
+def test_frames_are_clamped_and_said_once(session):
+    heard: list[int] = []
+    session.frame_changed.connect(heard.append)
+    for frame in (3, 3, 99, -5):
+        session.go_to(frame)
+    session.play()
+    session.step(2)
+    assert heard == [3, 9, 0, 2]
+    assert not session.playing
+
+
+def test_the_look_is_saved_with_the_run_and_found_again(session, tmp_path):
+    dirty: list[bool] = []
+    session.dirty_changed.connect(dirty.append)
+    session.add_prompt("liver")
+    session.set_layer("depth")
+    session.save()
+    assert dirty == [True, False]
+    again = Session()
+    again.open_scene(FakeScene(tmp_path))
+    assert again.look == session.look
+    assert not again.dirty
+    again.set_layer("rgb")
+    again.undo.undo()
+    assert not again.dirty
+
+
+def test_a_damaged_session_file_is_said_and_the_run_still_opens(tmp_path):
+    (tmp_path / "session.json").write_text("{]")
+    session = Session()
+    opened: list[bool] = []
+    session.opened.connect(lambda: opened.append(True))
+    with pytest.raises(RunError, match=r"session\.json"):
+        session.open_scene(FakeScene(tmp_path))
+    assert opened == [True]
+    assert session.frames == 10
+    assert session.look == Look()
+
+
+def test_a_clip_replaces_a_scene(session):
+    session.set_layer("depth")
+    session.go_to(4)
+    session.open_clip(MemoryClip())
+    assert (session.scene, session.frames, session.size, session.frame, session.look) == (None, 10, (48, 40), 0, Look())
+    assert session.undo.undo_name is None
+
+
+def test_save_into_a_folder_that_is_gone(session, tmp_path):
+    session.scene.run.path = tmp_path / "file" / "x"
+    (tmp_path / "file").write_text("")
+    session.set_layer("depth")
+    with pytest.raises(DegenseError, match="cannot be written"):
+        session.save()
+    assert session.dirty
+
+
+def test_ranges_are_kept_by_layer():
+    look = Look().with_range("depth", ColourRange("fixed", 1, 2)).with_range("warp", ColourRange("frame"))
+    assert look.range("depth") == ColourRange("fixed", 1, 2)
+    assert look.range("displacement") == ColourRange()
+    assert replace(look, layer="warp").range("warp").mode == "frame"
