@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +49,8 @@ class Clip(ABC):
         Name of the clip's length: "mm" where depth is metric, else "scene units".
     fps : float
         Frames a second of the recording, 25 where it does not say.
+    options : dict
+        What the reader was told beyond its defaults; a run keeps it to open the clip in the same way again.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Clip(ABC):
     provenance: dict[str, str] = field(default_factory=dict)
     unit: str = "scene units"
     fps: float = 25.0
+    options: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.cameras)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +18,7 @@ from engine.errors import DegenseError
 from engine.field import SceneModel
 from engine.language import Basis, TextEncoder, encoder_by_name
 from engine.masks import MaskQuery
-from engine.motion import consistent, flow_between
+from engine.motion.observed import ObservedMotion
 from engine.raster import camera_depths, rasterize
 from engine.splats import Splats
 from engine.store import Run
@@ -47,22 +47,6 @@ class Cache:
         while self.size > self.limit and len(self._held) > 1:
             self.size -= self._held.popitem(last=False)[1][0]
         return value
-
-
-@dataclass
-class ObservedMotion:
-    """Optical flow of the recorded frame to the reference frame.
-
-    Attributes
-    ----------
-    flow : float32 [H, W, 2]
-        Pixels.
-    supported : bool [H, W]
-        Consistent forwards and backwards, valid at both ends.
-    """
-
-    flow: np.ndarray
-    supported: np.ndarray
 
 
 class Scene:
@@ -264,26 +248,14 @@ class Scene:
         if self.basis is None:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
         drawn = self.draw(frame, camera, ("rgb", "latent"))
-        return MaskQuery((drawn["rgb"] * 255 + 0.5).astype(np.uint8), drawn["latent"], self.basis)
+        return MaskQuery((drawn["rgb"] * 255 + 0.5).astype(np.uint8), drawn["latent"], self.basis, drawn["alpha"])
 
-    def observed_motion(self, frame: int) -> ObservedMotion:
-        """Flow of the recorded frame to the reference frame; kept. DegenseError without the clip."""
-        return self._pictures.get(
-            ("flow", int(frame)), lambda: self._measure_motion(int(frame)), lambda m: m.flow.nbytes + m.supported.nbytes
-        )
-
-    def _measure_motion(self, frame: int) -> ObservedMotion:
+    @cached_property
+    def observed_motion(self) -> ObservedMotion:
+        """What the recording shows of motion since the reference frame. DegenseError without the clip."""
         if self.clip is None:
             raise DegenseError(f"warp compares the scene with the recording, which is missing: {self.clip_missing}")
-        here, there = self.clip.frame(frame), self.clip.frame(self.reference_frame)
-        flow = flow_between(here, there)
-        supported = self.clip.valid(frame) & consistent(flow, flow_between(there, here))
-        height, width = supported.shape
-        x = np.arange(width)[None] + np.rint(flow[..., 0]).astype(np.int64)
-        y = np.arange(height)[:, None] + np.rint(flow[..., 1]).astype(np.int64)
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        landed = self.clip.valid(self.reference_frame)[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
-        return ObservedMotion(flow, supported & inside & landed)
+        return ObservedMotion(self.clip, self.reference_frame)
 
 
 def _bytes_of(splats: Splats) -> int:
@@ -292,14 +264,16 @@ def _bytes_of(splats: Splats) -> int:
 
 def _find_clip(run: Run) -> tuple[Clip | None, str]:
     """The run's clip, or None and why not."""
-    from engine.readers import fingerprint, open_clip
+    from engine.readers import ClipOptions, fingerprint, open_clip
 
     recorded = run.info["clip"]
     path = (run.path / recorded["path"]).resolve()
     try:
-        clip = open_clip(path)
+        clip = open_clip(path, ClipOptions(**recorded.get("options", {})))
         if fingerprint(clip) != recorded["fingerprint"]:
             return None, f"{path} has changed since the training"
+    except TypeError:
+        return None, f"{run.path / 'run.json'} names options for its clip that this version does not know"
     except DegenseError as error:
         return None, str(error)
     return clip, ""

@@ -1,9 +1,52 @@
-"""One lock around every parallel numba kernel.
+"""How numba kernels use all cores beside torch's threads and a window's.
 
-Numba's portable threading layer must not be entered by two Python threads at once, and the window draws from one thread while another answers a prompt.
-The kernels use all cores anyway, so taking turns costs nothing.
+Numba's own thread pools do not suit a program that draws from several Python threads: `workqueue` aborts the process when two threads enter
+it, `omp` waits by spinning, which on a busy machine costs whole time slices. Hot kernels are therefore shared out by `run_kernel`; kernels
+written with numba's `parallel=True` use `workqueue` and take turns behind `KERNEL_LOCK`.
 """
 
-import threading
+from __future__ import annotations
 
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numba
+import numpy as np
+import torch
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+numba.config.THREADING_LAYER = "workqueue"
 KERNEL_LOCK = threading.RLock()
+
+_HELPERS = ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="kernel")
+
+
+def run_kernel(kernel: Callable[..., None], *arguments) -> None:
+    """Call `kernel(*arguments, counter)` on `torch.get_num_threads()` threads and return when all work is done.
+
+    The caller and a few helper threads run the same nogil kernel, and each takes work by drawing tickets from a shared counter. Nobody waits
+    for a helper that has not begun: on a busy machine the caller simply does more itself. Any number of threads may call at once.
+
+    `counter`, int64 [1], starts at zero; the kernel draws from it with `take_ticket` until there is no work left.
+    """
+    counter = np.zeros(1, np.int64)
+    helpers = [_HELPERS.submit(kernel, *arguments, counter) for _ in range(torch.get_num_threads() - 1)]
+    kernel(*arguments, counter)
+    for helper in helpers:
+        if not helper.cancel():
+            helper.result()
+
+
+@intrinsic
+def take_ticket(typing, counter):
+    """The next number of a shared int64 counter [1]: how threads share out work of uneven size."""
+
+    def codegen(context, builder, signature, values):
+        pointer = context.make_array(signature.args[0])(context, builder, values[0]).data
+        return builder.atomic_rmw("add", pointer, ir.Constant(ir.IntType(64), 1), "monotonic")
+
+    return types.int64(counter), codegen

@@ -7,6 +7,7 @@ and three linear look-ups a level instead of six bilinear ones.
 from __future__ import annotations
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from engine.field import hexplane_cpu
@@ -82,21 +83,8 @@ def sample_level(points: Tensor, space: Tensor, line: Tensor) -> Tensor:
     float [N, C]
         Product of the six samples.
     """
-    cells = space.shape[1] - 1
-    position = (points + 1.0) * (0.5 * cells)
-    low = position.floor().clamp(0, cells - 1)
-    weight = (position - low).to(space.dtype)
-    low = low.long()
-    feature = None
-    for plane, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
-        u, v, wu, wv = low[:, a], low[:, b], weight[:, a : a + 1], weight[:, b : b + 1]
-        table = space[plane].reshape(-1, space.shape[-1])
-        width = cells + 1
-        top = torch.lerp(table[v * width + u], table[v * width + u + 1], wu)
-        bottom = torch.lerp(table[(v + 1) * width + u], table[(v + 1) * width + u + 1], wu)
-        value = torch.lerp(top, bottom, wv)
-        feature = value if feature is None else feature * value
-    for axis in range(3):
-        u, wu = low[:, axis], weight[:, axis : axis + 1]
-        feature = feature * torch.lerp(line[axis][u], line[axis][u + 1], wu)
-    return feature
+    grid = torch.stack([points[:, [0, 1]], points[:, [0, 2]], points[:, [1, 2]]])[:, :, None].to(space.dtype)
+    planes = F.grid_sample(space.permute(0, 3, 1, 2), grid, padding_mode="border", align_corners=True)[..., 0]
+    along = torch.stack([points.T, torch.zeros_like(points.T)], -1)[:, :, None].to(space.dtype)
+    lines = F.grid_sample(line.permute(0, 2, 1)[:, :, None], along, padding_mode="border", align_corners=True)[..., 0]
+    return (planes[0] * planes[1] * planes[2] * lines[0] * lines[1] * lines[2]).T

@@ -7,20 +7,24 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numba import njit, prange
+from numba import njit
 from torch import Tensor
 
-from engine.threads import KERNEL_LOCK
+from engine.threads import run_kernel, take_ticket
 
+CHUNK = 256  # points a ticket stands for
 BLOCK = 8  # channels a task handles at once: one 256-bit register; a plane's channels are a multiple of it
 
 
-@njit(parallel=True, fastmath=True, cache=True, nogil=True)
-def _forward(points, space, line, out):
+@njit(fastmath=True, cache=True, nogil=True)
+def _forward(points, space, line, out, counter):
     count, width, channels = points.shape[0], space.shape[1], space.shape[3]
     half = np.float32(0.5 * (width - 1))
-    for chunk in prange(64):
-        for n in range(count * chunk // 64, count * (chunk + 1) // 64):
+    while True:
+        begin = take_ticket(counter) * CHUNK
+        if begin >= count:
+            return
+        for n in range(begin, min(begin + CHUNK, count)):
             px, py, pz = (points[n, 0] + 1) * half, (points[n, 1] + 1) * half, (points[n, 2] + 1) * half
             x, y, z = min(int(px), width - 2), min(int(py), width - 2), min(int(pz), width - 2)
             fx, fy, fz = np.float32(px - x), np.float32(py - y), np.float32(pz - z)
@@ -47,14 +51,16 @@ def _scatter(row, first, values, weight):
         row[first + c] += values[c] * weight
 
 
-@njit(parallel=True, fastmath=True, cache=True, nogil=True)
-def _backward(points, space, line, grad, grad_space, grad_line):
+@njit(fastmath=True, cache=True, nogil=True)
+def _backward(points, space, line, grad, grad_space, grad_line, counter):
     count, width, channels = points.shape[0], space.shape[1], space.shape[3]
     half = np.float32(0.5 * (width - 1))
-    for block in prange(channels // BLOCK):
-        first = block * BLOCK
-        ga, gb, gd = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-        ge, gf, gg = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    ga, gb, gd = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    ge, gf, gg = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    while True:
+        first = take_ticket(counter) * BLOCK
+        if first >= channels:
+            return
         for n in range(count):
             px, py, pz = (points[n, 0] + 1) * half, (points[n, 1] + 1) * half, (points[n, 2] + 1) * half
             x, y, z = min(int(px), width - 2), min(int(py), width - 2), min(int(pz), width - 2)
@@ -103,8 +109,7 @@ class _Sample(torch.autograd.Function):
     def forward(ctx, points, space, line):
         points, space, line = points.contiguous(), space.contiguous(), line.contiguous()
         out = torch.empty(points.shape[0], space.shape[3])
-        with KERNEL_LOCK:
-            _forward(points.numpy(), space.detach().numpy(), line.detach().numpy(), out.numpy())
+        run_kernel(_forward, points.numpy(), space.detach().numpy(), line.detach().numpy(), out.numpy())
         ctx.save_for_backward(points, space, line)
         return out
 
@@ -112,15 +117,8 @@ class _Sample(torch.autograd.Function):
     def backward(ctx, grad):
         points, space, line = ctx.saved_tensors
         grad_space, grad_line = torch.zeros_like(space), torch.zeros_like(line)
-        with KERNEL_LOCK:
-            _backward(
-                points.numpy(),
-                space.detach().numpy(),
-                line.detach().numpy(),
-                grad.contiguous().numpy(),
-                grad_space.numpy(),
-                grad_line.numpy(),
-            )
+        arrays = (points, space.detach(), line.detach(), grad.contiguous(), grad_space, grad_line)
+        run_kernel(_backward, *(array.numpy() for array in arrays))
         return None, grad_space, grad_line
 
 

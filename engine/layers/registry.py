@@ -104,11 +104,11 @@ def _displacement_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 def _warp(scene: Scene, request: LayerRequest) -> np.ndarray:
     frame = round(request.frame)
-    observed = scene.observed_motion(frame)
     if request.camera is not None:
         raise DegenseError("warp is measured in the recording's own view; look through the surgeon's camera to see it")
     modelled = scene.render(frame, None, ("motion",))["motion"]
-    return spurious(modelled, observed.flow, observed.supported & np.isfinite(modelled).all(-1), WARP_TOLERANCE)
+    observed, believed = scene.observed_motion.at(frame)
+    return spurious(modelled, observed, believed, WARP_TOLERANCE)
 
 
 def _warp_splats(scene: Scene, request: LayerRequest) -> np.ndarray:

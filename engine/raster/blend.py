@@ -34,8 +34,8 @@ from engine.raster.simd import (
     sqrt,
     store,
     sub,
-    take_ticket,
 )
+from engine.threads import take_ticket
 
 BLOCK_WIDTH, BLOCK_HEIGHT = 8, 2
 AREA = TILE_WIDTH * TILE_HEIGHT

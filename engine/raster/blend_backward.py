@@ -71,9 +71,9 @@ from engine.raster.simd import (
     spread,
     store,
     sub,
-    take_ticket,
     total,
 )
+from engine.threads import take_ticket
 
 _HALF, _ZERO, _ONE = np.float32(0.5), np.float32(0.0), np.float32(1.0)
 

@@ -11,8 +11,8 @@ from engine.camera import Camera
 from engine.raster.binning import bin_by_tile, sort_by_depth
 from engine.raster.blend import blend
 from engine.raster.blend_backward import add_slots, blend_backward, first_slots
-from engine.raster.pool import run_kernel
 from engine.raster.project import FIELDS, MOMENTS, TILE_HEIGHT, TILE_WIDTH, project, project_backward
+from engine.threads import run_kernel
 
 SLOT_BYTES = 256 << 20  # the backward pass works through the picture in bands of tile rows that need no more than this
 

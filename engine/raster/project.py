@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from engine.raster.limits import EPS2D, FAR, FOV_MARGIN, MAX_EXTENT, MAX_SCALE, MAX_SQUARE, MIN_ALPHA, MIN_QUAT, NEAR
-from engine.raster.simd import take_ticket
+from engine.threads import take_ticket
 
 LOG2E = math.log2(math.e)
 LOG2_MIN_ALPHA = math.log2(MIN_ALPHA)

@@ -246,17 +246,6 @@ def store(typing, array, index, value):
 
 
 @intrinsic
-def take_ticket(typing, counter):
-    """The next number of a shared int64 counter [1]: how threads share out work of uneven size."""
-
-    def codegen(context, builder, signature, values):
-        pointer = context.make_array(signature.args[0])(context, builder, values[0]).data
-        return builder.atomic_rmw("add", pointer, ir.Constant(ir.IntType(64), 1), "monotonic")
-
-    return types.int64(counter), codegen
-
-
-@intrinsic
 def lowest_bit(typing, bits):
     """Index of the lowest set bit of a non-zero uint64."""
 

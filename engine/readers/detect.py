@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 from engine.clip import Clip
@@ -107,6 +108,8 @@ def open_clip(path: str | Path, options: ClipOptions | None = None) -> Clip:
             raise ClipError(f"{shown(path)} is a {'file' if path.is_file() else 'folder'}, so it cannot have the layout {options.layout}.")
         layout = options.layout
     try:
-        return OPENERS[layout](path, options)
+        clip = OPENERS[layout](path, options)
     except PermissionError as error:
         raise ClipError(f"{shown(Path(error.filename or path))} may not be read; check its permissions.") from error
+    clip.options = {item.name: value for item in fields(options) if (value := getattr(options, item.name)) != item.default}
+    return clip

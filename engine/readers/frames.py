@@ -13,7 +13,7 @@ from engine.clip import Clip
 from engine.readers.files import regular_file
 from engine.readers.folder import open_folder
 from engine.readers.options import ClipOptions
-from engine.readers.poses import Found, guessed_cameras, json_cameras
+from engine.readers.poses import Found, guessed_cameras, json_cameras, json_unit
 
 
 def open_frames(path: Path, options: ClipOptions) -> Clip:
@@ -30,4 +30,7 @@ def open_frames(path: Path, options: ClipOptions) -> Clip:
             return json_cameras(regular_file(camera, path), count, size, options)
         return guessed_cameras(count, size, field, options)
 
-    return open_folder(path, options, cameras, clip_depth=False)
+    clip = open_folder(path, options, cameras, clip_depth=False)
+    if (path / "camera.json").exists() and clip.depth_measured:
+        clip.unit = json_unit(regular_file(path / "camera.json", path))
+    return clip

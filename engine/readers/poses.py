@@ -164,6 +164,14 @@ def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
     return _cameras(viewmats, size, np.full(count, fx), np.full(count, fy), numbers["cx"], numbers["cy"]), words
 
 
+def json_unit(path: Path) -> str:
+    """The name of the length that depth and poses beside `camera.json` are in: its `unit`, "scene units" when it names none."""
+    unit = read_json(path).get("unit", "scene units")
+    if not isinstance(unit, str) or not 1 <= len(unit) <= 20 or not unit.isprintable():
+        raise ClipError(f"{shown(path)}: 'unit' must be the short name of a length, such as \"mm\".")
+    return unit
+
+
 def _check_rotations(rotations: np.ndarray, path: Path) -> None:
     wrong = np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max(axis=(1, 2)) > 1e-2
     wrong |= np.linalg.det(rotations) < 0

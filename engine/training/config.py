@@ -41,8 +41,9 @@ class TrainConfig:
         Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
     recolour, resemantics : float
         Weights of |Δcolour| and |Δf_sem|.
-    flow : float
-        Weight of motion evidence: how far each visible Gaussian's projected motion is from the optical flow, in units of the scene.
+    flow, flow_final : float
+        Weight of motion evidence (how far each visible Gaussian's motion is from the optical flow, in units of the scene) at the start, and the share
+        of it that is left at the end: flow finds the way, colour the last fraction of a pixel.
     appearance : bool
         Whether Ψ_app exists.
     channels, resolution, levels
@@ -77,7 +78,8 @@ class TrainConfig:
     shape: float = 0.002
     recolour: float = 0.001
     resemantics: float = 0.01
-    flow: float = 1.0
+    flow: float = 20.0
+    flow_final: float = 0.1
     appearance: bool = True
     channels: int = 16
     resolution: int = 64
@@ -123,8 +125,8 @@ class TrainConfig:
 
 PRESETS: dict[str, dict] = {
     "quick": {
-        "iterations": 1500,
-        "coarse_iterations": 150,
+        "iterations": 1000,
+        "coarse_iterations": 100,
         "max_gaussians": 12_000,
         "max_pixels": 120_000,
         "resolution": 48,

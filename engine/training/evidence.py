@@ -94,18 +94,35 @@ class MotionEvidence:
         device = self.frames.device
         self.pairs[a].append(Pair(b, torch.from_numpy(relative.copy()).half().to(device), torch.from_numpy(weight[None]).half().to(device)))
 
-    def carried(self, picture: np.ndarray, frame: int) -> np.ndarray:
-        """A picture [H, W, 3] of the first training frame, moved to where its tissue is in `frame`; unmoved where nothing is known of that."""
+    def carried(self, picture: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """A picture of one training frame, moved to where its tissue is in another, by way of the first training frame.
+
+        Parameters
+        ----------
+        picture : [H, W] or [H, W, C]
+            At the working size.
+
+        Returns
+        -------
+        picture, known
+            Nearest pixels of the source, and bool [H, W] where flow could say which; unmoved elsewhere.
+        """
         first = self.frames.clip.train_frames[0]
-        pair = next((pair for pair in self.pairs[frame] if pair.to == first), None)
-        if pair is None:
-            return picture
-        width, height = self.frames.size
-        flow = cv2.resize(pair.flow.float().cpu().numpy().transpose(1, 2, 0), (width, height)) * np.array([width, height], np.float32)
-        known = cv2.resize(pair.weight[0].float().cpu().numpy(), (width, height)) > 0.5
-        x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-        moved = cv2.remap(picture, x + flow[..., 0], y + flow[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.where(known[..., None], moved, picture)
+        known = np.ones(picture.shape[:2], bool)
+        for here, there in ((first, source), (frame, first)):
+            pair = next((pair for pair in self.pairs.get(here, []) if pair.to == there), None)
+            if pair is None:
+                known &= here == there
+                continue
+            width, height = self.frames.size
+            flow = cv2.resize(pair.flow.float().cpu().numpy().transpose(1, 2, 0), (width, height)) * np.array([width, height], np.float32)
+            sure = cv2.resize(pair.weight[0].float().cpu().numpy(), (width, height)) > 0.5
+            x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+            x, y = x + flow[..., 0], y + flow[..., 1]
+            moved = cv2.remap(picture, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+            known = sure & (cv2.remap(known.astype(np.uint8), x, y, cv2.INTER_NEAREST, borderValue=0) > 0)
+            picture = np.where(known.reshape(known.shape + (1,) * (picture.ndim - 2)), moved, picture)
+        return picture, known
 
     def loss(self, here: Tensor, there: Tensor, visible: Tensor, frame: int, pair: Pair) -> Tensor:
         """Robust distance between the model's motion and the observed one, averaged over visible Gaussians with evidence.

@@ -48,7 +48,7 @@ def initial_gaussians(
     for key in keys:
         image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
         smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
-        expected = shown if evidence is None else evidence.carried(shown, key)
+        expected = shown if evidence is None else evidence.carried(shown, train[0], key)[0]
         fresh = valid & (~known | (np.abs(smooth.astype(np.int16) - expected).max(2) > DIFFERENT))
         pixels = jittered_grid(width, height, stride, generator)
         rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)

@@ -15,7 +15,7 @@ import torch
 from engine.clip import Clip
 from engine.errors import Cancelled, DegenseError
 from engine.field import FieldConfig, SceneModel
-from engine.language.teachers import teacher_by_name
+from engine.language.teachers import Teacher, teacher_by_name
 from engine.progress import Progress
 from engine.readers import fingerprint
 from engine.store import Run
@@ -93,8 +93,8 @@ def train(
         frames = TrainingFrames(clip, config.max_pixels, device)
         chosen = None if teacher == "none" else teacher_by_name(teacher, clip)
         tell(0.5, "reading the clip")
-        semantics = SemanticTargets(chosen, frames, progress("teacher")) if chosen is not None else None
         evidence = MotionEvidence(frames, progress("flow")) if config.flow > 0 and len(clip.train_frames) > 1 else None
+        semantics = SemanticTargets(chosen, frames, evidence, progress("teacher")) if chosen is not None else None
     except Cancelled:
         return None
 
@@ -106,14 +106,14 @@ def train(
     model = SceneModel(field, bounds, canonical).to(device)
     if run is None:
         info = {
-            "clip": {"path": portable(clip.path, out), "name": clip.name, "fingerprint": fingerprint(clip)},
+            "clip": {"path": portable(clip.path, out), "name": clip.name, "fingerprint": fingerprint(clip), "options": clip.options},
             "config": config.to_json(),
             "field": field.to_json(),
             "unit": frames.unit,
             "reference_frame": clip.train_frames[0],
             "train_frames": clip.train_frames,
             "test_frames": clip.test_frames,
-            "teacher": {"name": teacher, "provenance": chosen.provenance if chosen is not None else "no semantics"},
+            "teacher": {"name": teacher, "provenance": semantic_provenance(chosen, semantics)},
             "encoder": chosen.encoder.name if chosen is not None else None,
             "train_seconds": 0.0,
         }
@@ -126,6 +126,14 @@ def train(
     run.info |= {"state": "training", "hardware": hardware()}
     run.save()
     return _loop(run, trainer, events, stop, started)
+
+
+def semantic_provenance(teacher: Teacher | None, semantics: SemanticTargets | None) -> str:
+    """Where the run's meaning comes from, for its user."""
+    if teacher is None or semantics is None:
+        return "no semantics"
+    carried = len(semantics.frames) - len(semantics.spoken)
+    return teacher.provenance + (f"; carried along the optical flow to {carried} other frames" if carried else "")
 
 
 def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], started: float) -> Run | None:

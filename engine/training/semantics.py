@@ -13,8 +13,11 @@ from engine.errors import DegenseError
 from engine.language import Basis, Teacher, fit_basis
 from engine.masks.superpixels import superpixels
 from engine.progress import Progress, silent
+from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.losses import angular, region_smoothness
+
+SPARSE = 0.25  # a teacher that speaks about a smaller share of the training frames has its words carried to the others
 
 
 @dataclass
@@ -50,10 +53,12 @@ class SemanticTargets:
     ----------
     basis : Basis
     frames : list of int
-        Frames the teacher speaks about.
+        Frames that have a target.
+    spoken : list of int
+        Those the teacher itself speaks about; the others got its words along the optical flow.
     """
 
-    def __init__(self, teacher: Teacher, frames: TrainingFrames, progress: Progress = silent):
+    def __init__(self, teacher: Teacher, frames: TrainingFrames, evidence: MotionEvidence | None = None, progress: Progress = silent):
         spoken: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         clip = frames.clip
         candidates = sorted(set(clip.train_frames) | set(clip.labelled_frames))
@@ -70,17 +75,38 @@ class SemanticTargets:
             vectors.append(vector)
             counts.append(np.bincount(index[index >= 0].ravel(), minlength=len(vector)))
         self.basis: Basis = fit_basis(np.concatenate(vectors), np.concatenate(counts).astype(np.float64))
-        self.frames = sorted(spoken)
         self._targets: dict[int, Target] = {}
         for done, (i, (vector, index)) in enumerate(spoken.items()):
-            progress(0.5 + 0.5 * done / len(spoken), "finding superpixels")
-            self._targets[i] = self._target(frames, i, vector, index)
+            progress(0.5 + 0.3 * done / len(spoken), "finding superpixels")
+            self._targets[i] = self._target(frames, i, vector, self._reduced(frames, i, index))
+        if evidence is not None and len(spoken) < SPARSE * len(clip.train_frames):
+            self._carry(spoken, frames, evidence, progress)
+        self.frames = sorted(self._targets)
+        self.spoken = sorted(spoken)
+
+    def _carry(self, spoken: dict[int, tuple[np.ndarray, np.ndarray]], frames: TrainingFrames, evidence: MotionEvidence, progress: Progress) -> None:
+        """Give every silent training frame the words of the nearest spoken one, moved along with the tissue, where flow knows how it moved."""
+        reduced = {i: self._reduced(frames, i, index) for i, (_, index) in spoken.items()}
+        for done, i in enumerate(frames.clip.train_frames):
+            progress(0.8 + 0.2 * done / len(frames.clip.train_frames), "carrying labels along with the tissue")
+            if i in spoken:
+                continue
+            source = min(spoken, key=lambda s: abs(s - i))
+            moved, known = evidence.carried(reduced[source], source, i)
+            moved = np.where(known & frames.valid(i), moved, -1)
+            if (moved >= 0).any():
+                self._targets[i] = self._target(frames, i, spoken[source][0], moved)
+
+    @staticmethod
+    def _reduced(frames: TrainingFrames, i: int, index: np.ndarray) -> np.ndarray:
+        """An index map at the working size, int32, −1 where the frame is not valid."""
+        small = cv2.resize(index.astype(np.float32), frames.size, interpolation=cv2.INTER_NEAREST).astype(np.int32)
+        return np.where(frames.valid(i), small, -1).astype(np.int32)
 
     def _target(self, frames: TrainingFrames, i: int, vectors: np.ndarray, index: np.ndarray) -> Target:
-        small = cv2.resize(index.astype(np.float32), frames.size, interpolation=cv2.INTER_NEAREST).astype(np.int64).ravel()
-        small[~frames.valid(i).ravel()] = -1
-        pixels = np.flatnonzero(small >= 0)
-        chosen = small[pixels]
+        flat = index.astype(np.int64).ravel()
+        pixels = np.flatnonzero(flat >= 0)
+        chosen = flat[pixels]
         counts = np.bincount(chosen, minlength=len(vectors)).astype(np.float64)
         weight = 1 / np.sqrt(np.maximum(counts[chosen], 1))
         weight /= max(weight.mean(), 1e-12) if len(weight) else 1

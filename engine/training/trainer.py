@@ -139,7 +139,7 @@ class Trainer:
         if state.deformation is not None:
             loss = loss + self._field_losses(state)
             if self.evidence is not None and config.flow > 0:
-                loss = loss + config.flow * self._flow_loss(splats, render, frame_index)
+                loss = loss + config.flow * config.flow_final ** (self.iteration / config.iterations) * self._flow_loss(splats, render, frame_index)
         if semantic_step:
             loss = loss + config.semantic * self._semantic_loss(frame_index, deform)
         self.optimizer.zero_grad(set_to_none=True)
