@@ -10,7 +10,7 @@ from engine.camera import Camera
 
 
 def orbit(camera: Camera, pivot: np.ndarray, yaw: float, pitch: float) -> Camera:
-    """Turn around the world point `pivot` [3], which keeps its pixel; what is nearer moves right with `yaw`, down with `pitch` (radians)."""
+    """Turn around the world point `pivot` [3], which keeps its pixel; nearer things move right with `yaw`, down with `pitch`; radians."""
     cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]]) @ np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]])
     viewmat = camera.viewmat.copy()

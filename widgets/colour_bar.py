@@ -32,7 +32,10 @@ class _Gradient(QWidget):
         return QSize(90, 200)
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        painter = QPainter(self)
+        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
+            self._paint(painter)
+
+    def _paint(self, painter: QPainter) -> None:
         metrics = painter.fontMetrics()
         edge = metrics.height() / 2 + 1
         bar = QRectF(2, edge, 20, max(self.height() - 2 * edge, 1))

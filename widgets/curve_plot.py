@@ -13,6 +13,9 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from widgets.theme import class_colour
 from widgets.ticks import linear_ticks, log_ticks, short
 
+#: Larger values (and, on a logarithmic axis, smaller ones than its inverse) are gaps: the axis could not be computed.
+LARGEST = 1e100
+
 
 @dataclass
 class _Series:
@@ -92,10 +95,10 @@ class CurvePlot(QWidget):
     # Geometry
 
     def _values(self, series: _Series) -> np.ndarray:
+        """What is plotted of the values; NaN, a gap, where a value is not finite, absurd, or not positive on a logarithmic axis."""
         y = np.asarray(series.y, float)
-        if not self._log:
-            return y
-        return np.log10(y, where=y > 0, out=np.full(len(y), np.nan))
+        y = np.where(np.abs(y) < LARGEST, y, np.nan)
+        return np.log10(y, where=y > 1 / LARGEST, out=np.full(len(y), np.nan)) if self._log else y
 
     def _limits(self) -> tuple[float, float, float, float] | None:
         """(x low, x high, y low, y high) of the finite points, y in plotted units, or None without any."""
@@ -133,7 +136,10 @@ class CurvePlot(QWidget):
     # Painting
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        painter = QPainter(self)
+        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
+            self._paint(painter)
+
+    def _paint(self, painter: QPainter) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), self.palette().color(QPalette.ColorRole.AlternateBase))
         quiet = self.palette().color(QPalette.ColorRole.PlaceholderText)

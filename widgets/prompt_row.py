@@ -26,7 +26,10 @@ class _Swatch(QToolButton):
         return QSize(side, side)
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        painter = QPainter(self)
+        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
+            self._paint(painter)
+
+    def _paint(self, painter: QPainter) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         role = self.palette().ColorRole.Accent if self.hasFocus() else self.palette().ColorRole.Mid
         painter.setPen(self.palette().color(role))
@@ -44,9 +47,13 @@ class _ElidedLabel(QLabel):
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
 
     def paintEvent(self, event: QPaintEvent) -> None:
+        with QPainter(self) as painter:
+            self._paint(painter)
+
+    def _paint(self, painter: QPainter) -> None:
         text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
         alignment = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
-        self.style().drawItemText(QPainter(self), self.rect(), alignment, self.palette(), self.isEnabled(), text, self.foregroundRole())
+        self.style().drawItemText(painter, self.rect(), alignment, self.palette(), self.isEnabled(), text, self.foregroundRole())
 
 
 class PromptRow(QFrame):

@@ -37,7 +37,7 @@ def test_hostile_splats_harm_nobody_else(qapp, splats, camera):
 
 
 def test_a_zero_quaternion_is_no_rotation(qapp, splats, camera):
-    means, quats, *rest = splats
+    means, _, *rest = splats
     still = np.tile([1.0, 0, 0, 0], (len(means), 1))
     assert np.array_equal(draw_offscreen(means, still * 0, *rest, camera), draw_offscreen(means, still * 7, *rest, camera))
 

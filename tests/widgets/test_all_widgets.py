@@ -1,0 +1,87 @@
+"""What holds for every widget: names for those who cannot see it, any theme, any size, nothing left behind."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar, QWidget
+
+from widgets.colour_bar import ColourBar
+from widgets.curve_plot import CurvePlot
+from widgets.layer_list import LayerList
+from widgets.probe_panel import ProbePanel
+from widgets.prompt_bar import PromptBar
+from widgets.render_panel import RenderPanel
+from widgets.theme import THEMES, apply_theme
+from widgets.timeline import Timeline
+from widgets.training_monitor import TrainingMonitor
+
+CONTROLS = (QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar)
+
+
+def prompts():
+    bar = PromptBar()
+    bar.set_error(bar.add_prompt("the hook"), "“hook” is not known")
+    bar.set_decoders([("rnse", "Regions", "")])
+    return bar
+
+
+def layers():
+    list_ = LayerList()
+    list_.set_layers([("rgb", "Colour", "", "x"), ("depth", "Depth", "mm", "z")])
+    return list_
+
+
+def timeline():
+    line = Timeline()
+    line.set_frames(30)
+    return line
+
+
+WIDGETS = [prompts, layers, timeline, ColourBar, CurvePlot, ProbePanel, RenderPanel, TrainingMonitor]
+
+
+@pytest.mark.parametrize("make", WIDGETS)
+def test_every_control_has_a_name(show, make):
+    widget = show(make())
+    assert widget.accessibleName()
+    nameless = [
+        control
+        for control in widget.findChildren(QWidget)
+        if isinstance(control, CONTROLS)
+        and control.isVisibleTo(widget)
+        and control.objectName() not in ("qt_toolbar_ext_button",)
+        and not (control.accessibleName() or (isinstance(control, QAbstractButton) and control.text()))
+        and not isinstance(control.parent(), QLineEdit)
+        and "qt_scrollarea" not in control.parent().objectName()
+        and not control.objectName().startswith("qt_")
+    ]
+    assert nameless == []
+
+
+@pytest.mark.parametrize("make", WIDGETS)
+def test_keyboard_reaches_every_control(show, make):
+    widget = show(make())
+    deaf = [
+        control
+        for control in widget.findChildren(QWidget)
+        if isinstance(control, (QAbstractButton, QComboBox, QLineEdit))
+        and control.isVisibleTo(widget)
+        and not control.objectName().startswith("qt_")
+        and not isinstance(control.parent(), QLineEdit)
+        and not control.focusPolicy() & Qt.FocusPolicy.TabFocus
+    ]
+    assert deaf == []
+
+
+@pytest.mark.parametrize("make", WIDGETS)
+def test_paints_in_every_theme_and_size(show, qapp, make):
+    widget = show(make())
+    pictures = []
+    for name in THEMES:
+        apply_theme(qapp, name)
+        for size in ((widget.minimumSizeHint()), widget.sizeHint(), widget.sizeHint() * 2):
+            widget.resize(size)
+            picture = widget.grab().toImage()
+        pictures.append(picture)
+    assert pictures[0] != pictures[1]

@@ -1,0 +1,113 @@
+"""The colour bar: its range, who sets it, and what it paints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit
+
+from engine.colour_maps import colour_table
+from widgets.colour_bar import ColourBar
+from widgets.images import to_array
+
+
+@pytest.fixture
+def bar(show):
+    bar = show(ColourBar(), 140, 420)
+    bar.set_range(0.0, 10.0)
+    return bar
+
+
+def named(bar, kind, name):
+    return next(w for w in bar.findChildren(kind) if w.accessibleName() == name)
+
+
+@pytest.fixture
+def heard(bar):
+    events = []
+    bar.range_mode_changed.connect(lambda mode: events.append(mode))
+    bar.range_edited.connect(lambda low, high: events.append((low, high)))
+    bar.cmap_changed.connect(lambda name: events.append(name))
+    return events
+
+
+def type_in(field, text):
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, text)
+    QTest.keyClick(field, Qt.Key.Key_Return)
+
+
+def test_programs_are_silent(bar, heard):
+    bar.set_range(-3.0, 4.5)
+    bar.set_range_mode("frame")
+    bar.set_cmap("vik")
+    bar.set_title("Displacement")
+    bar.set_unit("mm")
+    assert bar.range() == (-3.0, 4.5)
+    assert (bar.range_mode(), bar.cmap()) == ("frame", "vik")
+    assert any(label.text() == "Displacement [mm]" for label in bar.findChildren(QLabel))
+    assert heard == []
+
+
+def test_typing_fixes_the_range(bar, heard):
+    bar.set_range_mode("sequence")
+    type_in(named(bar, QLineEdit, "Highest value"), "2,5")
+    assert heard == ["fixed", (0.0, 2.5)]
+    type_in(named(bar, QLineEdit, "Lowest value"), "-1e-1")
+    assert heard[2:] == [(-0.1, 2.5)]
+    assert bar.range_mode() == "fixed"
+
+
+@pytest.mark.parametrize("text", ["", "abc", "nan", "inf", "-5", "0"])
+def test_nonsense_is_put_back(bar, heard, text):
+    field = named(bar, QLineEdit, "Highest value")
+    type_in(field, text) if text else (field.setModified(True), field.clear(), field.setModified(True), field.editingFinished.emit())
+    assert bar.range() == (0.0, 10.0)
+    assert field.text() == "10"
+    assert heard == []
+
+
+def test_leaving_a_field_untouched_changes_nothing(bar, heard):
+    bar.set_range(1 / 3, 2 / 3)
+    named(bar, QLineEdit, "Highest value").setFocus()
+    named(bar, QLineEdit, "Lowest value").setFocus()
+    assert heard == []
+    type_in(named(bar, QLineEdit, "Highest value"), "0.9")
+    assert bar.range() == (1 / 3, 0.9)  # the end that was not typed keeps all its digits
+
+
+def test_choices(bar, heard):
+    QTest.keyClick(named(bar, QComboBox, "Range of the colours"), Qt.Key.Key_Up)
+    QTest.keyClick(named(bar, QComboBox, "Colour map"), Qt.Key.Key_Down)
+    assert heard == ["frame", "cividis"]
+    assert bar.cmap() == "cividis"
+
+
+def test_the_gradient_runs_upwards(bar):
+    bar.set_cmap("magma")
+    gradient = bar._gradient
+    column = to_array(gradient.grab().toImage())[:, 12].astype(int)
+    table = colour_table("magma").astype(int)
+    inside = column[20:-20]
+    index = [int(np.abs(table - colour).sum(1).argmin()) for colour in inside]
+    assert (np.diff(index) <= 0).all()
+    assert index[0] > 220
+    assert index[-1] < 35
+
+
+@pytest.mark.parametrize("span", [(0.0, 0.0), (1e-9, 2e-9), (-1e7, 3e8), (5.0, 5.0001)])
+def test_odd_ranges_are_painted(bar, span):
+    bar.set_range(*span)
+    bar.grab()
+
+
+def test_wrong_values_are_refused(bar):
+    with pytest.raises(ValueError, match="finite"):
+        bar.set_range(0.0, float("nan"))
+    with pytest.raises(ValueError, match="mode"):
+        bar.set_range_mode("auto")
+    with pytest.raises(ValueError, match="jet"):
+        bar.set_cmap("jet")

@@ -1,0 +1,157 @@
+"""Curves, ticks and read-outs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QColor
+from PySide6.QtTest import QTest
+
+from widgets.curve_plot import CurvePlot
+from widgets.images import to_array
+from widgets.ticks import linear_ticks, log_ticks, short
+
+RED = QColor(255, 0, 0)
+
+
+@pytest.fixture
+def plot(show):
+    return show(CurvePlot(), 400, 220)
+
+
+def pixels(plot):
+    return to_array(plot.grab().toImage())
+
+
+def red(plot):
+    """Rows and columns of the red pixels below the legend."""
+    rows, columns = np.nonzero(pixels(plot)[25:].astype(int) @ [1, -1, -1] > 0)
+    return rows + 25, columns
+
+
+@given(st.floats(-1e9, 1e9), st.floats(1e-6, 1e9), st.integers(1, 12))
+def test_ticks_are_round_and_inside(low, span, count):
+    high = low + span
+    if high <= low or span < abs(low) * 1e-9:
+        return
+    ticks = linear_ticks(low, high, count)
+    assert len(ticks) <= count + 1
+    slack = 1e-6 * span
+    assert all(low - slack <= tick <= high + slack for tick in ticks)
+    if len(ticks) > 1:
+        step = ticks[1] - ticks[0]
+        mantissa = step / 10 ** math.floor(math.log10(step * (1 + 1e-6)))
+        assert min(abs(mantissa - m) for m in (1, 2, 5, 10)) < 1e-2
+    assert len(linear_ticks(low, high, 5)) >= 2
+
+
+def test_ticks_of_nothing():
+    assert linear_ticks(1.0, 1.0, 5) == linear_ticks(0.0, math.nan, 5) == linear_ticks(0.0, math.inf, 5) == []
+    assert log_ticks(0.0, 1.0, 5) == log_ticks(2.0, 1.0, 5) == []
+
+
+def test_log_ticks():
+    assert log_ticks(0.001, 1000.0, 10) == pytest.approx([10.0**e for e in range(-3, 4)])
+    assert len(log_ticks(1e-12, 1e12, 5)) <= 6
+    assert log_ticks(0.15, 0.6, 5) == pytest.approx([0.2, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (12.0, "12"), (12.345, "12.3"), (0.5, "0.5"), (1e-5, "1.00e-5"), (1234567.0, "1.23e6"), (-0.25, "-0.25"), (math.nan, "–")],
+)
+def test_short_numbers(value, text):
+    assert short(value) == text
+
+
+def test_a_rising_curve_rises(plot):
+    plot.set_series("a", np.arange(50), np.arange(50) * 2.0, RED)
+    rows, columns = red(plot)
+    assert columns.max() - columns.min() > 250
+    left, right = rows[columns < columns.min() + 20].mean(), rows[columns > columns.max() - 20].mean()
+    assert left - right > 100
+
+
+def test_log_scale_bends_exponentials_straight(plot):
+    plot.set_series("a", np.arange(50), 10.0 ** (np.arange(50) / 10), RED)
+    plot.set_log_y(True)
+    rows, columns = red(plot)
+    slope, offset = np.polyfit(columns, rows, 1)
+    assert np.abs(rows - slope * columns - offset).max() < 3
+
+
+def test_gaps_and_hostile_values(plot):
+    y = np.ones(40)
+    y[10:30] = np.nan
+    plot.set_series("a", np.arange(40), y, RED)
+    columns = np.unique(red(plot)[1])
+    assert np.diff(columns).max() > 150
+    for values in ([math.nan] * 3, [math.inf, -math.inf, 1.0], [0.0, 0.0, 0.0], [1e300, -1e300, 0.0]):
+        plot.set_series("a", np.arange(3), values)
+        plot.grab()
+        plot.set_log_y(True)
+        plot.grab()
+        plot.set_log_y(False)
+
+
+def test_one_point_and_none(plot):
+    empty = pixels(plot)
+    plot.append("a", 3, 4.0)
+    assert (pixels(plot) != empty).any()
+    plot.clear()
+    assert (pixels(plot) == empty).all()
+    plot.set_message("No loss yet")
+    assert (pixels(plot) != empty).any()
+    with pytest.raises(ValueError, match="3 positions and 2 values"):
+        plot.set_series("a", np.zeros(3), np.zeros(2))
+
+
+def test_growing_keeps_names_and_colours(plot):
+    for i in range(5):
+        plot.append("loss", i, 1.0 / (i + 1))
+    plot.append("psnr", 0, 20.0)
+    assert plot.series_names() == ["loss", "psnr"]
+    plot.set_series("loss", np.arange(3), np.arange(3))
+    plot.remove_series("psnr")
+    plot.remove_series("never there")
+    assert plot.series_names() == ["loss"]
+
+
+def test_clicks_give_points_of_the_curves(plot):
+    heard = []
+    plot.x_clicked.connect(heard.append)
+    QTest.mouseClick(plot, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(200, 100))
+    assert heard == []
+    plot.set_series("a", np.arange(0, 50, 10), np.ones(5))
+    for x in (388, 215, 60):
+        QTest.mouseClick(plot, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(x, 100))
+    assert heard[:2] == [40.0, 20.0]
+    assert heard == sorted(heard, reverse=True)
+
+
+def test_cursor_and_read_out(plot, qtbot):
+    plot.set_series("a", np.arange(50), np.ones(50), RED)
+    plain = pixels(plot)
+    plot.set_cursor(25)
+    changed = (pixels(plot) != plain).any(-1)
+    assert changed.any(0).sum() < 8
+    assert changed.any(1).sum() > 100
+    plot.set_cursor(None)
+    QTest.mouseMove(plot, QPoint(200, 100))
+    qtbot.waitUntil(lambda: (pixels(plot)[:20] != plain[:20]).any())
+
+
+def test_a_long_run_is_thinned(plot):
+    """A hundred thousand points are painted as a few hundred, and their ends stay."""
+    n = 100_000
+    plot.set_series("a", np.arange(n), np.linspace(0, 1, n), RED)
+    long = red(plot)
+    plot.set_series("a", np.array([0, n - 1]), np.array([0.0, 1.0]), RED)
+    short_ = red(plot)
+    assert abs(long[1].max() - short_[1].max()) <= 1
+    assert abs(long[0].min() - short_[0].min()) <= 1

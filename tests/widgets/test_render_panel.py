@@ -1,0 +1,226 @@
+"""The 2D picture: what is painted, where the pointer is, what the hand does."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QColor, QWheelEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from widgets.images import to_array
+from widgets.render_panel import RenderPanel
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+@pytest.fixture
+def rgb(rng):
+    return rng.integers(0, 256, (60, 80, 3), dtype=np.uint8)
+
+
+@pytest.fixture
+def panel(show, rgb):
+    panel = show(RenderPanel(), 400, 300)
+    panel.set_image(rgb)
+    return panel
+
+
+def pixels(panel):
+    return to_array(panel.grab().toImage())
+
+
+def at(panel, x, y):
+    """The widget position in the middle of an image pixel, with the picture fitted into 400 × 300."""
+    scale = panel.zoom() / panel.devicePixelRatioF()
+    return QPoint(int((x + 0.5) * scale), int((y + 0.5) * scale))
+
+
+def wheel(panel, position, clicks):
+    at = QPointF(position)
+    turn, button, modifier = QPoint(0, 120 * clicks), Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier
+    event = QWheelEvent(at, at, QPoint(), turn, button, modifier, Qt.ScrollPhase.NoScrollPhase, False)
+    QApplication.sendEvent(panel, event)
+
+
+def test_high_zoom_shows_exact_pixels(panel, rgb):
+    assert panel.zoom() == pytest.approx(5.0)
+    shown = pixels(panel)
+    np.testing.assert_array_equal(shown[2::5, 2::5], rgb)
+    inside = np.s_[2:-2, 2:-2]  # the frame around it shows the focus
+    np.testing.assert_array_equal(shown[inside], rgb.repeat(5, 0).repeat(5, 1)[inside])
+
+
+def test_grab_is_the_picture(panel, rgb):
+    panel.set_marker(10, 10)
+    panel.set_legend([("liver", QColor("red"))])
+    panel.set_zoom(17.0)
+    np.testing.assert_array_equal(panel.grab_image(), rgb)
+    panel.set_image(None)
+    with pytest.raises(ValueError, match="no picture"):
+        panel.grab_image()
+
+
+def test_overlay_blends_with_its_opacity(panel, rgb):
+    overlay = np.zeros((60, 80, 4), np.uint8)
+    overlay[:30] = (255, 0, 0, 128)
+    panel.set_overlay(overlay)
+    panel.set_overlay_opacity(0.5)
+    alpha = 128 / 255 * 0.5
+    expected = rgb[:30] * (1 - alpha) + np.array([255, 0, 0]) * alpha
+    assert np.abs(panel.grab_image()[:30] - expected).max() <= 3
+    np.testing.assert_array_equal(panel.grab_image()[30:], rgb[30:])
+    panel.set_overlay_opacity(0.0)
+    np.testing.assert_array_equal(panel.grab_image(), rgb)
+
+
+def test_wipe_shows_both(panel, rgb, rng):
+    observed = rng.integers(0, 256, rgb.shape, dtype=np.uint8)
+    panel.set_observed(observed)
+    panel.set_compare_mode("wipe")
+    panel.set_split(0.25)
+    shown = panel.grab_image()
+    np.testing.assert_array_equal(shown[:, :20], rgb[:, :20])
+    np.testing.assert_array_equal(shown[:, 20:], observed[:, 20:])
+
+
+def test_difference_is_the_difference(panel, rgb, rng):
+    observed = rng.integers(0, 256, rgb.shape, dtype=np.uint8)
+    panel.set_observed(observed)
+    panel.set_compare_mode("difference")
+    panel.set_difference_gain(2.0)
+    np.testing.assert_array_equal(panel.grab_image(), np.minimum(2 * np.abs(rgb.astype(int) - observed), 255))
+    panel.set_observed(rgb)
+    assert panel.grab_image().max() == 0
+
+
+def test_wipe_handle_by_mouse_and_keys(panel, rgb, qtbot):
+    panel.set_observed(rgb)
+    panel.set_compare_mode("wipe")
+    splits, clicks = [], []
+    panel.split_changed.connect(splits.append)
+    panel.clicked.connect(lambda x, y: clicks.append((x, y)))
+    QTest.mousePress(panel, LEFT, Qt.KeyboardModifier.NoModifier, QPoint(200, 200))
+    QTest.mouseMove(panel, QPoint(100, 210))
+    qtbot.waitUntil(lambda: bool(splits))
+    QTest.mouseRelease(panel, LEFT, Qt.KeyboardModifier.NoModifier, QPoint(100, 210))
+    assert splits[-1] == pytest.approx(0.25)
+    assert panel.zoom() == pytest.approx(5.0)
+    assert clicks == []
+    panel.setFocus()
+    QTest.keyClick(panel, Qt.Key.Key_BracketRight)
+    assert panel.split() == pytest.approx(0.27)
+    QTest.keyClick(panel, Qt.Key.Key_BracketLeft, Qt.KeyboardModifier.ShiftModifier)
+    assert panel.split() == pytest.approx(0.17)
+    assert splits[-1] == pytest.approx(0.17)
+
+
+def test_hover_and_click_name_pixels(panel, qtbot):
+    hovered, clicked = [], []
+    panel.hovered.connect(lambda x, y: hovered.append((x, y)))
+    panel.clicked.connect(lambda x, y: clicked.append((x, y)))
+    QTest.mouseClick(panel, LEFT, Qt.KeyboardModifier.NoModifier, at(panel, 79, 0))
+    QTest.mouseClick(panel, LEFT, Qt.KeyboardModifier.NoModifier, at(panel, 13, 59))
+    assert clicked == [(79, 0), (13, 59)]
+    QTest.mouseMove(panel, at(panel, 7, 8))
+    qtbot.waitUntil(lambda: (7, 8) in hovered)
+    panel.leaveEvent(None)
+    assert hovered[-1] == (-1, -1)
+
+
+def test_a_preview_keeps_coordinates_and_zoom(panel, rgb):
+    clicked = []
+    panel.clicked.connect(lambda x, y: clicked.append((x, y)))
+    panel.set_zoom(7.0)
+    panel.set_image(rgb[::2, ::2], size=(80, 60))
+    assert panel.zoom() == pytest.approx(7.0)
+    panel.fit()
+    QTest.mouseClick(panel, LEFT, Qt.KeyboardModifier.NoModifier, at(panel, 70, 50))
+    assert clicked == [(70, 50)]
+
+
+def test_wheel_zooms_about_the_pointer(panel):
+    clicked = []
+    panel.clicked.connect(lambda x, y: clicked.append((x, y)))
+    where = at(panel, 60, 20)
+    for clicks in (3, 2, -1):
+        wheel(panel, where, clicks)
+    assert panel.zoom() > 5
+    QTest.mouseClick(panel, LEFT, Qt.KeyboardModifier.NoModifier, where)
+    assert clicked == [(60, 20)]
+
+
+def test_drag_pans_and_double_click_fits(panel, qtbot):
+    clicked = []
+    panel.clicked.connect(lambda x, y: clicked.append((x, y)))
+    panel.set_zoom(10.0)
+    QTest.mousePress(panel, LEFT, Qt.KeyboardModifier.NoModifier, QPoint(200, 150))
+    for x in (220, 250):
+        QTest.mouseMove(panel, QPoint(x, 150))
+        qtbot.wait(10)
+    QTest.mouseRelease(panel, LEFT, Qt.KeyboardModifier.NoModifier, QPoint(250, 150))
+    assert clicked == []
+    QTest.mouseClick(panel, LEFT, Qt.KeyboardModifier.NoModifier, QPoint(252, 155))
+    assert clicked == [(40, 30)]  # what was in the middle moved 50 pixels to the right
+    QTest.mouseDClick(panel, LEFT, Qt.KeyboardModifier.NoModifier, QPoint(100, 100))
+    assert panel.zoom() == pytest.approx(5.0)
+
+
+def test_keys_zoom(panel):
+    panel.setFocus()
+    for key, zoom in ((Qt.Key.Key_1, 1.0), (Qt.Key.Key_Plus, 1.25), (Qt.Key.Key_Minus, 1.0), (Qt.Key.Key_0, 5.0)):
+        QTest.keyClick(panel, key)
+        assert panel.zoom() == pytest.approx(zoom)
+
+
+def test_resizing_keeps_the_fit(panel, qtbot):
+    panel.resize(800, 600)
+    qtbot.waitUntil(lambda: panel.zoom() == pytest.approx(10.0))
+
+
+def test_message_marker_legend_and_notes_are_painted(panel, rgb):
+    plain = pixels(panel)
+    panel.set_marker(40, 30)
+    marked = pixels(panel)
+    assert (marked != plain).any(-1)[120:180, 170:230].any()
+    panel.clear_marker()
+    panel.set_legend([("gallbladder", QColor(1, 250, 3))])
+    assert (pixels(panel) == [1, 250, 3]).all(-1).sum() > 50
+    panel.set_legend([])
+    panel.set_compare_mode("wipe")
+    assert (pixels(panel) != plain).any()  # says that there is nothing to compare with
+    panel.set_compare_mode("off")
+    np.testing.assert_array_equal(pixels(panel), plain)
+    panel.set_image(None)
+    panel.set_message("")
+    empty = pixels(panel)
+    panel.set_message("Open a clip")
+    assert (pixels(panel) != empty).any()
+
+
+def test_wrong_values_are_refused(panel):
+    with pytest.raises(ValueError, match="blink"):
+        panel.set_compare_mode("blink")
+    for bad in (np.zeros((4, 4, 3)), np.zeros((4, 4), np.uint8), np.zeros((4, 4, 2), np.uint8)):
+        with pytest.raises(ValueError, match="uint8"):
+            panel.set_image(bad)
+
+
+def test_painting_is_not_slower_than_a_copy_allows(show, rng):
+    """A guard against work in paintEvent that belongs in the setters: painting takes less than forty copies of the picture."""
+    rgb = rng.integers(0, 256, (512, 640, 3), dtype=np.uint8)
+    panel = show(RenderPanel(), 640, 512)
+    panel.set_image(rgb)
+
+    def median(action):
+        times = []
+        for _ in range(9):
+            start = time.perf_counter()
+            action()
+            times.append(time.perf_counter() - start)
+        return np.median(times)
+
+    assert median(panel.repaint) < 40 * median(lambda: rgb.astype(np.int16).copy())

@@ -1,0 +1,58 @@
+"""Every theme can be read, and colours tell classes apart."""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+from PySide6.QtGui import QColor, QPalette
+
+from widgets.theme import CLASS_COLOURS, THEMES, apply_theme, class_colour, error_colour, is_dark, picture_background
+
+ROLE = QPalette.ColorRole
+
+
+def contrast(a: QColor, b: QColor) -> float:
+    """WCAG 2 contrast ratio."""
+
+    def luminance(colour):
+        channels = np.array([colour.redF(), colour.greenF(), colour.blueF()])
+        linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    low, high = sorted([luminance(a), luminance(b)])
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("name", THEMES)
+def test_text_stands_out(qapp, name):
+    apply_theme(qapp, name)
+    palette = qapp.palette()
+    pairs = [(ROLE.WindowText, ROLE.Window), (ROLE.Text, ROLE.Base), (ROLE.Text, ROLE.AlternateBase), (ROLE.ButtonText, ROLE.Button)]
+    pairs += [(ROLE.ToolTipText, ROLE.ToolTipBase), (ROLE.Link, ROLE.Window)]
+    for text, ground in pairs:
+        assert contrast(palette.color(text), palette.color(ground)) >= 4.5, (text, ground)
+    assert contrast(palette.color(ROLE.HighlightedText), palette.color(ROLE.Highlight)) >= 4.0
+    assert contrast(palette.color(ROLE.PlaceholderText), palette.color(ROLE.Window)) >= 4.0
+    assert contrast(error_colour(palette), palette.color(ROLE.Button)) >= 4.5
+    assert contrast(palette.color(ROLE.PlaceholderText), picture_background(palette)) >= 3.0
+
+
+def test_dark_is_dark_and_can_be_left(qapp):
+    apply_theme(qapp, "dark")
+    assert is_dark(qapp.palette())
+    apply_theme(qapp, "light")
+    assert not is_dark(qapp.palette())
+    with pytest.raises(ValueError, match="sepia"):
+        apply_theme(qapp, "sepia")
+
+
+def test_class_colours_differ():
+    assert len(set(CLASS_COLOURS)) == len(CLASS_COLOURS)
+    rgb = np.array([[QColor(c).red(), QColor(c).green(), QColor(c).blue()] for c in CLASS_COLOURS], np.uint8)
+    lab = cv2.cvtColor(rgb[None].astype(np.float32) / 255, cv2.COLOR_RGB2Lab)[0]
+    first = lab[:7]
+    assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(first, 2)) > 25
+    assert class_colour(3) == class_colour(3 + len(CLASS_COLOURS))
