@@ -104,14 +104,13 @@ class ScenePainter:
         plotter.renderer.camera_set = True  # otherwise pyvista frames the scene its own way at the first rendering
 
     def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None:
-        """Show other splats, with colours [N, 3] (uint8, or float in [0, 1])."""
+        """Show other splats, with colours [N, 3] (uint8, or float in [0, 1]). Call `sort` before they are to be right."""
         self._means = gaussians.means
         if self._mesh is None or self._mesh.n_points != len(gaussians.means):
             self._build(gaussians, as_bytes(colours))
         else:
             self._mesh.points = gaussians.means
             self._fill(self._mesh, gaussians, as_bytes(colours))
-        self.sort()
 
     def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
         """Change only colours [N, 3] and opacities [N]."""

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 from engine.camera import Camera
 
 
-def splatted(means, quats, scales, opacities, colours, camera: Camera, background=(0.0, 0.0, 0.0), dilation=0.3) -> np.ndarray:
-    """float [H, W, 3] in [0, 1]."""
+def splatted(splats, camera: Camera, background=(0.0, 0.0, 0.0), dilation=0.3) -> np.ndarray:
+    """float [H, W, 3] in [0, 1] of (means, quats, scales, opacities, colours)."""
+    means, quats, scales, opacities, colours = splats
     turn = camera.viewmat[:3, :3]
     local = means @ turn.T + camera.viewmat[:3, 3]
     centres, depth = camera.project(means)

@@ -26,7 +26,7 @@ def named(bar, kind, name):
 
 @pytest.fixture
 def heard(bar):
-    events = []
+    events: list = []
     bar.range_mode_changed.connect(lambda mode: events.append(mode))
     bar.range_edited.connect(lambda low, high: events.append((low, high)))
     bar.cmap_changed.connect(lambda name: events.append(name))

@@ -123,7 +123,7 @@ def test_growing_keeps_names_and_colours(plot):
 
 
 def test_clicks_give_points_of_the_curves(plot):
-    heard = []
+    heard: list = []
     plot.x_clicked.connect(heard.append)
     QTest.mouseClick(plot, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(200, 100))
     assert heard == []

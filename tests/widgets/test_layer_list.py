@@ -28,7 +28,7 @@ def click(button):
 
 
 def test_choosing(layers):
-    heard = []
+    heard: list = []
     layers.layer_changed.connect(heard.append)
     assert layers.current() == "rgb"
     layers.set_current("depth")
@@ -41,7 +41,7 @@ def test_choosing(layers):
 
 
 def test_keys_choose_too(layers):
-    heard = []
+    heard: list = []
     layers.layer_changed.connect(heard.append)
     button(layers, "Colour").setFocus()
     QTest.keyClick(button(layers, "Colour"), Qt.Key.Key_Down)
@@ -70,7 +70,8 @@ def test_other_layers_keep_the_choice(layers):
 
 
 def test_masks_and_opacity(layers):
-    opacities, shown = [], []
+    opacities: list = []
+    shown: list = []
     layers.opacity_changed.connect(opacities.append)
     layers.masks_toggled.connect(shown.append)
     layers.set_opacity(0.4)

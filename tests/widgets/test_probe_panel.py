@@ -46,7 +46,7 @@ def test_nothing_needs_scrolling(probe):
 
 
 def test_pinning(probe):
-    heard = []
+    heard: list = []
     probe.unpin_requested.connect(lambda: heard.append(1))
     unpin = probe.findChild(GlyphButton)
     assert not unpin.isVisible()
@@ -68,7 +68,7 @@ def test_swatch(probe):
 
 
 def test_curves_and_jumping_to_frames(probe):
-    heard = []
+    heard: list = []
     probe.frame_clicked.connect(heard.append)
     probe.set_curve("displacement", np.arange(10), np.arange(10.0), unit="mm")
     probe.set_cursor(4)

@@ -30,7 +30,7 @@ def press(bar, name):
 
 @pytest.fixture
 def added(bar):
-    heard = []
+    heard: list = []
     bar.prompt_added.connect(lambda id_, text: heard.append((id_, text)))
     return heard
 
@@ -79,7 +79,7 @@ def test_completion(bar, added, qtbot):
 
 
 def test_programs_are_silent(bar, added):
-    heard = []
+    heard: list = []
     for signal in (bar.prompt_removed, bar.prompt_toggled, bar.prompt_recoloured, bar.threshold_changed, bar.decoder_changed):
         signal.connect(lambda *a: heard.append(a))
     id_ = bar.add_prompt("liver", QColor("#123456"), visible=False)
@@ -97,7 +97,8 @@ def test_programs_are_silent(bar, added):
 
 
 def test_eye_and_cross(bar):
-    toggled, removed = [], []
+    toggled: list = []
+    removed: list = []
     bar.prompt_toggled.connect(lambda *a: toggled.append(a))
     bar.prompt_removed.connect(removed.append)
     one, two = bar.add_prompt("liver"), bar.add_prompt("fat")
@@ -114,7 +115,7 @@ def test_eye_and_cross(bar):
 
 
 def test_a_hidden_prompt_typed_again_is_shown(bar, qtbot):
-    toggled = []
+    toggled: list = []
     bar.prompt_toggled.connect(lambda *a: toggled.append(a))
     id_ = bar.add_prompt("fat", visible=False)
     field(bar).setText("fat")
@@ -123,7 +124,7 @@ def test_a_hidden_prompt_typed_again_is_shown(bar, qtbot):
 
 
 def test_recolour(bar):
-    heard = []
+    heard: list = []
     bar.prompt_recoloured.connect(lambda id_, colour: heard.append((id_, colour.name())))
     id_ = bar.add_prompt("liver")
     menu = bar.findChild(PromptRow)._swatch.menu()
@@ -146,7 +147,8 @@ def test_errors_are_said_and_taken_back(bar, qtbot):
 
 
 def test_threshold_and_decoder_by_hand(bar):
-    thresholds, decoders = [], []
+    thresholds: list = []
+    decoders: list = []
     bar.threshold_changed.connect(thresholds.append)
     bar.decoder_changed.connect(decoders.append)
     bar.set_decoders([("rnse", "Regions", "by regions"), ("threshold", "Threshold", "")])
@@ -172,7 +174,7 @@ def test_typing_reaches_no_shortcut(show, qtbot):
     window = QMainWindow()
     bar = PromptBar(window)
     window.setCentralWidget(bar)
-    fired = []
+    fired: list = []
     for key in ("Space", "Left", "Right", "Up", "Home", "M", "1", "[", "Ctrl+K"):
         action = QAction(window)
         action.setShortcut(QKeySequence(key))

@@ -100,7 +100,8 @@ def test_difference_is_the_difference(panel, rgb, rng):
 def test_wipe_handle_by_mouse_and_keys(panel, rgb, qtbot):
     panel.set_observed(rgb)
     panel.set_compare_mode("wipe")
-    splits, clicks = [], []
+    splits: list = []
+    clicks: list = []
     panel.split_changed.connect(splits.append)
     panel.clicked.connect(lambda x, y: clicks.append((x, y)))
     QTest.mousePress(panel, LEFT, Qt.KeyboardModifier.NoModifier, QPoint(200, 200))
@@ -119,7 +120,8 @@ def test_wipe_handle_by_mouse_and_keys(panel, rgb, qtbot):
 
 
 def test_hover_and_click_name_pixels(panel, qtbot):
-    hovered, clicked = [], []
+    hovered: list = []
+    clicked: list = []
     panel.hovered.connect(lambda x, y: hovered.append((x, y)))
     panel.clicked.connect(lambda x, y: clicked.append((x, y)))
     QTest.mouseClick(panel, LEFT, Qt.KeyboardModifier.NoModifier, at(panel, 79, 0))
@@ -132,7 +134,7 @@ def test_hover_and_click_name_pixels(panel, qtbot):
 
 
 def test_a_preview_keeps_coordinates_and_zoom(panel, rgb):
-    clicked = []
+    clicked: list = []
     panel.clicked.connect(lambda x, y: clicked.append((x, y)))
     panel.set_zoom(7.0)
     panel.set_image(rgb[::2, ::2], size=(80, 60))
@@ -143,7 +145,7 @@ def test_a_preview_keeps_coordinates_and_zoom(panel, rgb):
 
 
 def test_wheel_zooms_about_the_pointer(panel):
-    clicked = []
+    clicked: list = []
     panel.clicked.connect(lambda x, y: clicked.append((x, y)))
     where = at(panel, 60, 20)
     for clicks in (3, 2, -1):
@@ -154,7 +156,7 @@ def test_wheel_zooms_about_the_pointer(panel):
 
 
 def test_drag_pans_and_double_click_fits(panel, qtbot):
-    clicked = []
+    clicked: list = []
     panel.clicked.connect(lambda x, y: clicked.append((x, y)))
     panel.set_zoom(10.0)
     QTest.mousePress(panel, LEFT, Qt.KeyboardModifier.NoModifier, QPoint(200, 150))

@@ -10,7 +10,7 @@ from widgets.scene_painter import as_bytes, draw_offscreen, letterboxed, project
 
 
 def test_matches_the_oracle(qapp, splats, camera):
-    assert psnr(draw_offscreen(*splats, camera), splatted(*splats, camera)) > 45
+    assert psnr(draw_offscreen(*splats, camera), splatted(splats, camera)) > 45
 
 
 def test_order_of_the_input_does_not_matter(qapp, splats, camera, rng):
@@ -22,7 +22,7 @@ def test_order_of_the_input_does_not_matter(qapp, splats, camera, rng):
 def test_background_shows_through(qapp, splats, camera):
     faint = (*splats[:3], splats[3] * 0.3, splats[4])
     picture = draw_offscreen(*faint, camera, background=(200, 40, 90))
-    assert psnr(picture, splatted(*faint, camera, background=np.array([200, 40, 90]) / 255)) > 40
+    assert psnr(picture, splatted(faint, camera, background=np.array([200, 40, 90]) / 255)) > 40
 
 
 def test_hostile_splats_harm_nobody_else(qapp, splats, camera):

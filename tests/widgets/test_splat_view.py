@@ -48,14 +48,15 @@ def test_locked_view_is_the_2d_picture_enlarged(view, splats, camera):
     picture = view.screenshot_image()
     assert picture.shape == (160, 192, 3)
     # On a screen twice as fine the clip's dilation is four times as many pixels.
-    truth = splatted(*splats, letterboxed(camera, 192, 160), dilation=0.3 * 4)
+    truth = splatted(splats, letterboxed(camera, 192, 160), dilation=0.3 * 4)
     tag = np.s_[:40, :150]
     truth[tag] = picture[tag] / 255
     assert psnr(picture, truth) > 45
 
 
 def test_a_drag_leaves_the_lock_and_reset_returns(view, camera):
-    moved, locked = [], []
+    moved: list = []
+    locked: list = []
     view.camera_moved.connect(moved.append)
     view.locked_changed.connect(locked.append)
     before = view.screenshot_image()
@@ -83,7 +84,7 @@ def test_points_while_the_hand_moves_and_splats_when_it_rests(view, qtbot):
 
 
 def test_pan_wheel_and_keys_move_the_camera(view):
-    steps = []
+    steps: list = []
     view.camera_moved.connect(lambda camera: steps.append(camera.viewmat))
     drag(view, (60, 60), (80, 70), modifiers=SHIFT)
     np.testing.assert_allclose(steps[-1][:3, :3], view.camera().viewmat[:3, :3])
@@ -149,7 +150,7 @@ def test_resizing_keeps_the_lock(view, qtbot, splats, camera):
     qtbot.wait(50)
     picture = view.screenshot_image()
     scale = min(240 / camera.width, 200 / camera.height)
-    truth = splatted(*splats, letterboxed(camera, 240, 200), dilation=0.3 * scale**2)
+    truth = splatted(splats, letterboxed(camera, 240, 200), dilation=0.3 * scale**2)
     truth[:40, :150] = picture[:40, :150] / 255
     assert psnr(picture, truth) > 45
 
@@ -168,7 +169,7 @@ def test_background_follows_the_theme(show, qapp):
     from widgets.theme import apply_theme
 
     view = show(SplatView(), 160, 120)
-    brightness = []
+    brightness: list = []
     for name in ("dark", "light"):
         apply_theme(qapp, name)
         brightness.append(view.screenshot_image().mean())

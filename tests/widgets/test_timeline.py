@@ -25,7 +25,7 @@ def timeline(show):
 
 @pytest.fixture
 def heard(timeline):
-    frames = []
+    frames: list = []
     timeline.frame_changed.connect(frames.append)
     return frames
 
@@ -119,7 +119,7 @@ def test_buttons(timeline, heard, qtbot):
     for name, frame in (("Next frame", 1), ("Last frame", 39), ("Previous frame", 38), ("First frame", 0)):
         QTest.mouseClick(button(timeline, name), Qt.MouseButton.LeftButton)
         qtbot.waitUntil(lambda frame=frame: heard[-1:] == [frame])
-    playing = []
+    playing: list = []
     timeline.playing_changed.connect(playing.append)
     QTest.mouseClick(button(timeline, "Play"), Qt.MouseButton.LeftButton)
     QTest.mouseClick(button(timeline, "Pause"), Qt.MouseButton.LeftButton)
@@ -151,7 +151,7 @@ def test_playback_waits_for_the_drawing_but_not_for_ever(timeline, heard, clock)
 def test_once_stops_at_the_end_and_starts_again(timeline, heard, clock):
     timeline.set_loop_mode("once")
     timeline.set_frame(37)
-    playing = []
+    playing: list = []
     timeline.playing_changed.connect(playing.append)
     play(timeline)
     for _ in range(4):
@@ -197,7 +197,8 @@ def test_real_playback_advances(timeline, heard, qtbot):
 
 
 def test_choices_are_told_when_the_user_makes_them(timeline, qtbot):
-    speeds, modes = [], []
+    speeds: list = []
+    modes: list = []
     timeline.speed_changed.connect(speeds.append)
     timeline.loop_mode_changed.connect(modes.append)
     timeline.set_speed(4.0)

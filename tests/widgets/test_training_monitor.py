@@ -59,7 +59,7 @@ def test_a_run_from_start_to_end(monitor):
 
 
 def test_cancel_asks_nothing_and_says_that_it_stops(monitor):
-    heard = []
+    heard: list = []
     monitor.cancel_requested.connect(lambda: heard.append(1))
     monitor.start()
     QTest.mouseClick(cancel(monitor), Qt.MouseButton.LeftButton)
