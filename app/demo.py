@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 PROMPT = "gallbladder"
 ASSETS = Path(__file__).resolve().parent.parent / "assets"
+SAMPLE = "demo"
 
 
 def demo_run() -> Path:
@@ -26,7 +27,7 @@ def demo_run() -> Path:
     DegenseError
         When this installation does not hold it.
     """
-    run = ASSETS / "demo" / "run"
+    run = ASSETS / SAMPLE / "run"
     if not (run / "run.json").is_file():
         raise DegenseError(
             f"The sample is missing from this installation ({run}); install the program again, or make a clip with degense phantom."
@@ -36,7 +37,7 @@ def demo_run() -> Path:
 
 def is_demo(path: Path) -> bool:
     """Whether a path lies in the sample, which the program never changes."""
-    return path.resolve().is_relative_to(ASSETS / "demo")
+    return path.resolve().is_relative_to(ASSETS / SAMPLE)
 
 
 def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:

@@ -67,12 +67,10 @@ def train(options: argparse.Namespace) -> None:
 def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, stop: StopFlag) -> None:
     if not options.resume:
         _refuse_non_empty(options.out)
-    report({"event": "stage", "stage": "load"})
     from engine.readers import open_clip
     from engine.training import TrainConfig
     from engine.training import train as run_training
 
-    clip = open_clip(options.clip, clip_options(options))
     config = TrainConfig.preset_of(
         options.preset,
         routing=options.routing,
@@ -81,7 +79,16 @@ def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, sto
         device=options.device,
         seed=options.seed,
     )
-    run_training(clip, options.out, config, teacher=options.teacher, resume=options.resume, events=report, stop=stop)
+    clip = open_clip(options.clip, clip_options(options))
+    said: list[str] = []
+
+    def tell(event: dict[str, Any]) -> None:
+        said.append(event["event"])
+        report(event)
+
+    run = run_training(clip, options.out, config, teacher=options.teacher, resume=options.resume, events=tell, stop=stop)
+    if run is None and "stopped" not in said:  # it had not come to its first step
+        report({"event": "stopped", "iteration": 0})
 
 
 def clip_options(options: argparse.Namespace) -> ClipOptions:
@@ -174,7 +181,8 @@ class TerminalEvents:
             self._bar(event["fraction"], event["message"])
         elif kind in LINES:
             self._bar.close()
-            print(LINES[kind].format(**event), file=sys.stderr, flush=True)
+            line = "stopped before the first step" if event.get("iteration") == 0 else LINES[kind].format(**event)
+            print(line, file=sys.stderr, flush=True)
 
 
 LINES = {

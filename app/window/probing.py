@@ -23,6 +23,7 @@ class Probing(QObject):
         self._maps: ProbeMaps | None = None
         self._cursor: tuple[int, int] | None = None
         self._origin = 0
+        self.curves: Curves | None = None
         parts.panel.hovered.connect(self._hovered)
         parts.panel.clicked.connect(self._clicked)
         parts.probe.unpin_requested.connect(lambda: self._pin(None))
@@ -135,6 +136,7 @@ class Probing(QObject):
 
     def _show_curves(self, curves: Curves) -> None:
         probe = self.parts.probe
+        self.curves = curves
         probe.set_pinned(curves.where)
         self._clear_curves()
         probe.set_curve("displacement", curves.frames, curves.displacement, probe.palette().text().color(), unit=curves.unit)

@@ -1,0 +1,222 @@
+"""The command line, on a tiny real run."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from app.cli import build_parser, main
+from tests.app.conftest import RUN_ARGUMENTS
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "import sys; from app.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'torch', 'numpy', 'cv2', 'PySide6', 'vtk', 'numba'} & set(sys.modules); raise SystemExit(str(heavy) if heavy else 0)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    for name in build_parser()[1]:
+        assert name in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nonsense"], "neither a command nor a file"),
+        (["info", "nowhere"], "nowhere"),
+        (["eval", "nowhere"], "nowhere"),
+        (["render", "{run}", "--frame", "99", "--out", "{out}/x.png"], "its frames are 0 to 9"),
+        (["render", "{run}", "--frame", "1", "--layer", "smell", "--out", "{out}/x.png"], "choose one of rgb"),
+        (["render", "{run}", "--frame", "1", "--out", "{out}/x.bmp"], "must end in .png or .npy"),
+        (["render", "{run}", "--frames", "8:3", "--out", "{out}/x"], "no such frames"),
+        (["render", "{run}", "--frames", "1:3", "--out", "{out}/x.png"], "go into a folder"),
+        (["render", "{run}", "--frame", "1", "--layer", "mask", "--out", "{out}/x.png"], "prompt"),
+        (["segment", "{run}", "--prompt", "xyzzy", "--frame", "1", "--out", "{out}/x.png"], "xyzzy"),
+        (["segment", "{run}", "--prompt", "liver", "--frame", "1", "--out", "{out}/x.png", "--decoder", "dice"], "choose one of"),
+        (["export", "{run}", "--format", "doc", "--out", "{out}/x"], "choose one of ply"),
+        (["export", "{run}", "--format", "masks-png", "--out", "{run}"], "not empty"),
+        (["train", "{clip}", "--out", "{run}"], "not empty"),
+        (["train", "{clip}", "--out", "{out}/new", "--preset", "slow"], "slow"),
+        (["phantom", "{run}"], "not empty"),
+    ],
+)
+def test_errors_are_one_line_and_status_2(arguments, words, run, tiny_clip, tmp_path, capsys):
+    filled = [text.format(run=run, clip=tiny_clip, out=tmp_path) for text in arguments]
+    assert main(filled) == 2
+    [line] = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("degense: ")
+    assert words in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments", [["render", "r", "--out", "x"], ["phantom", "x", "--size", "big"], ["segment", "r", "--frame", "1", "--out", "x"]]
+)
+def test_wrong_usage_is_status_2(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+
+
+def test_render_a_frame(run, tmp_path, scene):
+    assert main(["render", str(run), "--frame", "4", "--out", str(tmp_path / "a.png")]) == 0
+    picture = cv2.imread(str(tmp_path / "a.png"))[..., ::-1]
+    assert np.array_equal(picture, scene.picture(4))
+    assert main(["render", str(run), "--frame", "2.5", "--layer", "displacement", "--out", str(tmp_path / "d.npy")]) == 0
+    values = np.load(tmp_path / "d.npy", allow_pickle=False)
+    assert np.array_equal(values, scene.render(2.5, what=("displacement",))["displacement"], equal_nan=True)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_render_a_sequence(run, tmp_path):
+    assert main(["render", str(run), "--frames", "2:5", "--layer", "depth", "--out", str(tmp_path / "frames")]) == 0
+    assert sorted(path.name for path in (tmp_path / "frames").iterdir()) == ["000002.png", "000003.png", "000004.png"]
+    assert main(["render", str(run), "--frames", ":3", "--layer", "displacement", "--out", str(tmp_path / "d.npy")]) == 0
+    assert np.load(tmp_path / "d.npy", allow_pickle=False).shape == (3, 80, 96)
+    assert main(["render", str(run), "--frames", "7:", "--out", str(tmp_path / "m.mp4")]) == 0
+    movie = cv2.VideoCapture(str(tmp_path / "m.mp4"))
+    assert int(movie.get(cv2.CAP_PROP_FRAME_COUNT)) == 3
+    movie.release()
+
+
+def test_a_range_fixes_the_colours(run, tmp_path):
+    for name, span in (("a", "0:1000000"), ("b", "-2:-1")):
+        main(["render", str(run), "--frame", "4", "--layer", "depth", f"--range={span}", "--out", str(tmp_path / f"{name}.png")])
+    low, high = (cv2.imread(str(tmp_path / f"{name}.png")) for name in "ab")
+    assert len(np.unique(low.reshape(-1, 3), axis=0)) <= 2  # the first colour, and grey where nothing is drawn
+    assert not np.array_equal(low, high)
+
+
+def test_segment_writes_what_the_engine_says(run, scene, tmp_path, capsys):
+    base = ["segment", str(run), "--frame", "3", "--decoder", "threshold", "--threshold", "0.4", "--prompt", "gallbladder"]
+    assert main([*base, "--out", str(tmp_path / "m.png")]) == 0
+    mask = scene.query(3).similarity(scene.meanings("gallbladder")) > 0.4
+    assert mask.any()
+    assert np.array_equal(cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED), mask * np.uint8(255))
+    assert f"{mask.mean():.1%}" in capsys.readouterr().out
+    assert main([*base, "--prompt", "liver", "--out", str(tmp_path / "m.npy")]) == 0
+    both = np.load(tmp_path / "m.npy", allow_pickle=False)
+    assert both.dtype == bool
+    assert np.array_equal(both[0], mask)
+    assert main([*base, "--prompt", "liver", "--out", str(tmp_path / "both.png")]) == 0
+    values = cv2.imread(str(tmp_path / "both.png"), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(values == 2, both[1])
+
+
+def test_eval_writes_the_promised_keys(run, tmp_path, capsys):
+    assert main(["eval", str(run), "--json", str(tmp_path / "scores.json")]) == 0
+    scores = json.loads((tmp_path / "scores.json").read_text())
+    promised = {"psnr_mask", "psnr_masked_product", "psnr_full", "ssim", "lpips", "miou", "displacement_error", "displacement_correlation"}
+    promised |= {"spurious_displacement", "train_seconds", "gaussians", "render_fps", "query_ms"}
+    assert promised <= set(scores)
+    assert "psnr_mask" in capsys.readouterr().out
+
+
+def test_eval_without_the_clip_says_what_to_do(run, tmp_path, capsys):
+    moved = run.rename(tmp_path / "alone")
+    assert main(["eval", str(moved)]) == 2
+    assert "--clip" in capsys.readouterr().err
+    moved.rename(run)
+
+
+def test_info_says_what_was_found(tiny_clip, capsys):
+    assert main(["info", str(tiny_clip)]) == 0
+    text = capsys.readouterr().out
+    assert "10 frames, 96 × 80" in text
+    assert "gallbladder" in text
+
+
+def test_doctor_answers(monkeypatch, capsys):
+    import app.doctor
+
+    monkeypatch.setattr(app.doctor, "report", lambda: ("no GPU", False))
+    assert main(["doctor"]) == 1
+    assert "no GPU" in capsys.readouterr().out
+
+
+def test_the_demo_draws_its_pictures(run, tiny_clip, tmp_path, monkeypatch, capsys):
+    import app.demo
+
+    (tmp_path / "assets" / "demo").mkdir(parents=True)
+    os.symlink(run, tmp_path / "assets" / "demo" / "run")
+    os.symlink(tiny_clip, tmp_path / "assets" / "demo" / "clip")
+    monkeypatch.setattr(app.demo, "ASSETS", tmp_path / "assets")
+    assert main(["demo", "--headless", str(tmp_path / "out")]) == 0
+    names = ["displacement.png", "mask_gallbladder.png", "rgb.png", "warp.png"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+    text = capsys.readouterr().out
+    assert all(name in text for name in names)
+    sizes = {name: cv2.imread(str(tmp_path / "out" / name)).shape for name in names}
+    assert sizes["rgb.png"] == (80, 96, 3)
+    assert sizes["warp.png"][1] > 96  # the colour bar
+
+
+def test_a_missing_demo_is_one_sentence(monkeypatch, tmp_path, capsys):
+    import app.demo
+
+    monkeypatch.setattr(app.demo, "ASSETS", tmp_path)
+    assert main(["demo", "--headless", str(tmp_path / "out")]) == 2
+    assert "sample is missing" in capsys.readouterr().err
+
+
+def start_training(clip: Path, run: Path, *more: str) -> subprocess.Popen[str]:
+    arguments = ["train", str(clip), "--out", str(run), *RUN_ARGUMENTS[:2], "--iterations", "100000", "--device", "cpu", *more]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 120
+    metrics = run / "metrics.jsonl"
+    before = metrics.stat().st_size if metrics.is_file() else 0
+    while not metrics.is_file() or metrics.stat().st_size == before:
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return process
+
+
+def test_training_stops_in_words_and_is_resumed(tiny_clip, tmp_path):
+    run = tmp_path / "run"
+    process = start_training(tiny_clip, run, "--events")
+    out, err = process.communicate("stop\n", timeout=20)
+    events = [json.loads(line) for line in out.splitlines()]
+    assert (process.returncode, err) == (0, "")
+    assert events[0] == {"event": "stage", "stage": "load"}
+    assert events[-1]["event"] == "stopped"
+    assert events[-1]["iteration"] > 0
+    assert json.loads((run / "run.json").read_text())["state"] == "stopped"
+    resumed = start_training(tiny_clip, run, "--events", "--resume")
+    out, _ = resumed.communicate("stop\n", timeout=20)
+    assert json.loads(out.splitlines()[-1])["iteration"] > events[-1]["iteration"]
+
+
+def test_a_stop_before_the_first_step_is_said_and_no_qt_was_loaded(tiny_clip, tmp_path):
+    command = [sys.executable, "-X", "importtime", "-m", "app", "train", tiny_clip, "--out", tmp_path / "run", "--events"]
+    result = subprocess.run(command, input="stop\n", capture_output=True, text=True)
+    assert json.loads(result.stdout.splitlines()[-1]) == {"event": "stopped", "iteration": 0}
+    assert not (tmp_path / "run" / "run.json").exists()
+    assert "engine.training.trainer" in result.stderr
+    assert not {"PySide6", "vtk", "pyvista"} & {line.rpartition("|")[2].strip() for line in result.stderr.splitlines()}
+
+
+def test_ctrl_c_stops_training_cleanly(tiny_clip, tmp_path):
+    process = start_training(tiny_clip, tmp_path / "run")
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert "go on with --resume" in err
+    assert "Traceback" not in err
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["state"] == "stopped"
+
+
+def test_a_closed_pipe_is_no_error(run):
+    result = subprocess.run(f"{sys.executable} -m app --help | true", shell=True, capture_output=True, text=True)
+    assert result.stderr == ""

@@ -1,0 +1,33 @@
+"""Task: hold the reconstruction against the recording."""
+
+from __future__ import annotations
+
+import numpy as np
+from PySide6.QtCore import Qt
+
+
+def test_cycle_through_wipe_and_difference(qtbot, opened, idle, screenshot):
+    session, panel = opened.session, opened.parts.panel
+    session.go_to(4)
+    panel.setFocus()
+    recorded, drawn = session.scene.observed(4), session.scene.picture(4)
+    qtbot.keyClick(panel, Qt.Key.Key_C)
+    idle()
+    assert panel.compare_mode() == session.look.compare == "wipe"
+    assert np.array_equal(opened.drawing.view.observed, recorded)
+    shown = panel.grab_image()
+    assert np.array_equal(shown[:, :10], drawn[:, :10])
+    assert np.array_equal(shown[:, -10:], recorded[:, -10:])
+    screenshot(opened, "compare-wipe")
+    qtbot.keyClick(panel, Qt.Key.Key_C)
+    idle()
+    assert panel.compare_mode() == "difference"
+    screenshot(opened, "compare-difference")
+    session.go_to(6)
+    idle()
+    assert np.array_equal(opened.drawing.view.observed, session.scene.observed(6))
+    qtbot.keyClick(panel, Qt.Key.Key_C)
+    idle()
+    assert panel.compare_mode() == "off"
+    assert opened.drawing.view.observed is None
+    assert np.array_equal(panel.grab_image(), session.scene.picture(6))

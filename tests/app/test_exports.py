@@ -1,0 +1,91 @@
+"""Exports can be read by others, and by ourselves."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from app.exports import FORMATS, ExportOptions, get_format, run_lengths
+from app.terminal import Bar, run_steps
+from engine.errors import DegenseError
+from engine.store.ply import load_ply
+
+
+def export(name, scene, out, **options):
+    return run_steps(get_format(name).export(scene, out, ExportOptions(**options)), Bar())
+
+
+def decode(counts: list[int], height: int, width: int) -> np.ndarray:
+    """COCO's runs, read by hand."""
+    flat: list[bool] = []
+    for number, length in enumerate(counts):
+        flat += [bool(number % 2)] * length
+    return np.array(flat).reshape(width, height).T
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_run_lengths_mean_what_coco_says(seed):
+    mask = np.random.default_rng(seed).random((7, 5)) < seed / 4
+    assert np.array_equal(decode(run_lengths(mask), 7, 5), mask)
+
+
+def test_ply_comes_back(scene, tmp_path):
+    export("ply", scene, tmp_path / "deep" / "x.ply", frame=3)
+    assert np.allclose(load_ply(tmp_path / "deep" / "x.ply").means, scene.splats(3).means)
+
+
+def test_ply_sequence_has_every_frame(scene, tmp_path):
+    export("ply-sequence", scene, tmp_path / "x")
+    assert len(list((tmp_path / "x").glob("*.ply"))) == scene.frames
+    assert np.allclose(load_ply(tmp_path / "x" / "000007.ply").means, scene.splats(7).means)
+
+
+def test_masks_are_label_maps_of_clips(scene, tmp_path):
+    export("masks-png", scene, tmp_path / "x", prompts=("liver", "gallbladder"), decoder="argmax")
+    assert json.loads((tmp_path / "x" / "classes.json").read_text()) == {"classes": ["liver", "gallbladder"]}
+    labels = cv2.imread(str(tmp_path / "x" / "labels" / "000004.png"), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(labels, scene.query(4).label_map(scene.vectors(("liver", "gallbladder")), "argmax"))
+
+
+def test_coco_holds_the_masks(scene, tmp_path):
+    export("coco", scene, tmp_path / "x.json", decoder="argmax")
+    data = json.loads((tmp_path / "x.json").read_text())
+    assert [category["name"] for category in data["categories"]] == list(scene.classes)
+    labels = scene.query(6).label_map(scene.vectors(scene.classes), "argmax")
+    found = [entry for entry in data["annotations"] if entry["image_id"] == 6]
+    assert {entry["category_id"] - 1 for entry in found} == set(np.unique(labels)) - {255}
+    for entry in found:
+        mask = labels == entry["category_id"] - 1
+        assert np.array_equal(decode(entry["segmentation"]["counts"], *mask.shape), mask)
+        x, y, width, height = entry["bbox"]
+        assert mask[y : y + height, x : x + width].sum() == entry["area"] == mask.sum()
+
+
+def test_movie_has_every_frame(scene, tmp_path):
+    export("movie", scene, tmp_path / "x.mp4", layer="displacement")
+    movie = cv2.VideoCapture(str(tmp_path / "x.mp4"))
+    assert int(movie.get(cv2.CAP_PROP_FRAME_COUNT)) == scene.frames
+    movie.release()
+
+
+@pytest.mark.parametrize("name", [name for name, entry in FORMATS.items() if name not in ("ply",)])
+def test_a_stopped_export_leaves_no_half_file(scene, tmp_path, name):
+    out = tmp_path / f"x{FORMATS[name].suffix}"
+    steps = get_format(name).export(scene, out, ExportOptions())
+    next(steps)
+    next(steps)
+    steps.close()
+    if FORMATS[name].suffix:
+        assert list(tmp_path.iterdir()) == []
+    else:
+        assert not list(out.rglob(".*"))
+
+
+def test_a_full_folder_is_not_touched(scene, tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(DegenseError, match="not empty"):
+        export("masks-png", scene, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

@@ -1,0 +1,76 @@
+"""Task: see how far tissue moved, and where it moved without reason."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from engine.colour_maps import colourise
+
+
+@pytest.mark.parametrize(("key", "layer", "unit"), [("6", "displacement", "mm"), ("7", "warp", "px")])
+def test_a_heatmap_by_its_key(qtbot, opened, idle, screenshot, key, layer, unit):
+    scene, parts = opened.session.scene, opened.parts
+    opened.session.go_to(8)
+    parts.panel.setFocus()
+    qtbot.keyClicks(parts.panel, key)
+    idle()
+    view = opened.drawing.view
+    assert opened.session.look.layer == layer
+    assert parts.layers.current() == layer
+    assert view.unit == (scene.unit if unit == "mm" else unit)
+    from engine.layers import LAYERS, LayerRequest, layer_range
+
+    whole = layer_range(scene, LAYERS[layer], LayerRequest(8), "sequence")
+    assert view.span == whole == parts.colour_bar.range()
+    values = LAYERS[layer].image(scene, LayerRequest(8)).values
+    assert np.array_equal(view.rgb, colourise(values, LAYERS[layer].cmap, *whole))
+    assert parts.colour_bar.isVisible()
+    screenshot(opened, layer)
+
+
+def test_range_of_the_frame_the_sequence_and_fixed(opened, idle):
+    session, bar = opened.session, opened.parts.colour_bar
+    session.set_layer("displacement")
+    session.go_to(2)
+    idle()
+    whole = opened.drawing.view.span
+    bar.range_mode_changed.emit("frame")
+    idle()
+    assert opened.drawing.view.span[1] < whole[1]
+    assert bar.range_mode() == "frame"
+    bar.range_mode_changed.emit("fixed")
+    bar.range_edited.emit(0.0, 123.0)
+    session.go_to(9)
+    idle()
+    assert opened.drawing.view.span == bar.range() == (0.0, 123.0)
+    session.set_layer("depth")
+    idle()
+    assert bar.range_mode() == "sequence"  # each layer has a range of its own
+    session.set_layer("displacement")
+    idle()
+    assert opened.drawing.view.span == (0.0, 123.0)
+    session.undo.undo()
+    idle()
+
+
+def test_another_colour_map_is_used_in_both_views(opened, idle):
+    opened.session.set_layer("depth")
+    idle()
+    before = opened.drawing.view
+    opened.parts.colour_bar.cmap_changed.emit("magma")
+    idle()
+    after = opened.drawing.view
+    assert not np.array_equal(before.rgb, after.rgb)
+    assert not np.array_equal(before.splats.colours, after.splats.colours)
+    assert opened.parts.colour_bar.cmap() == "magma"
+
+
+def test_a_layer_without_its_prompt_says_so(opened, idle):
+    opened.session.set_layer("similarity")
+    idle()
+    assert opened.drawing.view is None
+    opened.session.add_prompt("liver")
+    idle()
+    assert opened.drawing.view.unit == "cosine"
+    assert opened.drawing.view.span == (0.0, 1.0)

@@ -1,0 +1,139 @@
+"""Task: open a run, a clip, a file that is none; by command, by drop, by the recent list."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PySide6.QtGui import QDropEvent
+from PySide6.QtWidgets import QMessageBox
+
+from app.settings import SettingsFile
+from app.window.main import MainWindow
+
+
+def error_text(window) -> str:
+    box = window.findChild(QMessageBox, "error")
+    text = box.text() if box is not None and box.isVisible() else ""
+    if box is not None:
+        box.close()
+    return text
+
+
+def test_open_a_run(opened, screenshot):
+    session, parts = opened.session, opened.parts
+    assert opened.windowTitle().startswith("copy")
+    assert parts.timeline.count() == session.frames == 10
+    assert np.array_equal(opened.drawing.view.rgb, session.scene.picture(0))
+    assert np.array_equal(parts.panel.grab_image(), session.scene.picture(0))
+    assert opened.drawing.view.splats is not None
+    assert "isolated routing" in parts.facts.text.text()
+    assert not parts.facts.corrections.isVisible()
+    picture = parts.splats.screenshot_image()
+    assert picture.std() > 10  # something is drawn in 3D
+    screenshot(opened, "open-run")
+
+
+def test_open_a_clip_and_correct_what_was_detected(window, tiny_clip, idle, screenshot):
+    window.opening.open_path(tiny_clip)
+    idle()
+    session, facts = window.session, window.parts.facts
+    assert session.scene is None
+    assert np.array_equal(window.parts.panel.grab_image(), session.clip.frame(0))
+    assert "measured, from depth/" in facts.text.text()
+    assert facts.corrections.isVisible()
+    assert window.menus.actions["train.start"].isEnabled()
+    assert not window.menus.actions["layer.depth"].isEnabled()
+    screenshot(window, "open-clip")
+    facts.focal.setValue(123.0)
+    facts.corrected.emit(facts.meaning.currentData(), facts.focal.value())
+    idle()
+    assert session.clip.cameras[0].fx == 123.0
+    assert facts.focal.value() == 123.0
+
+
+def test_drop_a_folder(window, run, idle):
+    mime = QMimeData()
+    mime.setUrls([QUrl.fromLocalFile(str(run))])
+    position, nothing = QPointF(50, 50), Qt.KeyboardModifier.NoModifier
+    window.dropEvent(QDropEvent(position, Qt.DropAction.CopyAction, mime, Qt.MouseButton.LeftButton, nothing))
+    idle()
+    assert window.session.scene is not None
+
+
+def test_what_cannot_be_opened_is_one_sentence(opened, tmp_path, idle):
+    (tmp_path / "letter.txt").write_text("Dear all")
+    opened.opening.open_path(tmp_path / "letter.txt")
+    idle()
+    text = error_text(opened)
+    assert "letter.txt" in text
+    assert "Traceback" not in text
+    assert opened.session.scene is not None  # what was open stays open
+
+
+def test_a_damaged_run_is_one_sentence(window, run, idle):
+    (run / "model.safetensors").write_bytes(b"\x00" * 100)
+    window.opening.open_path(run)
+    idle()
+    assert "model.safetensors" in error_text(window)
+    assert window.session.frames == 0
+
+
+def test_a_run_without_its_clip_opens(window, run, idle, tmp_path):
+    alone = run.rename(tmp_path / "alone")
+    try:
+        window.opening.open_path(alone)
+        idle()
+        assert window.session.scene is not None
+        assert not window.menus.actions["layer.warp"].isEnabled()
+        assert not window.menus.actions["compare.next"].isEnabled()
+    finally:
+        alone.rename(run)
+
+
+def test_recent_files_and_the_place_of_the_window_come_back(qtbot, opened, run, idle):
+    opened.parts.layers_dock.hide()
+    opened.resize(1200, 700)
+    qtbot.wait(50)
+    opened.close()
+    again = MainWindow(SettingsFile(opened.settings.path))
+    qtbot.addWidget(again)
+    with qtbot.waitSignal(again.ready):
+        again.show()
+    assert again.parts.layers_dock.isHidden()
+    assert again.size() == opened.size()
+    recent = next(menu for path, menu in again.menus._menus.items() if path == ("File",)).actions()
+    menu = next(action.menu() for action in recent if action.text() == "Recent")
+    menu.aboutToShow.emit()
+    menu.actions()[0].trigger()
+    qtbot.waitUntil(lambda: again.session.scene is not None, timeout=20_000)
+    qtbot.waitUntil(lambda: again.drawing.view is not None)
+    assert again.session.scene.run.path == run
+
+
+def test_the_sample_is_not_changed_by_looking_at_it(window, run, idle, monkeypatch):
+    import app.demo
+
+    monkeypatch.setattr(app.demo, "ASSETS", run.parent.parent)
+    monkeypatch.setattr(app.demo, "SAMPLE", run.parent.name)
+    assert app.demo.is_demo(run)
+    window.opening.open_path(run)
+    idle()
+    window.session.set_layer("depth")
+    window.close()
+    assert not (run / "session.json").exists()
+    assert window.settings.value.recent == ()
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_theme_is_changed_and_remembered(qtbot, window, qapp, theme):
+    from widgets.theme import apply_theme, is_dark
+
+    apply_theme(qapp, "dark")
+    window.settings.update(theme="dark")
+    window.registry.run("view.dark")
+    if theme == "dark":
+        window.registry.run("view.dark")
+    assert window.settings.value.theme == theme
+    assert is_dark(qapp.palette()) == (theme == "dark")
+    apply_theme(qapp, "dark")

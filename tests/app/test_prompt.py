@@ -1,0 +1,126 @@
+"""Task: type anatomy, see its mask, tune it, take it back."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QLineEdit
+
+
+def type_prompt(qtbot, window, text: str) -> None:
+    """As a user: slash, words, Enter."""
+    qtbot.keyClick(window.parts.panel, Qt.Key.Key_Slash)
+    field = QApplication.focusWidget()
+    assert isinstance(field, QLineEdit)
+    qtbot.keyClicks(field, text)
+    qtbot.keyClick(field, Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: field.text() == "")
+
+
+def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
+    opened.parts.panel.setFocus()
+    opened.session.go_to(3)
+    type_prompt(qtbot, opened, "gallbladder 1 c")  # digits and letters are words here, not shortcuts
+    assert opened.session.look.layer == "rgb"
+    assert opened.session.look.compare == "off"
+    assert opened.session.look.prompts == ()
+    [chip] = opened.parts.prompts.prompts()
+    assert chip.error
+    type_prompt(qtbot, opened, "gallbladder")
+    idle()
+    [prompt] = opened.session.look.prompts
+    assert prompt.text == "gallbladder"
+    scene = opened.session.scene
+    mask = scene.query(3).mask(scene.meanings("gallbladder"), "rnse", 0.5, scene.vectors(scene.classes))
+    assert np.array_equal(opened.drawing.view.masks[..., 3] > 0, mask)
+    shown = opened.parts.panel.grab_image().astype(int)
+    changed = np.abs(shown - scene.picture(3)).max(-1) > 0
+    assert np.array_equal(changed, mask)
+    screenshot(opened, "prompt")
+
+
+def test_threshold_and_decoder_are_live_and_undone(opened, idle):
+    session, bar = opened.session, opened.parts.prompts
+    session.set_decoder("threshold")
+    session.add_prompt("liver")
+    idle()
+    areas = []
+    for threshold in (0.2, 0.9):
+        bar.threshold_changed.emit(threshold)
+        idle()
+        areas.append(int((opened.drawing.view.masks[..., 3] > 0).sum()))
+    assert areas[0] > areas[1]
+    assert opened.menus.actions["edit.undo"].text() == "Undo: Mask threshold"
+    opened.registry.run("edit.undo")
+    assert session.look.threshold == bar.threshold() == 0.5  # the drag was one step
+    opened.registry.run("edit.undo")
+    assert bar.prompts() == []
+    opened.registry.run("edit.redo")
+    assert [chip.text for chip in bar.prompts()] == ["liver"]
+    idle()
+
+
+def test_hiding_and_recolouring_a_prompt(opened, idle):
+    session, bar = opened.session, opened.parts.prompts
+    session.add_prompt("liver")
+    idle()
+    [chip] = bar.prompts()
+    bar.prompt_toggled.emit(chip.id, False)
+    idle()
+    assert opened.drawing.view.masks is None
+    session.undo.undo()
+    [chip] = bar.prompts()
+    from PySide6.QtGui import QColor
+
+    bar.prompt_recoloured.emit(chip.id, QColor(1, 2, 3))
+    idle()
+    edge = opened.drawing.view.masks[opened.drawing.view.masks[..., 3] == 255]
+    assert {tuple(colour) for colour in edge[:, :3]} == {(1, 2, 3)}
+    [chip] = bar.prompts()
+    bar.prompt_removed.emit(chip.id)
+    assert session.look.prompts == ()
+    idle()
+
+
+def test_masks_over_numbers_are_outlines(opened, idle):
+    session = opened.session
+    session.add_prompt("liver")
+    session.set_layer("depth")
+    idle()
+    view = opened.drawing.view
+    alpha = view.masks[..., 3]
+    scene = session.scene
+    mask = scene.query(0).mask(scene.meanings("liver"), "rnse", 0.5, scene.vectors(scene.classes))
+    inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3)), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    assert inside.any()
+    assert (alpha == 255).any()
+    assert not alpha[inside > 0].any()
+
+
+def test_masks_of_a_run_without_semantics(window, tiny_clip, tmp_path, idle):
+    from app.cli import main
+
+    run = tiny_clip.parent / "mute"
+    arguments = ["--preset", "quick", "--iterations", "2", "--max-gaussians", "200", "--teacher", "none", "--device", "cpu"]
+    assert main(["train", str(tiny_clip), "--out", str(run), *arguments]) == 0
+    window.opening.open_path(run)
+    idle()
+    assert not window.menus.actions["layer.features"].isEnabled()
+    bar = window.parts.prompts
+    number = bar.add_prompt("liver")
+    bar.prompt_added.emit(number, "liver")
+    assert "without semantics" in bar.prompts()[0].error
+    assert window.session.look.prompts == ()
+
+
+def test_the_view_is_saved_with_the_run(qtbot, opened, run, idle):
+    opened.session.add_prompt("liver")
+    idle()
+    assert opened.isWindowModified()
+    opened.registry.run("file.save")
+    assert not opened.isWindowModified()
+    opened.opening.open_path(run)
+    idle()
+    assert [chip.text for chip in opened.parts.prompts.prompts()] == ["liver"]
+    assert opened.drawing.view.masks is not None

@@ -1,0 +1,96 @@
+"""Task: scrub and play. Both views show the same instant, the last one that was asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+
+
+def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
+    session = opened.session
+    shown: list[int] = []
+    opened.drawing.shown.connect(lambda view: shown.append(view.frame))
+    for frame in (3, 9, 1, 8, 2, 7):
+        opened.parts.timeline.frame_changed.emit(frame)
+    idle()
+    assert shown[-1] == session.frame == opened.parts.timeline.frame() == 7
+    assert len(shown) <= 3  # the frames in between were not drawn
+    assert np.array_equal(opened.parts.panel.grab_image(), session.scene.picture(7))
+    assert np.allclose(opened.drawing.view.splats.means, session.scene.splats(7).means)
+    screenshot(opened, "scrub")
+
+
+@pytest.mark.parametrize(
+    ("key", "modifier", "frame"),
+    [
+        (Qt.Key.Key_Right, Qt.KeyboardModifier.NoModifier, 5),
+        (Qt.Key.Key_Left, Qt.KeyboardModifier.NoModifier, 3),
+        (Qt.Key.Key_Left, Qt.KeyboardModifier.ShiftModifier, 0),
+        (Qt.Key.Key_Right, Qt.KeyboardModifier.ShiftModifier, 9),
+        (Qt.Key.Key_Home, Qt.KeyboardModifier.NoModifier, 0),
+        (Qt.Key.Key_End, Qt.KeyboardModifier.NoModifier, 9),
+    ],
+)
+def test_keys_move_time(qtbot, opened, idle, key, modifier, frame):
+    opened.parts.panel.setFocus()
+    opened.session.go_to(4)
+    idle()
+    qtbot.keyClick(opened.parts.panel, key, modifier)
+    assert opened.session.frame == frame
+    idle()
+
+
+def test_space_plays_and_pauses(qtbot, opened, idle):
+    opened.parts.panel.setFocus()
+    seen: set[int] = set()
+    opened.session.frame_changed.connect(seen.add)
+    qtbot.keyClick(opened.parts.panel, Qt.Key.Key_Space)
+    assert opened.session.playing
+    assert opened.parts.timeline.is_playing()
+    qtbot.waitUntil(lambda: len(seen) >= 4, timeout=10_000)
+    qtbot.keyClick(opened.parts.panel, Qt.Key.Key_Space)
+    assert not opened.session.playing
+    assert not opened.parts.timeline.is_playing()
+    idle()
+    assert opened.drawing.view.frame == opened.session.frame
+
+
+def test_the_surgeons_camera_and_free_look(opened, idle):
+    session, splats = opened.session, opened.parts.splats
+    idle()
+    assert splats.is_locked()
+    opened.registry.run("camera.free")
+    assert not splats.is_locked()
+    free = splats.camera()
+    session.go_to(5)
+    idle()
+    assert np.array_equal(splats.camera().viewmat, free.viewmat)  # time moves, the free camera does not
+    opened.registry.run("camera.free")
+    assert splats.is_locked()
+    assert splats.camera() is session.scene.camera(5)
+
+
+def test_the_window_stays_alive_while_frames_are_drawn(qtbot, opened, idle, monkeypatch):
+    """A frame that takes a second is drawn by the worker; meanwhile the event loop turns."""
+    import time
+
+    import app.window.drawing as drawing
+
+    real = drawing.draw_view
+
+    def slow(scene, request):
+        time.sleep(1.0)
+        return (yield from real(scene, request))
+
+    monkeypatch.setattr(drawing, "draw_view", slow)
+    turns: list[float] = []
+    opened.session.go_to(6)
+    end = time.monotonic() + 0.8
+    while time.monotonic() < end:
+        qtbot.wait(10)
+        turns.append(time.monotonic())
+    assert np.diff(turns).max() < 0.5
+    assert opened.drawing.view.frame != 6
+    idle()
+    assert opened.drawing.view.frame == 6

@@ -1,0 +1,129 @@
+"""The window's table of actions, its palette, dialogs, exports and log."""
+
+from __future__ import annotations
+
+import logging
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QApplication, QDialog, QMessageBox
+
+from app.window.palette import Palette
+from engine.layers import LAYERS
+
+
+def test_menus_hold_every_action_and_keys_the_layers(window):
+    for entry in window.registry:
+        assert window.menus.actions[entry.id].text().startswith(entry.title)
+        assert not entry.menu or window.menus.actions[entry.id] in window.menus.menu(entry.menu).actions()
+    assert [entry.id for entry in window.registry if entry.id.startswith("layer.")] == [f"layer.{name}" for name in LAYERS]
+    assert [window.menus.actions[f"layer.{name}"].shortcut().toString() for name in LAYERS] == list("1234567")
+
+
+def test_an_empty_window_offers_only_what_is_possible(window, screenshot):
+    enabled = {entry.id for entry in window.registry if entry.enabled()}
+    assert {"file.open-clip", "file.open-run", "file.demo", "help.keys"} <= enabled
+    assert not {entry for entry in enabled if entry.startswith(("layer.", "play.", "compare.", "export."))}
+    screenshot(window, "empty")
+
+
+def test_the_palette_finds_and_runs(qtbot, opened, idle, screenshot):
+    opened.registry.run("help.palette")
+    palette = opened.findChild(Palette)
+    qtbot.keyClicks(palette.input, "displ")
+    screenshot(opened, "palette")
+    qtbot.keyClick(palette.input, Qt.Key.Key_Return)
+    idle()
+    assert opened.session.look.layer == "displacement"
+
+
+def test_the_cheat_sheet_lists_all_keys(opened, screenshot):
+    opened.registry.run("help.keys")
+    [dialog] = [dialog for dialog in opened.findChildren(QDialog) if dialog.windowTitle() == "Shortcuts"]
+    screenshot(opened, "cheat-sheet")
+    dialog.close()
+
+
+def test_about_says_what_it_is_not(window):
+    window.registry.run("help.about")
+    box = QApplication.activeModalWidget()
+    assert isinstance(box, QMessageBox)
+    assert "not a medical device" in box.text()
+    box.close()
+
+
+def test_the_doctor_reports_from_the_worker(qtbot, window, monkeypatch):
+    monkeypatch.setattr("app.doctor.report", lambda: ("all is well", True))
+    window.registry.run("help.doctor")
+    qtbot.waitUntil(lambda: any(dialog.windowTitle() == "Doctor" for dialog in window.findChildren(QDialog)))
+    next(dialog for dialog in window.findChildren(QDialog) if dialog.windowTitle() == "Doctor").close()
+
+
+def test_the_picture_is_saved_as_shown_with_its_colour_bar(opened, idle, tmp_path):
+    opened.exporting.save_picture(tmp_path / "a.png")
+    assert np.array_equal(cv2.imread(str(tmp_path / "a.png"))[..., ::-1], opened.session.scene.picture(0))
+    opened.session.set_layer("depth")
+    idle()
+    opened.exporting.save_picture(tmp_path / "b.png")
+    assert cv2.imread(str(tmp_path / "b.png")).shape[1] > 96
+
+
+def test_export_runs_in_the_worker(opened, idle, tmp_path):
+    opened.session.add_prompt("liver")
+    opened.exporting.export("masks-png", tmp_path / "masks")
+    idle()
+    assert len(list((tmp_path / "masks" / "labels").iterdir())) == 10
+    opened.exporting.export("masks-png", tmp_path / "masks")
+    idle()
+    box = opened.findChild(QMessageBox, "error")
+    assert "not empty" in box.text()
+    box.close()
+
+
+def test_what_is_not_caught_goes_to_the_log_and_in_one_sentence_to_the_user(window, qtbot, tmp_path, monkeypatch):
+    from app.logs import start_logging
+
+    root = logging.getLogger()
+    before, level = list(root.handlers), root.level
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    monkeypatch.setattr("threading.excepthook", lambda args: None)
+    monkeypatch.setattr("faulthandler.enable", lambda file: file.close())
+    try:
+        start_logging(tmp_path / "x" / "degense.log", window.complaint.emit)
+        try:
+            raise ZeroDivisionError("by zero")
+        except ZeroDivisionError as error:
+            sys.excepthook(type(error), error, error.__traceback__)
+        qtbot.waitUntil(lambda: window.findChild(QMessageBox, "error") is not None)
+        box = window.findChild(QMessageBox, "error")
+        assert "ZeroDivisionError: by zero" in box.text()
+        assert "Traceback" not in box.text()
+        box.close()
+        assert "Traceback" in (tmp_path / "x" / "degense.log").read_text()
+        assert "uncaught exception" in window.parts.log.toPlainText()
+    finally:
+        from PySide6.QtCore import qInstallMessageHandler
+
+        qInstallMessageHandler(None)
+        for handler in set(root.handlers) - set(before):
+            root.removeHandler(handler)
+            handler.close()
+        root.setLevel(level)
+        for handler in set(before) - set(root.handlers):
+            root.addHandler(handler)
+
+
+@pytest.mark.parametrize("name", ["x", "y"])
+def test_nothing_is_left_after_closing(qtbot, tmp_path, name):
+    from app.settings import SettingsFile
+    from app.window.main import MainWindow
+
+    window = MainWindow(SettingsFile(tmp_path / "settings.json"))
+    window.show()
+    window.close()  # before the 3D view has come
+    qtbot.wait(20)
+    assert window.parts.splats is None
+    window.deleteLater()
