@@ -1,5 +1,6 @@
 # make demo    set everything up, then show the embedded sample: in a window where there is a display, else as files in demo-out/
 # make test    set everything up, then run every test and check, under a virtual display
+# make demo-scene    make the embedded sample anew (two minutes)
 # make lint    the checks of the house only: formatting, lint, types, import direction
 #
 # PYTHON=python3.12       another interpreter for .venv
@@ -13,7 +14,7 @@ VENV := .venv/bin
 DISPLAY_KIND := $(if $(DISPLAY)$(WAYLAND_DISPLAY),window,headless)
 
 .NOTPARALLEL:
-.PHONY: demo test lint system-headless system-window system-test
+.PHONY: demo test lint demo-scene system-headless system-window system-test
 
 demo: system-$(DISPLAY_KIND) .venv/installed
 	$(VENV)/degense demo $(if $(filter headless,$(DISPLAY_KIND)),--headless demo-out)
@@ -23,6 +24,9 @@ test: system-test .venv/installed
 
 lint: system-headless .venv/installed
 	$(VENV)/python -m pytest -q tests/house
+
+demo-scene: .venv/installed
+	$(VENV)/python scripts/demo-scene
 
 system-headless system-window system-test: system-%:
 	@scripts/system-packages $*
