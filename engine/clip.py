@@ -48,7 +48,7 @@ class Clip(ABC):
     unit : str
         Name of the clip's length: "mm" where depth is metric, else "scene units".
     fps : float
-        Frames a second of the recording, 25 where it does not say.
+        Frames of the clip a second of the recording: its rate, 25 where it does not say, over the stride.
     options : dict
         What the reader was told beyond its defaults; a run keeps it to open the clip in the same way again.
     """

@@ -8,8 +8,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-#: Equidistant colours of each map, interpolated linearly in between. Perceptually even and safe for colour-blind readers: viridis, cividis and magma
-#: (matplotlib, CC0), vik (Crameri 2018, MIT; diverging).
+#: Equidistant colours of each map, interpolated linearly in between. Perceptually even and safe for colour-blind readers: viridis, cividis
+#: and magma (matplotlib, CC0), vik (Crameri 2018, MIT; diverging).
 _STOPS = {
     "viridis": (
         "440154470d6048186a482374472d7b4537814240863e49893b528b375b8d33638d"
@@ -61,7 +61,10 @@ def colourise(values: np.ndarray, name: str, low: float, high: float) -> np.ndar
 
 
 def mask_overlay(masks: Sequence[tuple[np.ndarray, tuple[int, int, int]]], fill: float = 0.45, outline: bool = True) -> np.ndarray:
-    """Masks (bool [H, W]) painted in their colours, uint8 RGBA [H, W, 4]: translucent inside, opaque along the inner edge; later masks lie on top."""
+    """Masks (bool [H, W]) painted in their colours, uint8 RGBA [H, W, 4]: translucent inside, opaque along the inner edge.
+
+    Later masks lie on top.
+    """
     if not masks:
         raise ValueError("no masks to paint")
     overlay = np.zeros((*masks[0][0].shape, 4), np.uint8)

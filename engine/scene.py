@@ -86,7 +86,7 @@ class Scene:
             clip, missing = _find_clip(run)
         return cls(run, model, run.load_basis(), encoder, clip, missing)
 
-    # -- facts ---------------------------------------------------------------------------------------------------------------------------------
+    # -- facts -----------------------------------------------------------------------------------------------------------------------------
     @property
     def name(self) -> str:
         return self.run.path.name
@@ -136,7 +136,7 @@ class Scene:
         """The clip's label map, uint8 [H, W]; None where there is none."""
         return self.clip.labels(frame) if self.clip is not None else None
 
-    # -- states --------------------------------------------------------------------------------------------------------------------------------
+    # -- states ----------------------------------------------------------------------------------------------------------------------------
     def splats(self, frame: float) -> Splats:
         """All Gaussians at a frame (baked: evaluated once, then kept), in the clip's unit, with latents."""
         return self._states.get(("splats", float(frame)), lambda: self._evaluate(frame), _bytes_of)
@@ -151,12 +151,19 @@ class Scene:
         """‖μ(t) − μ(reference)‖ of every Gaussian, [N], clip units."""
         return (self.splats(frame).means - self.splats(self.reference_frame).means).norm(dim=1)
 
+    @cached_property
+    def feature_axes(self) -> np.ndarray:
+        """Three directions [d, 3] along which the scene's latents differ most, the same at every frame."""
+        latents = self.splats(self.reference_frame).semantics.cpu().numpy().astype(np.float64)
+        latents /= np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
+        _, _, axes = np.linalg.svd(latents - latents.mean(0), full_matrices=False)
+        axes = axes[:3].T
+        return np.pad(axes, ((0, 0), (0, 3 - axes.shape[1])))
+
     def vectors(self, prompts: tuple[str, ...]) -> np.ndarray:
         """Unit text vectors [n, D]. DegenseError without semantics, PromptError for an unknown word."""
         if self.encoder is None:
-            raise DegenseError(
-                f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}"
-            )
+            raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
         return self.encoder.encode(list(prompts))
 
     def meanings(self, prompt: str) -> np.ndarray:
@@ -165,7 +172,7 @@ class Scene:
         assert self.encoder is not None
         return self.encoder.expand(prompt)
 
-    # -- pictures ------------------------------------------------------------------------------------------------------------------------------
+    # -- pictures --------------------------------------------------------------------------------------------------------------------------
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
         """Draw one instant, all wanted channels in one pass.
 
@@ -174,9 +181,9 @@ class Scene:
         camera : Camera or None
             None is the surgeon's camera, whose pictures are kept.
         what : tuple of str
-            Of `CHANNELS`: `rgb` float32 [H, W, 3] in [0, 1]; `depth` float32 [H, W], clip units, NaN where nothing is; `latent` float32 [H, W, d];
-            `displacement` float32 [H, W], clip units, NaN where nothing is; `motion` float32 [H, W, 2], offset in pixels from here to the same point
-            at the reference frame, NaN where nothing is.
+            Of `CHANNELS`: `rgb` float32 [H, W, 3] in [0, 1]; `depth` float32 [H, W], clip units, NaN where nothing is; `latent` float32
+            [H, W, d]; `displacement` float32 [H, W], clip units, NaN where nothing is; `motion` float32 [H, W, 2], offset in pixels from
+            here to the same point at the reference frame, NaN where nothing is.
 
         Returns
         -------

@@ -28,8 +28,8 @@ _HELPERS = ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefi
 def run_kernel(kernel: Callable[..., None], *arguments) -> None:
     """Call `kernel(*arguments, counter)` on `torch.get_num_threads()` threads and return when all work is done.
 
-    The caller and a few helper threads run the same nogil kernel, and each takes work by drawing tickets from a shared counter. Nobody waits
-    for a helper that has not begun: on a busy machine the caller simply does more itself. Any number of threads may call at once.
+    The caller and a few helper threads run the same nogil kernel, and each takes work by drawing tickets from a shared counter. Nobody
+    waits for a helper that has not begun: on a busy machine the caller simply does more itself. Any number of threads may call at once.
 
     `counter`, int64 [1], starts at zero; the kernel draws from it with `take_ticket` until there is no work left.
     """

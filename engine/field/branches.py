@@ -69,7 +69,7 @@ class SemanticBranch(nn.Module):
 
 
 class CoupledSemantics(nn.Module):
-    """The rigid baseline: semantics are a function of the decoded geometry, f_sem(t) = f_sem + C([ΔG_t, f_sem]), as in SurgTPGS-like systems."""
+    """The rigid baseline, as in SurgTPGS-like systems: semantics as a function of decoded geometry, f_sem(t) = f_sem + C([ΔG_t, f_sem])."""
 
     def __init__(self, rank: int):
         super().__init__()
@@ -80,7 +80,7 @@ class CoupledSemantics(nn.Module):
 
 
 class AppearanceBranch(nn.Module):
-    """Δcolour_t = Ψ_app(Z_kin): charring and bleeding change colour in place; without this branch only motion or fading could explain them."""
+    """Δcolour_t = Ψ_app(Z_kin): charring and bleeding change colour in place, which otherwise only motion or fading could explain."""
 
     def __init__(self, latent: int):
         super().__init__()

@@ -1,7 +1,7 @@
 """HexPlane H(p, t): six feature planes, multiplied over planes, concatenated over resolutions (paper §2.2).
 
-All Gaussians of a frame share one time, so the three time planes are first reduced to three lines at that time: a sample then costs three bilinear
-and three linear look-ups a level instead of six bilinear ones.
+All Gaussians of a frame share one time, so the three time planes are first reduced to three lines at that time: a sample then costs three
+bilinear and three linear look-ups a level instead of six bilinear ones.
 """
 
 from __future__ import annotations
@@ -58,7 +58,10 @@ class HexPlane(nn.Module):
         return torch.cat([sample(points, space, line) for space, line in zip(self.space, self.lines(t), strict=True)], 1)
 
     def smoothness(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Regularisers of the planes: (total variation in space, acceleration in time, distance of the time planes from 1), each a mean of squares or absolutes."""
+        """Regularisers of the planes, each a mean of squares or absolutes.
+
+        Returns (total variation in space, acceleration in time, distance of the time planes from 1).
+        """
         space = sum((p.diff(dim=1).square().mean() + p.diff(dim=2).square().mean()) for p in self.space)
         space = space + sum(p.diff(dim=2).square().mean() for p in self.time)
         zero = self.time[0].new_zeros(())

@@ -26,8 +26,9 @@ class Kinematics(nn.Module):
         self.base = nn.Sequential(nn.Linear(feature, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU())
         # The four maps share their input: one matrix holds them as blocks of rows, in the order of PROPERTIES.
         self.states = nn.Linear(width, state * len(PROPERTIES))
-        for layer in (self.base[0], self.base[2], self.states):
-            nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu")
+        for layer in (*self.base, self.states):
+            if isinstance(layer, nn.Linear):
+                nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu")
 
     @property
     def dimension(self) -> int:

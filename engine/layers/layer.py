@@ -47,7 +47,8 @@ class LayerImage:
     Attributes
     ----------
     values : ndarray
-        `colour`: float32 [H, W, 3] in [0, 1]. `scalar`: float32 [H, W], NaN where nothing is known. `mask`: uint8 [H, W], 0 nothing, k + 1 prompt k.
+        `colour`: float32 [H, W, 3] in [0, 1]. `scalar`: float32 [H, W], NaN where nothing is known. `mask`: uint8 [H, W], 0 nothing,
+        k + 1 prompt k.
     unit : str
     kind : {"colour", "scalar", "mask"}
     """

@@ -30,20 +30,11 @@ def _depth_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     return camera.project(scene.splats(request.frame).means.cpu().numpy())[1].astype(np.float32)
 
 
-def _feature_axes(scene: Scene) -> np.ndarray:
-    """Three directions [d, 3] along which the scene's latents differ most, the same at every frame."""
-    latents = scene.splats(scene.reference_frame).semantics.cpu().numpy().astype(np.float64)
-    latents /= np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
-    _, _, axes = np.linalg.svd(latents - latents.mean(0), full_matrices=False)
-    axes = axes[:3].T
-    return np.pad(axes, ((0, 0), (0, 3 - axes.shape[1])))
-
-
 def _as_colours(scene: Scene, latents: np.ndarray) -> np.ndarray:
     if not scene.has_semantics:
         raise DegenseError(f"{scene.name} was trained without semantics, so it has no features to show")
     direction = latents / np.maximum(np.linalg.norm(latents, axis=-1, keepdims=True), 1e-6)
-    return np.clip(direction @ _feature_axes(scene) * 0.5 + 0.5, 0, 1).astype(np.float32)
+    return np.clip(direction @ scene.feature_axes * 0.5 + 0.5, 0, 1).astype(np.float32)
 
 
 def _features(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -67,10 +58,11 @@ def _similarity(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 def _splat_similarities(scene: Scene, request: LayerRequest) -> np.ndarray:
     """Cosine of every Gaussian's latent with every prompt, [N, prompts]."""
+    meanings = [scene.meanings(prompt) for prompt in _prompted(request)]
+    assert scene.basis is not None
     latents = scene.splats(request.frame).semantics.cpu().numpy()
     latents = latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
-    assert scene.basis is not None
-    return np.stack([(latents @ scene.basis.project(scene.meanings(prompt)).T).max(1) for prompt in _prompted(request)], 1)
+    return np.stack([(latents @ scene.basis.project(meaning).T).max(1) for meaning in meanings], 1)
 
 
 def _similarity_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -172,7 +164,8 @@ LAYERS: dict[str, Layer] = {
             "mask",
             "Masks",
             "mask",
-            "Pixels each prompt finds: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), or the plain decoders.",
+            "Pixels each prompt finds: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), "
+            "or the plain decoders.",
             _mask,
             _mask_splats,
             _none,
@@ -193,8 +186,8 @@ LAYERS: dict[str, Layer] = {
             "warp",
             "Spurious warp",
             "scalar",
-            "Motion since the reference frame, projected to pixels, that the recording's optical flow does not support, beyond a tolerance of "
-            f"{WARP_TOLERANCE:g} px. Unknown where the flow is not consistent forwards and backwards.",
+            "Motion since the reference frame, projected to pixels, that the recording's optical flow does not support, beyond a tolerance "
+            f"of {WARP_TOLERANCE:g} px. Unknown where the flow is not consistent forwards and backwards.",
             _warp,
             _warp_splats,
             lambda scene: "px",

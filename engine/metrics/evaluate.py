@@ -28,14 +28,15 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     Protocol
     --------
     Images and masks: held-out frames, (i − 1) % 8 == 0, never trained on; all frames when the clip is too short to hold any out (then
-    `held_out` is False). Masks count only frames that have a label map; a clip whose only label map was trained on is scored on that one and says so
-    (`mask_frames_trained`). Motion: every frame, where the clip brings exact truth. `miou` per decoder as in `MaskScores`. Displacement in the clip's unit.
+    `held_out` is False). Masks count only frames that have a label map; a clip whose only label map was trained on is scored on that one
+    and says so (`mask_frames_trained`). Motion: every frame, where the clip brings exact truth. `miou` per decoder as in `MaskScores`.
+    Displacement in the clip's unit.
 
     Returns
     -------
     dict
-        The keys of DESIGN §9 and their parts: image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion scores, `train_seconds`,
-        `gaussians`, `render_fps` (baked states, colour only, this machine), `query_ms` (warm frame, prompt to mask) and `query_new_frame_ms`.
+        Image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion scores, `train_seconds`, `gaussians`, `render_fps`
+        (baked states, colour only, this machine), `query_ms` (warm frame, prompt to mask) and `query_new_frame_ms`.
 
     Raises
     ------
@@ -43,7 +44,9 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
         When the clip has another size or length than the run.
     """
     if clip.size != scene.clip_size or len(clip) != scene.frames:
-        raise ClipError(f"{clip.path} has {len(clip)} frames of {clip.size}, but {scene.name} was trained on {scene.frames} of {scene.clip_size}")
+        raise ClipError(
+            f"{clip.path} has {len(clip)} frames of {clip.size}, but {scene.name} was trained on {scene.frames} of {scene.clip_size}"
+        )
     held_out = bool(clip.test_frames)
     frames = clip.test_frames or list(range(len(clip)))
     result: dict[str, Any] = {

@@ -56,6 +56,8 @@ class VideoFrames:
         See `field_of_view.brightest`.
     announced : int
         Frames the container claims to have; not to be relied on.
+    rate : float
+        Frames a second that the container claims; 0 where it claims none, or none between 1 and 240.
 
     Raises
     ------
@@ -70,7 +72,8 @@ class VideoFrames:
             raise ClipError(f"{shown(path)} is not a video that can be read ({', '.join(SUFFIXES)}).")
         self._capture, self._next = self._reopened(), 0
         self.announced = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        self.rate = float(self._capture.get(cv2.CAP_PROP_FPS))
+        rate = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self.rate = rate if 1 <= rate <= 240 else 0.0
         width, height = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if width * height > MAX_PIXELS:
             raise ClipError(
@@ -172,7 +175,16 @@ def open_video(path: Path, options: ClipOptions) -> Clip:
     provenance["masks"] = border_words(seen, "dark border")
     provenance["depth"] = prior.words
     provenance["labels"] = "none"
-    return StoredClip(name=path.stem, path=path, cameras=cameras, provenance=provenance, pictures=pictures, inside=inside, distances=prior)
+    return StoredClip(
+        name=path.stem,
+        path=path,
+        cameras=cameras,
+        provenance=provenance,
+        fps=(pictures.rate or 25.0) / options.stride,
+        pictures=pictures,
+        inside=inside,
+        distances=prior,
+    )
 
 
 def _frame_words(pictures: VideoFrames, options: ClipOptions) -> str:

@@ -69,7 +69,10 @@ def write_tensors(path: Path, tensors: dict[str, Tensor]) -> None:
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Tensors of a safetensors file. The format holds no code; header and sizes are checked against the file's length before anything is allocated."""
+    """Tensors of a safetensors file.
+
+    The format holds no code; header and sizes are checked against the file's length before anything is allocated.
+    """
     try:
         if path.stat().st_size > MAX_BYTES:
             raise RunError(f"{path} is larger than {MAX_BYTES >> 30} GB")

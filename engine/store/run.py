@@ -108,7 +108,8 @@ class Run:
         path = self.path / "model.safetensors"
         if not path.exists():
             raise RunError(
-                f"{self.path} holds no finished model (its training is {self.info['state']}); resume it with degense train CLIP --out {self.path} --resume"
+                f"{self.path} holds no finished model (its training is {self.info['state']}); "
+                f"resume it with degense train CLIP --out {self.path} --resume"
             )
         return build_model(self.info["field"], finite(read_tensors(path), path), path).to(device)
 
@@ -131,9 +132,9 @@ class Run:
 
 def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: Path) -> SceneModel:
     """A SceneModel from its configuration and tensors, checked against each other. RunError names `path`."""
-    canonical = {name: tensors.get(f"canonical.{name}") for name in CANONICAL}
-    if any(value is None for value in canonical.values()) or "bounds" not in tensors:
+    if not {"bounds", *(f"canonical.{name}" for name in CANONICAL)} <= set(tensors):
         raise RunError(f"{path} lacks the canonical Gaussians; it is damaged or not a model of ours")
+    canonical = {name: tensors[f"canonical.{name}"] for name in CANONICAL}
     count = canonical["means"].shape[0]
     if count > MAX_GAUSSIANS:
         raise RunError(f"{path} claims {count} Gaussians; at most {MAX_GAUSSIANS} are read")
@@ -158,14 +159,14 @@ def cameras_to_json(cameras: list[Camera]) -> dict[str, Any]:
 def cameras_from_json(values: dict[str, Any], path: Path) -> list[Camera]:
     try:
         count, viewmats = int(values["count"]), np.asarray(values["viewmats"], np.float64)
-        size = int(values["width"]), int(values["height"])
-        lens = [float(values[name]) for name in ("fx", "fy", "cx", "cy")]
+        width, height = int(values["width"]), int(values["height"])
+        fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{path}: the cameras cannot be read ({error})") from error
-    sane = 1 <= count <= MAX_FRAMES and all(1 <= side <= MAX_SIDE for side in size) and len(viewmats) in (1, count)
-    if not sane or viewmats.shape[1:] != (4, 4) or not np.isfinite(viewmats).all() or not np.isfinite(lens).all():
+    sane = 1 <= count <= MAX_FRAMES and 1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and np.isfinite([fx, fy, cx, cy]).all()
+    if not sane or viewmats.shape not in ((1, 4, 4), (count, 4, 4)) or not np.isfinite(viewmats).all():
         raise RunError(f"{path}: the cameras make no sense; the file is damaged")
-    distinct = [Camera(*size, *lens, viewmat) for viewmat in viewmats]
+    distinct = [Camera(width, height, fx, fy, cx, cy, viewmat) for viewmat in viewmats]
     return distinct * count if len(distinct) == 1 else distinct
 
 

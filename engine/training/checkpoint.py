@@ -12,7 +12,10 @@ PARTS = ("model", "moments", "density", "neighbours")
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
-    """Write `state` (see `Trainer.state`) as `last.safetensors`. The JSON side names the tensors' step, so that a pair that does not belong together is noticed."""
+    """Write `state` (see `Trainer.state`) as `last.safetensors`.
+
+    The JSON side names the tensors' step, so that a pair that does not belong together is noticed.
+    """
     tensors = {f"{part}/{name}": value for part in PARTS for name, value in state[part].items()}
     tensors["generator"] = state["generator"]
     step = state["plain"]["iteration"]

@@ -42,8 +42,8 @@ class TrainConfig:
     recolour, resemantics : float
         Weights of |Δcolour| and |Δf_sem|.
     flow, flow_final : float
-        Weight of motion evidence (how far each visible Gaussian's motion is from the optical flow, in units of the scene) at the start, and the share
-        of it that is left at the end: flow finds the way, colour the last fraction of a pixel.
+        Weight of motion evidence (how far each visible Gaussian's motion is from the optical flow, in units of the scene) at the start, and
+        the share of it that is left at the end: flow finds the way, colour the last fraction of a pixel.
     appearance : bool
         Whether Ψ_app exists.
     channels, resolution, levels

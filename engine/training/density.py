@@ -47,7 +47,10 @@ class Density:
 
     @torch.no_grad()
     def step(self, optimizer: torch.optim.Optimizer, generator: torch.Generator) -> dict[str, int]:
-        """Prune what was never visible enough since the last step, then clone and split where the gradient is largest. Returns how many of each."""
+        """Prune what was never visible enough since the last step, then clone and split where the gradient is largest.
+
+        Returns how many of each.
+        """
         canonical = self.model.canonical
         score = self.gradient / self.seen.clamp_min(1)
         keep = self.opacity >= PRUNE_OPACITY

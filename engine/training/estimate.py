@@ -9,7 +9,8 @@ from engine.clip import Clip
 from engine.training.config import TrainConfig
 from engine.training.device import choose_device
 
-# Measured with `degense train` (docs/benchmarks.md): seconds a step = overhead + per Gaussian + per pixel, on two laptop-class cores and on one H200.
+# Measured with `degense train` (docs/benchmarks.md): seconds a step = overhead + per Gaussian + per pixel,
+# on two laptop-class cores and on one H200.
 CPU_STEP = (4e-3, 3.2e-6, 1.6e-7)
 CUDA_STEP = (9e-3, 2e-8, 2e-9)
 FLOW_SECONDS = 0.05  # a frame, both ways, all partners, one core

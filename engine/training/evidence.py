@@ -1,6 +1,7 @@
 """Motion evidence: optical flow between training frames, lifted to 3D where depth was measured.
 
-A photometric loss alone lets Gaussians fade and recolour in place. Flow says where each visible point went, so that colour is explained by colour and motion by motion.
+A photometric loss alone lets Gaussians fade and recolour in place. Flow says where each visible point went, so that colour is explained by
+colour and motion by motion.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ class Pair:
 class MotionEvidence:
     """Flow of every training frame to its neighbours and to the first training frame, computed once.
 
-    Neighbours are matched directly, which is exact for small motion; the way to the first frame is followed from frame to frame, since a direct match of
-    far frames passes the forward-backward check while being wrong by many pixels.
+    Neighbours are matched directly, which is exact for small motion; the way to the first frame is followed from frame to frame, since a
+    direct match of far frames passes the forward-backward check while being wrong by many pixels.
 
     Parameters
     ----------
@@ -127,8 +128,8 @@ class MotionEvidence:
     def loss(self, here: Tensor, there: Tensor, visible: Tensor, frame: int, pair: Pair) -> Tensor:
         """Robust distance between the model's motion and the observed one, averaged over visible Gaussians with evidence.
 
-        With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion across the
-        line of sight is compared, at the Gaussian's own depth.
+        With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion
+        across the line of sight is compared, at the Gaussian's own depth.
 
         Parameters
         ----------
@@ -142,7 +143,7 @@ class MotionEvidence:
         end, z_end = project(there, other)
         grid = start.detach() * 2 - 1
         flow = look_up(pair.flow.float(), grid)
-        weight = look_up(pair.weight.float(), grid)[:, 0].floor() * visible
+        weight = (look_up(pair.weight.float(), grid)[:, 0] > 0.99) * visible  # believed at all four pixels around, but for rounding
         target = start.detach() + flow
         if self.frames.clip.depth_measured:
             before = look_up(self.frames[frame].depth[None], grid)[:, 0]
@@ -170,7 +171,7 @@ def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
 
 
 def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Camera) -> Tensor:
-    """1 for Gaussians that lie on the drawn surface (within 3 % of its depth), are drawn, and are not faint; else 0. Float [N], no gradient.
+    """1 for Gaussians that are drawn, lie on the drawn surface (within 3 % of its depth) and are not faint; else 0. Float [N], no gradient.
 
     Parameters
     ----------

@@ -50,7 +50,9 @@ def train(
     events: Events,
     stop: Callable[[], bool],
 ) -> Run | None:
-    """Train a scene of `clip` into the run folder `out`. Returns the finished run, or None when `stop()` asked to leave; the run can then be resumed.
+    """Train a scene of `clip` into the run folder `out`.
+
+    Returns the finished run, or None when `stop()` asked to leave; the run can then be resumed.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ class _Blur(torch.autograd.Function):
 
 
 def window_mean(values: Tensor) -> Tensor:
-    """Weighted mean over the SSIM window, [H, W, C]. On the CPU by OpenCV: a hundred times as fast as torch's convolution of single channels."""
+    """Weighted mean over the SSIM window. On the CPU by OpenCV: a hundred times as fast as torch's convolution of single channels."""
     kernel = np.exp(-np.square(np.arange(WINDOW) - WINDOW // 2) / (2 * SIGMA**2))
     kernel /= kernel.sum()
     if values.device.type == "cpu":

@@ -8,10 +8,19 @@ from torch import Tensor
 
 
 def nearest_neighbours(points: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """Indices int64 [N, K] of the K nearest other points and weights float [N, K], a Gaussian of their distance
-    whose width is the median neighbour distance.
+    """The `count` nearest other points of every point, and how much each counts: exp(−½ (distance / σ)²), σ the median neighbour distance.
 
-    K is smaller for fewer than `count` + 1 points; a single point has none.
+    Parameters
+    ----------
+    points : float [N, 3]
+    count : int
+        Neighbours a point.
+
+    Returns
+    -------
+    index : int64 [N, K]
+    weight : float [N, K]
+        K = min(`count`, N − 1): a single point has no neighbours.
     """
     place = points.detach().cpu().double().numpy()
     k = min(count, len(place) - 1)

@@ -68,7 +68,8 @@ class SemanticTargets:
                 spoken[i] = answer
         if not spoken:
             raise DegenseError(
-                f"{clip.path}: the teacher {teacher.name!r} says nothing about any training frame; train with --teacher none or add label maps"
+                f"{clip.path}: the teacher {teacher.name!r} says nothing about any training frame; "
+                "train with --teacher none or add label maps"
             )
         vectors, counts = [], []
         for vector, index in spoken.values():
@@ -84,8 +85,10 @@ class SemanticTargets:
         self.frames = sorted(self._targets)
         self.spoken = sorted(spoken)
 
-    def _carry(self, spoken: dict[int, tuple[np.ndarray, np.ndarray]], frames: TrainingFrames, evidence: MotionEvidence, progress: Progress) -> None:
-        """Give every silent training frame the words of the nearest spoken one, moved along with the tissue, where flow knows how it moved."""
+    def _carry(
+        self, spoken: dict[int, tuple[np.ndarray, np.ndarray]], frames: TrainingFrames, evidence: MotionEvidence, progress: Progress
+    ) -> None:
+        """Give every silent training frame the words of the nearest spoken one, moved with the tissue, where flow knows how it moved."""
         reduced = {i: self._reduced(frames, i, index) for i, (_, index) in spoken.items()}
         for done, i in enumerate(frames.clip.train_frames):
             progress(0.8 + 0.2 * done / len(frames.clip.train_frames), "carrying labels along with the tissue")

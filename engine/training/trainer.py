@@ -69,11 +69,11 @@ class Trainer:
         self._neighbours: tuple[Tensor, Tensor] | None = None
         self.good = self.state()
 
-    # -- state ---------------------------------------------------------------------------------------------------------------------------------
+    # -- state -----------------------------------------------------------------------------------------------------------------------------
     def state(self) -> dict[str, Any]:
         """Everything a later step depends on, copied."""
         copied = {name: value.detach().clone() for name, value in self.model.state_dict().items()}
-        moments = {}
+        moments: dict[str, Tensor] = {}
         for name, parameter in self.model.named_parameters():
             if held := self.optimizer.state.get(parameter):
                 moments |= {f"{name}.{key}": torch.as_tensor(held[key]).detach().clone() for key in ("step", "exp_avg", "exp_avg_sq")}
@@ -120,7 +120,7 @@ class Trainer:
         held = state["neighbours"]
         self._neighbours = (held["index"].to(self.device), held["weight"].to(self.device)) if held else None
 
-    # -- one step ------------------------------------------------------------------------------------------------------------------------------
+    # -- one step --------------------------------------------------------------------------------------------------------------------------
     def step(self) -> None:
         """One frame, one update."""
         config, semantic_step = self.config, self._semantic_step()
@@ -139,7 +139,8 @@ class Trainer:
         if state.deformation is not None:
             loss = loss + self._field_losses(state)
             if self.evidence is not None and config.flow > 0:
-                loss = loss + config.flow * config.flow_final ** (self.iteration / config.iterations) * self._flow_loss(splats, render, frame_index)
+                weight = config.flow * config.flow_final ** (self.iteration / config.iterations)
+                loss = loss + weight * self._flow_loss(splats, render, frame_index)
         if semantic_step:
             loss = loss + config.semantic * self._semantic_loss(frame_index, deform)
         self.optimizer.zero_grad(set_to_none=True)
@@ -158,7 +159,7 @@ class Trainer:
         return self.semantics is not None and self.iteration % self.config.semantic_every == 0
 
     def _next_frame(self, semantic_step: bool) -> int:
-        """Training frames in a new random order each round; on a semantic step, the next one that has a teacher's word when most frames do."""
+        """Training frames in a new random order each round; on a semantic step, the next one of them that has a teacher's word, if any."""
         if not self.order:
             self.order = [self.frames.clip.train_frames[i] for i in self.random.permutation(len(self.frames.clip.train_frames))]
         if semantic_step and self.semantics is not None:
@@ -206,7 +207,7 @@ class Trainer:
             loss = loss + self.config.resemantics * state.resemantics.abs().mean()
         return loss
 
-    # -- between steps -------------------------------------------------------------------------------------------------------------------------
+    # -- between steps ---------------------------------------------------------------------------------------------------------------------
     def _edit(self) -> None:
         config = self.config
         if self.iteration % config.densify_every or self.iteration < config.densify_every:

@@ -44,7 +44,10 @@ def test_an_untrained_field_is_the_identity(routing):
 
 @pytest.mark.parametrize("routing", ROUTINGS)
 def test_where_the_semantic_loss_may_go(routing):
-    """isolated: ∂L_sem/∂geometry is exactly zero. paper: it reaches planes and base net, not Ψ_geo's output layer through the decoder. coupled: it bends geometry."""
+    """isolated: ∂L_sem/∂geometry is exactly zero. paper: it reaches planes and base net, not Ψ_geo's output layer through the decoder.
+
+    coupled: it bends geometry.
+    """
     model = make(routing)
     stir(model)
     latent = draw_latents(model.at(0.4).splats, CAMERA, detached=routing == "isolated")

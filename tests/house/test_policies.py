@@ -15,8 +15,9 @@ RULES = Path(__file__).resolve().parents[1] / "conftest.py"
 class Suite:
     """A project with nothing but the rules of this one and the tests that are written into it."""
 
-    def __init__(self, pytester: pytest.Pytester) -> None:
+    def __init__(self, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
         self.pytester = pytester
+        monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")  # what is left behind is the same without a display
         self.write("tests/conftest.py", RULES.read_text(encoding="utf-8"))
 
     def write(self, path: str, text: str) -> None:
@@ -29,8 +30,8 @@ class Suite:
 
 
 @pytest.fixture
-def suite(pytester: pytest.Pytester) -> Suite:
-    return Suite(pytester)
+def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Suite:
+    return Suite(pytester, monkeypatch)
 
 
 def test_settings_are_not_the_users(own_folders):

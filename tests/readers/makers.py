@@ -76,9 +76,11 @@ def write_camera(path: Path, **changes: object) -> None:
     (path / "camera.json").write_text(json.dumps({k: v for k, v in data.items() if v is not None}))
 
 
-def write_video(path: Path, rng: np.random.Generator, count: int, size: tuple[int, int] = (WIDTH, HEIGHT), codec: str = "mp4v") -> None:
+def write_video(
+    path: Path, rng: np.random.Generator, count: int, size: tuple[int, int] = (WIDTH, HEIGHT), codec: str = "mp4v", rate: float = 25
+) -> None:
     """A moving texture; each frame is unlike each other one."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), 25, size)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), rate, size)
     assert writer.isOpened()
     base = tissue(rng, size[0] * 2, size[1])
     for i in range(count):

@@ -138,3 +138,35 @@ def test_what_only_pretends_to_be_a_video(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(ClipError, match=r"clip\.mp4 is (not a video|damaged)"):
         open_clip(path)
+
+
+@pytest.mark.parametrize("suffix", [".avi", ".mp4"])
+def test_frame_rate(tmp_path, suffix):
+    path = tmp_path / f"clip{suffix}"
+    write_video(path, np.random.default_rng(10), 30, codec="MJPG" if suffix == ".avi" else "mp4v", rate=30)
+    assert open_clip(path).fps == pytest.approx(30)
+    assert open_clip(path, ClipOptions(stride=4)).fps == pytest.approx(7.5)
+
+
+@pytest.mark.parametrize("claimed", [0.0, 0.5, 1e5, float("nan")])
+def test_an_absurd_frame_rate_is_not_believed(tmp_path, monkeypatch, claimed):
+    path = tmp_path / "clip.avi"
+    write_video(path, np.random.default_rng(11), 10, codec="MJPG", rate=30)
+    honest = VideoFrames._reopened
+    monkeypatch.setattr(VideoFrames, "_reopened", lambda self: Claimant(honest(self), claimed))
+    clip = open_clip(path)
+    assert clip.fps == 25
+    assert "a second" not in clip.provenance["frames"]
+
+
+class Claimant:
+    """A capture of a file that announces a frame rate of its own."""
+
+    def __init__(self, capture, rate):
+        self.capture, self.rate = capture, rate
+
+    def get(self, what):
+        return self.rate if what == cv2.CAP_PROP_FPS else self.capture.get(what)
+
+    def __getattr__(self, name):
+        return getattr(self.capture, name)

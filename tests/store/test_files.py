@@ -28,7 +28,7 @@ def test_a_full_disk_is_said_in_words(tmp_path, monkeypatch):
     path = tmp_path / "a.json"
     write_json(path, 1)
     monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(RunError, match="No space left on device.*untouched"):
+    with pytest.raises(RunError, match=r"No space left on device.*untouched"):
         write_json(path, 2)
     assert read_json(path) == 1
 

@@ -6,6 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
+from engine.language.encoder import TextEncoder
+
 #: Unit vectors float32 [k, D], and int32 [H, W] that says which of them a pixel should have; −1 where the teacher says nothing.
 Targets = tuple[np.ndarray, np.ndarray]
 
@@ -21,11 +23,14 @@ class Teacher(Protocol):
         In words for the user: where the targets come from and on which frames.
     frames : list of int
         Frames that have targets, ascending; never a held-out frame, unless the clip has no other.
+    encoder : TextEncoder
+        Turns prompts into vectors that compare with the targets; the run keeps it.
     """
 
     name: str
     provenance: str
     frames: list[int]
+    encoder: TextEncoder
 
     def targets(self, frame: int) -> Targets | None:
         """Vectors and index map of a frame, or None when the teacher says nothing about it."""
