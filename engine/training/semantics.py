@@ -64,7 +64,7 @@ class SemanticTargets:
         candidates = sorted(set(clip.train_frames) | set(clip.labelled_frames))
         for done, i in enumerate(candidates):
             progress(0.5 * done / len(candidates), "asking the teacher")
-            if (answer := teacher.targets(i)) is not None:
+            if (answer := teacher.targets(i)) is not None and (answer[1] >= 0).any():
                 spoken[i] = answer
         if not spoken:
             raise DegenseError(

@@ -1,0 +1,171 @@
+"""Semantic supervision: what counts, how much, where it came from, and what its gradient may touch."""
+
+import numpy as np
+import pytest
+import torch
+
+from engine.clip import UNLABELLED
+from engine.errors import DegenseError
+from engine.field import FieldConfig, SceneModel
+from engine.language import EmbeddedEncoder
+from engine.language.teachers import LabelTeacher
+from engine.masks import superpixels
+from engine.training.config import TrainConfig
+from engine.training.evidence import MotionEvidence
+from engine.training.frames import TrainingFrames
+from engine.training.initialise import initial_gaussians
+from engine.training.job import semantic_provenance
+from engine.training.semantics import SemanticTargets
+from engine.training.trainer import Trainer
+from tests.fakes import MemoryClip, MovingWall
+
+CPU = torch.device("cpu")
+
+
+def prepared(clip, max_pixels=1 << 20, motion=False):
+    frames = TrainingFrames(clip, max_pixels, CPU)
+    evidence = MotionEvidence(frames) if motion else None
+    teacher = LabelTeacher(clip, EmbeddedEncoder())
+    return frames, evidence, teacher, SemanticTargets(teacher, frames, evidence)
+
+
+def drawn(targets, frame, size):
+    """The class of each pixel as a picture, −1 where nothing is said."""
+    target = targets._targets[frame]
+    picture = np.full(size[0] * size[1], -1)
+    picture[target.pixels.numpy()] = target.index.numpy()
+    return picture.reshape(size[::-1])
+
+
+def test_targets_say_what_the_labels_say_at_the_working_size():
+    clip = MemoryClip(width=96, height=80)
+    frames, _, teacher, targets = prepared(clip, max_pixels=48 * 40)
+    assert frames.size == (48, 40)
+    assert targets.frames == targets.spoken == clip.train_frames
+    for frame in clip.train_frames:
+        picture = drawn(targets, frame, frames.size)
+        expected = clip.labels(frame)[::2, ::2].astype(int)
+        expected[expected == UNLABELLED] = -1
+        expected[~(clip.valid(frame)[::2, ::2] & clip.valid(frame)[1::2, ::2])] = -1
+        assert np.array_equal(picture, expected)
+    target = targets._targets[0]
+    assert target.regions.shape == (48 * 40,)
+    assert target.region_count == int(target.regions.max()) + 1 == superpixels(frames.image(0)).max() + 1
+    cosine = torch.nn.functional.normalize(target.latents, dim=1) @ torch.nn.functional.normalize(target.latents, dim=1).T
+    assert torch.allclose(cosine, torch.from_numpy(teacher.vectors @ teacher.vectors.T), atol=0.02)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_is_invalid_or_unlabelled_carries_nothing(seed):
+    """Whatever the latents are there, loss and gradient stay the same."""
+    clip = MemoryClip()
+    frames, _, _, targets = prepared(clip)
+    spoken = (clip.labels(2) != UNLABELLED) & clip.valid(2)
+    generator = torch.Generator().manual_seed(seed)
+    latent = torch.randn((40, 48, targets.basis.rank), generator=generator)
+    other = torch.where(torch.from_numpy(spoken)[..., None], latent, torch.randn(latent.shape, generator=generator))
+    losses = [targets.loss(x, 2, use_angles=angles, region_weight=0) for angles in (True, False) for x in (latent, other)]
+    assert losses[0] == losses[1]
+    assert losses[2] == losses[3]
+    latent.requires_grad_()
+    targets.loss(latent, 2, use_angles=True, region_weight=0).backward()
+    assert np.array_equal((latent.grad != 0).any(2).numpy(), spoken)
+
+
+def test_rare_classes_weigh_more_and_the_mean_weight_is_one():
+    frames, _, _, targets = prepared(MemoryClip())
+    for frame in targets.frames:
+        target = targets._targets[frame]
+        assert target.weight.mean() == pytest.approx(1, abs=1e-5)
+        counts = np.bincount(target.index.numpy())
+        assert counts[0] > 5 * counts[1]
+        weights = [target.weight[target.index == k] for k in (0, 1)]
+        assert all(bool((w == w[0]).all()) for w in weights)
+        assert float(weights[1][0] / weights[0][0]) == pytest.approx(np.sqrt(counts[0] / counts[1]), rel=1e-4)
+
+
+def test_the_loss_is_the_weighted_angle():
+    frames, _, _, targets = prepared(MemoryClip())
+    target = targets._targets[3]
+    latent = torch.randn((40, 48, targets.basis.rank), generator=torch.Generator().manual_seed(3))
+    flat, total, counts = latent.view(-1, targets.basis.rank).numpy(), 0.0, np.bincount(target.index.numpy())
+    weights = 1 / np.sqrt(counts[target.index.numpy()])
+    weights /= weights.mean()
+    for pixel, index, weight in zip(target.pixels.tolist(), target.index.tolist(), weights, strict=True):
+        a, b = flat[pixel], target.latents[index].numpy()
+        total += weight * (1 - a @ b / np.linalg.norm(a) / np.linalg.norm(b))
+    assert float(targets.loss(latent, 3, use_angles=True, region_weight=0)) == pytest.approx(total / len(weights), rel=1e-4)
+    perfect = torch.zeros_like(latent).view(-1, targets.basis.rank)
+    perfect[target.pixels] = 7 * target.latents[target.index]
+    assert targets.loss(perfect.view_as(latent), 3, use_angles=True, region_weight=0) < 1e-5
+    assert targets.loss(latent, 3, use_angles=True, region_weight=1.0) > targets.loss(latent, 3, use_angles=True, region_weight=0)
+
+
+def test_sparse_labels_are_carried_with_the_tissue_and_the_run_says_so():
+    clip = MovingWall(10, velocity=(0.05, 0.02, 0.0), labelled=[4], hole=np.s_[60:66, 10:20])
+    frames, _, teacher, targets = prepared(clip, motion=True)
+    assert targets.spoken == [4]
+    assert targets.frames == clip.train_frames
+    assert (
+        semantic_provenance(teacher, targets)
+        == f"{teacher.provenance}; carried along the optical flow to {len(clip.train_frames) - 1} other frames"
+    )
+    for frame in clip.train_frames:
+        picture, truth = drawn(targets, frame, frames.size), clip.material(frame)[..., 0] > 0
+        said = picture >= 0
+        assert not said[clip.hole].any()
+        assert said.mean() > 0.5
+        assert (picture[said] == truth[said]).mean() > 0.98, frame
+    standing = drawn(targets, 4, frames.size)
+    moved = clip.material(9)[..., 0] > 0
+    assert (standing[standing >= 0] == moved[standing >= 0]).mean() < 0.98  # labels that stayed behind would be noticed
+
+
+def test_full_labels_are_not_carried_and_the_run_does_not_say_so():
+    clip = MovingWall(10, labelled=range(10))
+    _, _, teacher, targets = prepared(clip, motion=True)
+    assert targets.frames == targets.spoken == clip.train_frames
+    assert semantic_provenance(teacher, targets) == teacher.provenance
+    assert semantic_provenance(None, None) == "no semantics"
+
+
+def test_a_silent_teacher_is_refused_in_one_sentence():
+    class Silent:
+        name = "mute"
+
+        def targets(self, frame):
+            return None
+
+    class Blank(MemoryClip):
+        def labels(self, index):
+            return np.full((40, 48), UNLABELLED, np.uint8)
+
+    frames = TrainingFrames(MemoryClip(), 1 << 20, CPU)
+    with pytest.raises(DegenseError, match=r"'mute' says nothing about any training frame; train with --teacher none"):
+        SemanticTargets(Silent(), frames)
+    with pytest.raises(DegenseError, match="says nothing about any training frame"):
+        SemanticTargets(LabelTeacher(Blank(), EmbeddedEncoder()), frames)
+
+
+@pytest.mark.parametrize("routing", ["isolated", "paper", "coupled"])
+def test_where_the_semantic_loss_of_a_trainer_may_go(routing):
+    clip = MemoryClip()
+    frames, _, _, targets = prepared(clip)
+    canonical, bounds = initial_gaussians(frames, None, 300, targets.basis.rank, np.random.default_rng(0))
+    model = SceneModel(FieldConfig(routing, targets.basis.rank, channels=8, resolution=8, time_resolution=4), bounds, canonical)
+    torch.manual_seed(1)
+    for parameter in model.parameters():  # zero-initialised last layers would hide a way
+        if parameter.abs().max() == 0 and parameter is not model.canonical["lifetimes"]:
+            torch.nn.init.normal_(parameter, 0, 0.02)
+    trainer = Trainer(model, frames, targets, None, TrainConfig.preset_of("quick", routing=routing, device="cpu"), lambda event: None)
+    trainer._semantic_loss(3, deform=True).backward()
+    names = {name for name, p in model.named_parameters() if p.grad is not None and bool((p.grad != 0).any())}
+    geometry = {name for name, _ in model.named_parameters() if not name.startswith(("semantic", "canonical.semantics"))}
+    assert "canonical.semantics" in names
+    assert any(name.startswith("semantic.") for name in names)
+    if routing == "isolated":
+        assert not names & geometry
+        assert any(name.startswith("semantic_planes.") for name in names)
+    else:
+        assert {"canonical.means", "canonical.log_scales", "canonical.logits"} <= names
+        assert any(name.startswith("planes.") for name in names)
