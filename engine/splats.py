@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 
@@ -28,17 +30,17 @@ class Splats:
         Latent semantic vectors (any length, d may be 0).
     """
 
-    means: Tensor
-    quats: Tensor
-    scales: Tensor
-    opacities: Tensor
-    colors: Tensor
-    semantics: Tensor
+    means: Float[Tensor, "n 3"]
+    quats: Float[Tensor, "n 4"]
+    scales: Float[Tensor, "n 3"]
+    opacities: Float[Tensor, " n"]
+    colors: Float[Tensor, "n 3"]
+    semantics: Float[Tensor, "n d"]
 
     def __len__(self) -> int:
         return self.means.shape[0]
 
-    def map(self, change) -> Splats:
+    def map(self, change: Callable[[Tensor], Tensor]) -> Splats:
         """The splats with `change` applied to every tensor."""
         return Splats(**{f.name: change(getattr(self, f.name)) for f in fields(self)})
 

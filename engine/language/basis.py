@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float, Float32
 
 #: A vector keeps at least this share of its squared length, however little it weighs: a needle covers few pixels, yet its prompt must work.
 KEPT_BY_EACH = 0.9
@@ -30,7 +31,7 @@ class Basis:
         Weighted share of the squared lengths that the subspace holds, in [0, 1].
     """
 
-    matrix: np.ndarray
+    matrix: Float32[np.ndarray, "D d"]
     energy: float
 
     @property
@@ -43,18 +44,18 @@ class Basis:
         """d."""
         return self.matrix.shape[1]
 
-    def project(self, vectors: np.ndarray) -> np.ndarray:
+    def project(self, vectors: Float[np.ndarray, "*batch D"]) -> Float32[np.ndarray, "*batch d"]:
         """Bᵀv, float32 [..., d], of vectors [..., D]. ValueError when D is not this basis's."""
         vectors = np.asarray(vectors, np.float32)
         if vectors.shape[-1] != self.dimension:
             raise ValueError(f"this basis takes vectors of length {self.dimension}, not {vectors.shape[-1]}")
         return vectors @ self.matrix
 
-    def lift(self, latents: np.ndarray) -> np.ndarray:
+    def lift(self, latents: Float[np.ndarray, "*batch d"]) -> Float32[np.ndarray, "*batch D"]:
         """Bz, float32 [..., D], of latents [..., d]."""
         return np.asarray(latents, np.float32) @ self.matrix.T
 
-    def angular_error(self, vectors: np.ndarray) -> np.ndarray:
+    def angular_error(self, vectors: Float[np.ndarray, "*batch D"]) -> Float[np.ndarray, "*batch"]:
         """The bound above, radians in [0, π/2], float64 [...], of non-zero vectors [..., D]."""
         vectors = np.asarray(vectors, np.float64)
         outside = vectors - vectors @ self.matrix.astype(np.float64) @ self.matrix.T.astype(np.float64)

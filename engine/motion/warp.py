@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
 from engine.camera import Camera
 
 
-def displacement(means_t: Tensor, means_ref: Tensor) -> Tensor:
+def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
     """Distance of every Gaussian from its place at the reference time, ‖μᵢ(t) − μᵢ(ref)‖, float [N], scene units."""
     return torch.linalg.vector_norm(means_t - means_ref, dim=-1)
 
 
-def model_flow(depth: np.ndarray, offset: np.ndarray, camera: Camera, reference: Camera) -> np.ndarray:
+def model_flow(
+    depth: Float[np.ndarray, "height width"], offset: Float[np.ndarray, "height width 3"], camera: Camera, reference: Camera
+) -> Float32[np.ndarray, "height width 2"]:
     """Where the model says that the points seen now were seen in the reference frame: π_ref(P(p) − Δ(p)) − p.
 
     Parameters
@@ -40,7 +43,12 @@ def model_flow(depth: np.ndarray, offset: np.ndarray, camera: Camera, reference:
     return flow
 
 
-def spurious(model_flow: np.ndarray, observed_flow: np.ndarray, supported: np.ndarray, tolerance: float = 1.0) -> np.ndarray:
+def spurious(
+    model_flow: Float[np.ndarray, "height width 2"],
+    observed_flow: Float[np.ndarray, "height width 2"],
+    supported: Bool[np.ndarray, "height width"],
+    tolerance: float = 1.0,
+) -> Float32[np.ndarray, "height width"]:
     """Model motion that the images contradict: max(0, ‖m(p) − o(p)‖ − tolerance), pixels.
 
     m is the model's motion projected into the image (`model_flow`), o the observed optical flow between the same two frames in the same

@@ -6,7 +6,14 @@ import cv2
 import numpy as np
 import torch
 import torch.nn.functional as F
+from jaxtyping import Float, Int
 from torch import Tensor
+
+Scalar = Float[Tensor, ""]
+Channels = Float[Tensor, "height width channels"]
+Picture = Float[Tensor, "height width 3"]
+Plane = Float[Tensor, "height width"]
+Latents = Float[Tensor, "pixels d"]
 
 WINDOW, SIGMA = 11, 1.5
 
@@ -23,7 +30,7 @@ class _Blur(torch.autograd.Function):
         return window_mean(grad)
 
 
-def window_mean(values: Tensor) -> Tensor:
+def window_mean(values: Channels) -> Channels:
     """Weighted mean over the SSIM window. On the CPU by OpenCV: a hundred times as fast as torch's convolution of single channels."""
     kernel = np.exp(-np.square(np.arange(WINDOW) - WINDOW // 2) / (2 * SIGMA**2))
     kernel /= kernel.sum()
@@ -35,7 +42,7 @@ def window_mean(values: Tensor) -> Tensor:
     return F.conv2d(planes, weights.view(1, 1, -1, 1), padding=(WINDOW // 2, 0))[:, 0].permute(1, 2, 0)
 
 
-def ssim_map(image: Tensor, target: Tensor) -> Tensor:
+def ssim_map(image: Channels, target: Channels) -> Channels:
     """Structural similarity per pixel and channel.
 
     Gaussian window 11 × 11, σ 1.5, zeros outside, C1 = 0.01², C2 = 0.03² for values in [0, 1] (Wang et al. 2004).
@@ -54,7 +61,7 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     return (2 * mx * my + 1e-4) * (2 * cov + 9e-4) / ((mx * mx + my * my + 1e-4) * (vx + vy + 9e-4))
 
 
-def photometric(image: Tensor, target: Tensor, valid: Tensor, ssim: float) -> Tensor:
+def photometric(image: Picture, target: Picture, valid: Plane, ssim: float) -> Scalar:
     """(1 − w)·L1 + w·(1 − SSIM), averaged over valid pixels.
 
     Invalid pixels are shown to the SSIM window as the target, so that they carry no error into their valid neighbours.
@@ -73,7 +80,7 @@ def photometric(image: Tensor, target: Tensor, valid: Tensor, ssim: float) -> Te
     return loss
 
 
-def inverse_depth(depth: Tensor, alpha: Tensor, target: Tensor, valid: Tensor) -> Tensor:
+def inverse_depth(depth: Plane, alpha: Plane, target: Plane, valid: Plane) -> Scalar:
     """Mean |1/z − 1/z*| over valid pixels that have a depth and are covered.
 
     Parameters
@@ -89,7 +96,7 @@ def inverse_depth(depth: Tensor, alpha: Tensor, target: Tensor, valid: Tensor) -
     return (error * weight).sum() / weight.sum().clamp_min(1)
 
 
-def angular(latent: Tensor, target: Tensor) -> Tensor:
+def angular(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
     """1 − ⟨ṽ_pred, ṽ_gt⟩ per pixel (Eq. 3). A zero vector scores 1 and has a finite gradient.
 
     Parameters
@@ -99,12 +106,12 @@ def angular(latent: Tensor, target: Tensor) -> Tensor:
     return 1 - (unit(latent) * unit(target)).sum(-1)
 
 
-def unit(vectors: Tensor) -> Tensor:
+def unit(vectors: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
     """v / √(‖v‖² + ε²): unit length for anything longer than ε = 1e-4, finite forwards and backwards at zero."""
     return vectors * torch.rsqrt(vectors.square().sum(-1, keepdim=True) + 1e-8)
 
 
-def region_smoothness(latent: Tensor, regions: Tensor, count: int) -> Tensor:
+def region_smoothness(latent: Latents, regions: Int[Tensor, " pixels"], count: int) -> Scalar:
     """L_smooth = E_R[ (1/|R|) Σ_{p∈R} ‖v_pred(p) − v̄_R‖₁ ] (paper §2.3).
 
     Parameters
@@ -121,7 +128,7 @@ def region_smoothness(latent: Tensor, regions: Tensor, count: int) -> Tensor:
     return inside.sum() / (size > 0).sum().clamp_min(1)
 
 
-def rigidity(displacement: Tensor, neighbours: Tensor, weights: Tensor) -> Tensor:
+def rigidity(displacement: Float[Tensor, "n 3"], neighbours: Int[Tensor, "n k"], weights: Float[Tensor, "n k"]) -> Scalar:
     """Mean weighted ‖Δμ_i − Δμ_j‖ over neighbour pairs: tissue moves together with what it hangs on.
 
     Parameters
