@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from app.terminal import Steps
 from engine.errors import DegenseError, PromptError
 
 if TYPE_CHECKING:
+    from engine.layers import LayerRequest
     from engine.scene import Scene
 
 
@@ -43,12 +44,13 @@ class ExportOptions:
     layer: str = "rgb"
     span: tuple[float, float] | None = None
 
-    def layer_request(self, frame: float, **changes):
+    def layer_request(self, frame: float) -> LayerRequest:
         """The request for a layer at a frame with these settings; what is None keeps the layers' default."""
         from engine.layers import LayerRequest
 
-        given = {"decoder": self.decoder, "threshold": self.threshold, **changes}
-        return LayerRequest(frame=frame, prompts=self.prompts, **{key: value for key, value in given.items() if value is not None})
+        request = LayerRequest(frame, prompts=self.prompts)
+        threshold = request.threshold if self.threshold is None else self.threshold
+        return replace(request, decoder=self.decoder or request.decoder, threshold=threshold)
 
 
 def export_ply(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
@@ -88,7 +90,8 @@ def export_coco(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
     """One COCO file; each class in each frame is an annotation with an uncompressed run-length mask."""
     classes = _classes(scene, options)
     width, height = scene.clip_size
-    images, annotations = [], []
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
     for frame, labels in _label_maps(scene, classes, options):
         yield frame / scene.frames, f"frame {frame}"
         images.append({"id": frame, "file_name": f"{frame:06d}.png", "width": width, "height": height})
@@ -184,7 +187,7 @@ def _classes(scene: Scene, options: ExportOptions) -> tuple[str, ...]:
     return classes
 
 
-def _label_maps(scene: Scene, classes: tuple[str, ...], options: ExportOptions):
+def _label_maps(scene: Scene, classes: tuple[str, ...], options: ExportOptions) -> Iterator[tuple[int, np.ndarray]]:
     """Pairs of a frame and its uint8 [H, W] label map over `classes`."""
     check_decoder(options.decoder)
     vectors = scene.vectors(classes)

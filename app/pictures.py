@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING
 
 import cv2
@@ -123,7 +124,7 @@ class Movie:
                 raise DegenseError(f"{self._path}: this build of OpenCV cannot write .mp4 files; export PNG frames instead.")
         self._writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
-    def __exit__(self, *exception: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._writer is not None:
             self._writer.release()
-        self._place.__exit__(*exception)
+        self._place.__exit__(kind, error, trace)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,7 @@ class ProbeMaps:
         return rows
 
 
-def probe_maps(scene: Scene, frame: int) -> Steps[ProbeMaps]:
+def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps]:
     """The maps of a frame. Yields what is there as it grows; returns all."""
     from engine.layers import LayerRequest
 

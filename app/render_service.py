@@ -139,11 +139,10 @@ class _Worker(QThread):
         try:
             while True:
                 replaced, self._replaced = self._replaced, []
-                for task in replaced:
-                    self._close(task)
+                ending = [*replaced, *self._tasks.values()] if self._stopping else replaced
+                for old in ending:
+                    self._close(old)
                 if self._stopping:
-                    for task in self._tasks.values():
-                        self._close(task)
                     return "", None
                 for channel, task in self._tasks.items():
                     if task is not None:

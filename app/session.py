@@ -43,7 +43,7 @@ class Session:
         self.playing_changed: Signal[[bool]] = Signal()
         self.look_changed: Signal[[Look, Look]] = Signal()
         self.camera_mode_changed: Signal[[str]] = Signal()
-        self.probe_changed: Signal[[object]] = Signal()
+        self.probe_changed: Signal[[tuple[float, float] | None]] = Signal()
         self.dirty_changed: Signal[[bool]] = Signal()
         self.scene: Scene | None = None
         self.clip: Clip | None = None

@@ -77,7 +77,7 @@ class TrainingProcess(QObject):
 
     Signals
     -------
-    event(dict)
+    told(event)
         Each event (docs/architecture.md) as it comes.
     finished(run path)
         Training is complete.
@@ -89,7 +89,7 @@ class TrainingProcess(QObject):
     Exactly one of the last three is emitted.
     """
 
-    event = Signal(dict)
+    told = Signal(dict)
     finished = Signal(str)
     stopped = Signal()
     failed = Signal(str)
@@ -162,7 +162,7 @@ class TrainingProcess(QObject):
             self._message = str(event.get("message", "Training failed."))
         elif kind == "stopped":
             self._stopping = True
-        self.event.emit(event)
+        self.told.emit(event)
 
     def _read_complaints(self) -> None:
         for text in bytes(self._process.readAllStandardError().data()).decode("utf-8", "replace").splitlines():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from app.look import Look
 from app.pictures import get_layer
-from app.terminal import Steps
 from engine.colour_maps import colourise, mask_overlay
 from engine.errors import DegenseError
 
@@ -95,7 +94,7 @@ def layer_request(look: Look, frame: float) -> LayerRequest:
     return LayerRequest(frame=frame, prompts=texts, threshold=look.threshold, decoder=look.decoder)
 
 
-def draw_view(scene: Scene, request: ViewRequest) -> Steps[View]:
+def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
     """Draw an instant. Yields the view without masks as soon as it is there; returns it with them."""
     from engine.layers import layer_range
     from engine.layers.colour import colourise as layer_colours
@@ -132,10 +131,12 @@ def draw_view(scene: Scene, request: ViewRequest) -> Steps[View]:
 
 
 def splat_arrays(scene: Scene, layer: Layer, query: LayerRequest, look: Look, span: tuple[float, float] | None, cmap: str) -> SplatArrays:
-    """The Gaussians of an instant in the layer's colours."""
+    """The Gaussians of an instant in the layer's colours, tinted where a visible prompt finds them."""
     splats = scene.splats(query.frame)
     values = layer.splats(scene, query)
     if layer.kind == "colour":
+        if query.prompts and look.masks_shown:
+            values = tinted(values, get_layer("mask").splats(scene, query), look)
         colours = (values.clip(0, 1) * 255 + 0.5).astype(np.uint8)
     elif layer.kind == "mask":
         colours = mask_colours(look)[values]
@@ -143,6 +144,12 @@ def splat_arrays(scene: Scene, layer: Layer, query: LayerRequest, look: Look, sp
         colours = colourise(values, cmap, *(span or (0.0, 1.0)))
     means, quats, scales, opacities = (tensor.cpu().numpy() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
     return SplatArrays(means, quats, scales, opacities, colours)
+
+
+def tinted(colours: np.ndarray, found: np.ndarray, look: Look) -> np.ndarray:
+    """Colours [N, 3] in [0, 1] mixed with those of the prompts that found each Gaussian (`found` [N]: 0 none, k the k-th)."""
+    share = np.where(found > 0, MASK_FILL * look.overlay_opacity, 0.0)[:, None]
+    return colours * (1 - share) + mask_colours(look)[found] / 255 * share
 
 
 def mask_colours(look: Look) -> np.ndarray:
@@ -157,9 +164,10 @@ def prompt_masks(scene: Scene, frame: float, texts: Sequence[str], decoder: str 
     """The mask of each text, bool [H, W]. None leaves decoder and threshold to the layers."""
     from engine.layers import LayerRequest
 
-    given = {key: value for key, value in (("decoder", decoder), ("threshold", threshold)) if value is not None}
+    request = LayerRequest(frame)
+    request = replace(request, decoder=decoder or request.decoder, threshold=request.threshold if threshold is None else threshold)
     layer = get_layer("mask")
-    return [layer.image(scene, LayerRequest(frame=frame, prompts=(text,), **given)).values.astype(bool) for text in texts]
+    return [layer.image(scene, replace(request, prompts=(text,))).values.astype(bool) for text in texts]
 
 
 def draw_clip(clip: Clip, frame: int) -> View:

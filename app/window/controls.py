@@ -8,7 +8,7 @@ from typing import get_args
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
 
-from app.look import ColourRange, Look, RangeMode
+from app.look import Colour, ColourRange, Look, RangeMode
 from app.pictures import get_layer
 from app.session import Session
 from app.settings import SettingsFile
@@ -43,6 +43,7 @@ class Controls(QObject):
         parts.timeline.set_marks(clip.test_frames if clip else (), clip.labelled_frames if clip else ())
         for dock in (parts.layers_dock, parts.prompts_dock, parts.probe_dock):
             dock.setEnabled(scene is not None)
+        parts.colour_bar.hide()  # until a layer of numbers is shown
         parts.prompts.clear()
         self._texts.clear()
         if scene is not None:
@@ -99,7 +100,7 @@ class Controls(QObject):
         session, bar = self.session, self.parts.prompts
         bar.prompt_added.connect(self._prompt_added)
         bar.prompt_removed.connect(self._prompt_removed)
-        bar.prompt_toggled.connect(lambda number, visible: self._answered(number) and session.set_visible(self._texts[number], visible))
+        bar.prompt_toggled.connect(self._prompt_toggled)
         bar.prompt_recoloured.connect(self._recoloured)
         bar.threshold_changed.connect(session.set_threshold)
         bar.decoder_changed.connect(session.set_decoder)
@@ -114,7 +115,7 @@ class Controls(QObject):
         colour = next(prompt.colour for prompt in bar.prompts() if prompt.id == number)
         self._texts[number] = text
         try:
-            self.session.add_prompt(text, colour.toTuple()[:3])
+            self.session.add_prompt(text, rgb(colour))
         except DegenseError as error:
             bar.set_error(number, str(error))
 
@@ -124,14 +125,18 @@ class Controls(QObject):
             self.session.remove_prompt(text)
         self._texts.pop(number, None)
 
+    def _prompt_toggled(self, number: int, visible: bool) -> None:
+        if self._answered(number):
+            self.session.set_visible(self._texts[number], visible)
+
     def _recoloured(self, number: int, colour: QColor) -> None:
         if self._answered(number):
-            self.session.set_colour(self._texts[number], colour.toTuple()[:3])
+            self.session.set_colour(self._texts[number], rgb(colour))
 
     def _show_prompts(self, look: Look) -> None:
         """Make the chips those of the look. Chips that could not be answered stay until the next change of the list."""
         bar = self.parts.prompts
-        shown = [(prompt.text, prompt.colour.toTuple()[:3], prompt.visible) for prompt in bar.prompts() if not prompt.error]
+        shown = [(prompt.text, rgb(prompt.colour), prompt.visible) for prompt in bar.prompts() if not prompt.error]
         wanted = [(prompt.text, prompt.colour, prompt.visible) for prompt in look.prompts]
         if [(text.casefold(), *rest) for text, *rest in shown] != [(text.casefold(), *rest) for text, *rest in wanted]:
             bar.clear()
@@ -157,3 +162,7 @@ class Controls(QObject):
         layer = self.session.look.layer
         chosen: ColourRange = replace(self.session.look.range(layer), **changes)  # type: ignore[arg-type]
         self.session.set_range(layer, chosen)
+
+
+def rgb(colour: QColor) -> Colour:
+    return colour.red(), colour.green(), colour.blue()

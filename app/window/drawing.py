@@ -45,13 +45,14 @@ class Drawing(QObject):
         session.opened.connect(self._opened)
         session.frame_changed.connect(lambda frame: self.request())
         session.look_changed.connect(lambda before, after: self.request())
-        session.playing_changed.connect(lambda playing: playing or self.request())
+        session.playing_changed.connect(self._playing_changed)
         session.camera_mode_changed.connect(lambda mode: self._aim(force=True))
 
     def use_splat_view(self) -> None:
         """The 3D view is there now."""
         assert self.parts.splats is not None
         self.parts.splats.locked_changed.connect(self._locked_changed)
+        self.parts.splats.setVisible(self.session.scene is not None)
         self.request()
 
     def request(self) -> None:
@@ -60,12 +61,16 @@ class Drawing(QObject):
         self._asked = time.perf_counter()
         if session.scene is not None:
             scene, look = session.scene, session.look
-            splats = self.parts.splats is not None and self.parts.splats.isVisible()
+            splats = self.parts.splats is not None and not self.parts.splats.isHidden()
             wanted = ViewRequest(session.frame, look, self._span(scene, look), splats, quick=session.playing)
             self.service.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
             clip, frame = session.clip, session.frame
             self.service.submit("view", lambda: draw_clip(clip, frame), self._show, self._failed)
+
+    def _playing_changed(self, playing: bool) -> None:
+        if not playing:
+            self.request()  # with the exact masks
 
     def _opened(self) -> None:
         self._spans.clear()
@@ -74,6 +79,8 @@ class Drawing(QObject):
         self.parts.panel.set_overlay(None)
         self.parts.panel.set_observed(None)
         self.parts.panel.clear_marker()
+        if self.parts.splats is not None:
+            self.parts.splats.setVisible(self.session.scene is not None)
         if self.session.frames == 0:
             self.parts.panel.set_image(None)
             self.parts.panel.set_message(WELCOME)

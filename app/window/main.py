@@ -119,11 +119,13 @@ class MainWindow(QMainWindow):
     def _start_splat_view(self) -> None:
         """Add the 3D view at once, or after the first picture when something is being opened: loading VTK would hold that up."""
         if self.service.busy("open"):
-            once = Qt.ConnectionType.QueuedConnection | Qt.ConnectionType.SingleShotConnection
-            self.drawing.shown.connect(self._add_splat_view, once)
-            self.opening.failed.connect(self._add_splat_view, once)
+            for signal in (self.drawing.shown, self.opening.failed):
+                signal.connect(self._soon, Qt.ConnectionType.SingleShotConnection)
         else:
             self._add_splat_view()
+
+    def _soon(self) -> None:
+        QTimer.singleShot(20, self._add_splat_view)  # after the picture has been painted
 
     def _add_splat_view(self) -> None:
         if self.parts.splats is None and self.isVisible():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QObject
@@ -47,7 +48,7 @@ class Menus(QObject):
         def fill() -> None:
             recent.clear()
             for text in settings.value.recent:
-                recent.addAction(text, lambda text=text: open_path(Path(text)))
+                recent.addAction(text, partial(open_path, Path(text)))
             if not settings.value.recent:
                 recent.addAction("Nothing yet").setEnabled(False)
 

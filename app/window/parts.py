@@ -56,6 +56,7 @@ class Parts(QObject):
         self.timeline = Timeline()
         self.layers = LayerList()
         self.colour_bar = ColourBar()
+        self.colour_bar.hide()
         self.prompts = PromptBar()
         self.probe = ProbePanel()
         self.similarity = CurvePlot()

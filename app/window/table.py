@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from app.actions import Action, ActionRegistry
@@ -57,7 +58,7 @@ def _file(registry: ActionRegistry, window: MainWindow) -> None:
             group=1,
         ),
         *(
-            Action(f"export.{name}", f"{entry.title}…", lambda name=name: exporting.ask(name), export, (), has_scene, group=1)
+            Action(f"export.{name}", f"{entry.title}…", partial(exporting.ask, name), export, (), has_scene, group=1)
             for name, entry in FORMATS.items()
         ),
         Action("export.stop", "Stop exporting", exporting.cancel, export, (), lambda: window.service.busy("export"), group=2),
@@ -107,6 +108,12 @@ def _view(registry: ActionRegistry, window: MainWindow) -> None:
     def can_compare() -> bool:
         return session.scene is not None and session.scene.clip is not None
 
+    def is_shown(layer: str) -> bool:
+        return session.scene is not None and session.look.layer == layer
+
+    def is_compared(name: str) -> bool:
+        return session.look.compare == name
+
     def toggle_camera() -> None:
         session.camera_mode = "free" if session.camera_mode == "surgeon" else "surgeon"
 
@@ -118,11 +125,11 @@ def _view(registry: ActionRegistry, window: MainWindow) -> None:
             Action(
                 f"layer.{name}",
                 title,
-                lambda name=name: session.set_layer(name),
+                partial(session.set_layer, name),
                 ("View", "Layer"),
                 (str(number),),
-                lambda name=name: can_show(name),
-                lambda name=name: session.scene is not None and session.look.layer == name,
+                partial(can_show, name),
+                partial(is_shown, name),
             )
             for number, (name, title) in enumerate(LAYER_KEYS, 1)
         ),
@@ -130,11 +137,11 @@ def _view(registry: ActionRegistry, window: MainWindow) -> None:
             Action(
                 f"compare.{name}",
                 title,
-                lambda name=name: session.set_compare(name),
+                partial(session.set_compare, name),
                 ("View", "Compare"),
                 (),
                 can_compare,
-                lambda name=name: session.look.compare == name,
+                partial(is_compared, name),
                 help="recorded frame",
             )
             for name, title in COMPARES

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 from app.session import Session
@@ -83,13 +83,14 @@ class Training(QObject):
     def start(self, job: TrainingJob) -> None:
         """Train in a process of its own."""
         process = TrainingProcess(job, self)
-        process.event.connect(self._take)
+        process.told.connect(self._take)
         process.finished.connect(self._finished)
         process.stopped.connect(self._stopped)
         process.failed.connect(self._failed)
         self.process = process
         self.parts.monitor_dock.show()
         self.parts.monitor_dock.raise_()
+        self.parts.window.resizeDocks([self.parts.monitor_dock], [280], Qt.Orientation.Vertical)
         self.parts.monitor.start(f"{job.clip.name} → {job.out.name}")
         process.start()
         self.changed.emit()

@@ -49,11 +49,13 @@ def scene(run: Path):
 
 
 @pytest.fixture
-def window(qtbot, tmp_path: Path):
+def window(qtbot, qapp, tmp_path: Path):
     """The window, empty and on the screen, with its 3D view."""
     from app.settings import SettingsFile
     from app.window.main import MainWindow
+    from widgets.theme import apply_theme
 
+    apply_theme(qapp, "dark")
     window = MainWindow(SettingsFile(tmp_path / "settings.json"))
     qtbot.addWidget(window)
     with qtbot.waitSignal(window.ready, timeout=20_000):

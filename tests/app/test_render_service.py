@@ -34,9 +34,10 @@ def answers() -> Answers:
 
 
 def test_only_the_last_request_is_answered(qtbot, service, answers):
-    gate = threading.Event()
+    gate, busy = threading.Event(), threading.Event()
     drawn: list[int] = []
-    service.submit("urgent", gate.wait, *answers.listen())
+    service.submit("urgent", lambda: (busy.set(), gate.wait()), *answers.listen())
+    assert busy.wait(5)
     for number in range(50):
         service.submit("urgent", lambda number=number: drawn.append(number) or number, *answers.listen())
     gate.set()

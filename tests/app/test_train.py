@@ -49,7 +49,7 @@ def test_train_and_cancel(qtbot, with_clip, tmp_path, screenshot, monkeypatch):
     dialog.accept()
     training, monitor = with_clip.training, with_clip.parts.monitor
     progress: list[dict] = []
-    training.process.event.connect(lambda event: progress.append(event) if event["event"] in ("progress", "preview") else None)
+    training.process.told.connect(lambda event: progress.append(event) if event["event"] in ("progress", "preview") else None)
     assert monitor.state() == "running"
     assert not with_clip.menus.actions["train.start"].isEnabled()
     qtbot.waitUntil(lambda: sum(event["event"] == "progress" for event in progress) >= 2, timeout=90_000)

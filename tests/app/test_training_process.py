@@ -24,7 +24,7 @@ def child(qtbot, qapp):
     def child(code: str) -> tuple[TrainingProcess, list[tuple[str, object]]]:
         process = TrainingProcess(JOB, command=[sys.executable, "-u", "-c", code])
         heard: list[tuple[str, object]] = []
-        process.event.connect(lambda event: heard.append(("event", event)))
+        process.told.connect(lambda event: heard.append(("event", event)))
         process.finished.connect(lambda run: heard.append(("finished", run)))
         process.stopped.connect(lambda: heard.append(("stopped", None)))
         process.failed.connect(lambda message: heard.append(("failed", message)))

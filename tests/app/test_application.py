@@ -1,0 +1,30 @@
+"""The program as a user starts and stops it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+
+def test_it_starts_with_a_run_and_ctrl_c_closes_it(run, own_folders):
+    log = Path(os.environ["XDG_STATE_HOME"])
+    process = subprocess.Popen([sys.executable, "-m", "app", run], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not list(log.rglob("degense.log")) or not list(Path(os.environ["XDG_CONFIG_HOME"]).rglob("settings.json")):
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 0, err
+    assert "Traceback" not in err
+    [settings] = Path(os.environ["XDG_CONFIG_HOME"]).rglob("settings.json")
+    assert str(run) in settings.read_text()
+    [text] = [path.read_text() for path in log.rglob("degense.log")]
+    assert "ERROR" not in text
+    assert "WARNING" not in text
