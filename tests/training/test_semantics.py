@@ -59,7 +59,7 @@ def test_targets_say_what_the_labels_say_at_the_working_size():
 def test_what_is_invalid_or_unlabelled_carries_nothing(seed):
     """Whatever the latents are there, loss and gradient stay the same."""
     clip = MemoryClip()
-    frames, _, _, targets = prepared(clip)
+    *_, targets = prepared(clip)
     spoken = (clip.labels(2) != UNLABELLED) & clip.valid(2)
     generator = torch.Generator().manual_seed(seed)
     latent = torch.randn((40, 48, targets.basis.rank), generator=generator)
@@ -73,7 +73,7 @@ def test_what_is_invalid_or_unlabelled_carries_nothing(seed):
 
 
 def test_rare_classes_weigh_more_and_the_mean_weight_is_one():
-    frames, _, _, targets = prepared(MemoryClip())
+    *_, targets = prepared(MemoryClip())
     for frame in targets.frames:
         target = targets._targets[frame]
         assert target.weight.mean() == pytest.approx(1, abs=1e-5)
@@ -85,7 +85,7 @@ def test_rare_classes_weigh_more_and_the_mean_weight_is_one():
 
 
 def test_the_loss_is_the_weighted_angle():
-    frames, _, _, targets = prepared(MemoryClip())
+    *_, targets = prepared(MemoryClip())
     target = targets._targets[3]
     latent = torch.randn((40, 48, targets.basis.rank), generator=torch.Generator().manual_seed(3))
     flat, total, counts = latent.view(-1, targets.basis.rank).numpy(), 0.0, np.bincount(target.index.numpy())

@@ -1,0 +1,116 @@
+"""Scores of a tiny real run: the promised keys, the protocol, clips that lack things or do not fit."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from engine.errors import ClipError
+from engine.masks import DECODERS
+from engine.metrics.evaluate import evaluate
+from tests.fakes import MemoryClip
+
+#: What `degense eval --json` promises to outside scripts.
+ALWAYS = {"psnr_mask", "psnr_masked_product", "psnr_full", "ssim", "lpips", "train_seconds", "gaussians", "render_fps", "query_ms"}
+WITH_TRUTH = {"miou", "displacement_error", "displacement_correlation", "spurious_displacement"}
+
+
+@pytest.fixture(scope="module")
+def scores(scene, clip):
+    return evaluate(scene, clip)
+
+
+def without(clip, **answers):
+    """The clip, some of whose methods answer otherwise."""
+
+    class Changed(type(clip)):
+        pass
+
+    for name, answer in answers.items():
+        setattr(Changed, name, answer)
+    copy = dataclasses.replace(clip)
+    copy.__class__ = Changed
+    return copy
+
+
+def test_every_promised_key_is_there_and_can_be_written(scores):
+    assert set(scores) >= ALWAYS | WITH_TRUTH
+    assert json.loads(json.dumps(scores)) == scores
+    for name in (ALWAYS | WITH_TRUTH) - {"lpips", "miou"}:
+        assert np.isfinite(scores[name]), name
+    assert set(scores["miou"]) == set(DECODERS)
+    assert all(0 <= value <= 1 for value in scores["miou"].values())
+    for name in ("render_fps", "query_ms", "query_new_frame_ms", "train_seconds"):
+        assert scores[name] > 0
+
+
+def test_numbers_are_those_of_the_run(scores, scene, clip):
+    assert scores["gaussians"] == len(scene.model)
+    assert scores["train_seconds"] == scene.run.info["train_seconds"]
+    assert (scores["run"], scores["clip"], scores["unit"]) == ("run", "clip", "mm")
+    assert (scores["routing"], scores["preset"]) == ("isolated", "quick")
+    assert scores["frames"] == clip.test_frames == [1]
+    error = (scene.picture(1).astype(np.float64) - clip.frame(1)) / 255
+    assert scores["psnr_mask"] == pytest.approx(10 * np.log10(1 / np.mean(error**2)), abs=1e-6)
+    truth = clip.truth()
+    wrong, moved = [], []
+    for i in range(len(clip)):
+        predicted, right = scene.render(i, None, ("displacement",))["displacement"], np.linalg.norm(truth.displacement[i], axis=-1)
+        known = np.isfinite(predicted) & np.isfinite(right)
+        wrong.append(np.abs(predicted - right)[known])
+        moved.append(np.stack([predicted[known], right[known]]))
+    assert scores["displacement_error"] == pytest.approx(np.concatenate(wrong).mean(), rel=1e-4)
+    assert scores["displacement_correlation"] == pytest.approx(np.corrcoef(np.concatenate(moved, 1))[0, 1], abs=1e-4)
+
+
+def test_pictures_and_masks_come_from_held_out_frames_only(scene, clip):
+    asked = {"frame": [], "labels": []}
+
+    def watch(name):
+        real = getattr(type(clip), name)
+
+        def method(self, index):
+            asked[name].append(index)
+            return real(self, index)
+
+        return method
+
+    result = evaluate(scene, without(clip, frame=watch("frame"), labels=watch("labels")))
+    assert asked["frame"] == clip.test_frames
+    assert set(asked["labels"]) == set(clip.test_frames)
+    assert result["held_out"] is True
+    assert result["mask_frames"] == clip.test_frames
+    assert result["mask_frames_trained"] == []
+
+
+def test_a_clip_whose_labels_were_all_trained_on_says_so(scene, clip):
+    result = evaluate(scene, without(clip, labelled_frames=property(lambda self: [4])))
+    assert result["mask_frames"] == [4]
+    assert result["mask_frames_trained"] == [4]
+
+
+def test_nothing_is_scored_without_an_answer(scene, speechless, clip):
+    bare = without(clip, labelled_frames=property(lambda self: []), labels=lambda self, index: None, truth=lambda self: None)
+    result = evaluate(scene, bare)
+    assert set(result) >= ALWAYS
+    assert not set(result) & (WITH_TRUTH | {"masks"})
+    mute = evaluate(speechless, clip)
+    assert set(mute) >= ALWAYS - {"query_ms"} | WITH_TRUTH - {"miou"}
+    assert not set(mute) & {"miou", "masks"}
+
+
+@pytest.mark.parametrize(("frames", "width"), [(9, 48), (8, 64)])
+def test_another_clip_is_refused_in_one_sentence(scene, frames, width):
+    with pytest.raises(ClipError, match=rf"{frames} frames of \({width}, 48\), but run was trained on 9 of \(64, 48\)") as caught:
+        evaluate(scene, MemoryClip(frames, width, 48))
+    assert "\n" not in str(caught.value)
+
+
+def test_progress_never_goes_back(scene, clip):
+    told = []
+    evaluate(scene, clip, lambda fraction, message: told.append((fraction, message)))
+    fractions = [fraction for fraction, _ in told]
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] <= fractions[-1] <= 1
+    assert {"comparing pictures", "comparing masks", "comparing motion", "measuring speed"} == {message for _, message in told}

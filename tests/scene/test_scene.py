@@ -1,0 +1,233 @@
+"""An opened run: its facts, its states in time, its pictures, its caches, its clip."""
+
+import dataclasses
+import json
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from engine.camera import Camera
+from engine.errors import DegenseError, PromptError, RunError
+from engine.raster import rasterize
+from engine.scene import CHANNELS, Cache, Scene
+
+
+@pytest.fixture
+def fresh(scene):
+    """The run with empty caches."""
+    return Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip)
+
+
+def copied(scene, tmp_path, **changes):
+    """A copy of the run folder beside a link to its clip, with changes to run.json."""
+    shutil.copytree(scene.run.path, tmp_path / "copy")
+    shutil.copytree(scene.clip.path, tmp_path / "clip")
+    file = tmp_path / "copy" / "run.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+    return tmp_path / "copy"
+
+
+def test_facts(scene, clip):
+    assert scene.name == "run"
+    assert scene.frames == len(clip) == 9
+    assert scene.clip_size == clip.size == (64, 48)
+    assert scene.classes == clip.classes
+    assert scene.unit == "mm"
+    assert scene.fps == clip.fps
+    assert scene.reference_frame == clip.train_frames[0]
+    assert scene.has_semantics
+    assert [scene.time(i) for i in range(9)] == [clip.time(i) for i in range(9)]
+    assert scene.time(2.5) == clip.time(2.5)
+    assert np.array_equal(scene.observed(4), clip.frame(4))
+    assert np.array_equal(scene.labels(4), clip.labels(4))
+    for a, b in zip(scene.cameras, clip.cameras, strict=True):
+        assert np.allclose([a.fx, a.fy, a.cx, a.cy], [b.fx, b.fy, b.cx, b.cy])
+        assert np.allclose(a.viewmat, b.viewmat)
+    assert scene.camera(3.4) is scene.cameras[3]
+    assert scene.camera(-5) is scene.cameras[0]
+    assert scene.camera(99) is scene.cameras[8]
+
+
+def test_states_are_the_models_in_the_clips_unit(fresh):
+    for frame in (0, 3, 4.5):
+        splats = fresh.splats(frame)
+        with torch.no_grad():
+            model = fresh.model.at(fresh.time(frame)).splats
+        unit = fresh.run.info["unit"]
+        assert torch.allclose(splats.means * unit, model.means, atol=1e-5)
+        assert torch.allclose(splats.scales * unit, model.scales, rtol=1e-4)
+        for name in ("quats", "opacities", "colors", "semantics"):
+            assert torch.equal(getattr(splats, name), getattr(model, name)), name
+        assert not splats.means.requires_grad
+    assert fresh.splats(3) is fresh.splats(3)
+
+
+def test_one_pass_draws_what_single_passes_draw(fresh):
+    together = fresh.render(5, what=CHANNELS)
+    assert set(together) == {"alpha", *CHANNELS}
+    shapes = {"rgb": (48, 64, 3), "depth": (48, 64), "displacement": (48, 64), "motion": (48, 64, 2), "alpha": (48, 64)}
+    shapes["latent"] = (48, 64, fresh.basis.rank)
+    for name in CHANNELS:
+        alone = fresh.draw(5, fresh.camera(5), (name,))[name]
+        assert alone.shape == together[name].shape == shapes[name]
+        assert alone.dtype == np.float32
+        np.testing.assert_allclose(alone, together[name], atol=1e-4)
+    with pytest.raises(ValueError, match="'heat'"):
+        fresh.render(5, what=("rgb", "heat"))
+
+
+def test_channels_agree_with_the_rasterizer(fresh):
+    camera, splats = fresh.camera(5), fresh.splats(5)
+    place = splats.means, splats.quats, splats.scales, splats.opacities
+    z = splats.means[:, 2:]  # the camera stands at the origin
+    reference = fresh.splats(fresh.reference_frame).means
+    pixels = [torch.from_numpy(camera.project(m.numpy().astype(np.float64))[0]).float() for m in (splats.means, reference)]
+    drawn = rasterize(*place, torch.cat([splats.colors, z, pixels[1] - pixels[0]], 1), camera, backend="reference")
+    image, alpha = drawn.image.numpy(), drawn.alpha.numpy()
+    ours = fresh.render(5, what=CHANNELS)
+    sure = alpha > 0.55
+    assert sure.mean() > 0.95
+    np.testing.assert_allclose(ours["rgb"], image[..., :3].clip(0, 1), atol=5e-3)
+    np.testing.assert_allclose(ours["depth"][sure], (image[..., 3] / alpha)[sure], rtol=5e-3)
+    np.testing.assert_allclose(ours["motion"][sure], (image[..., 4:] / alpha[..., None])[sure], atol=0.05)
+
+
+def test_motion_leads_back_to_the_reference_frame(fresh):
+    assert np.nanmax(np.abs(fresh.render(fresh.reference_frame, what=("motion",))["motion"])) == 0
+    motion, depth = (fresh.render(8, what=(name,))[name] for name in ("motion", "displacement"))
+    assert np.isfinite(motion).mean() > 0.9
+    # a displacement d at depth z moves a pixel by no more than about f · d / z, seen from the side
+    z = fresh.render(8, what=("depth",))["depth"]
+    sideways = np.linalg.norm(motion, axis=-1)
+    assert np.nanquantile(sideways - 1.5 * fresh.camera(0).fx * depth / z, 0.99) < 0.2
+
+
+def test_motion_of_a_moving_camera_is_measured_from_the_cameras_of_both_frames(fresh):
+    cameras = [dataclasses.replace(camera, viewmat=camera.viewmat.copy()) for camera in fresh.cameras]
+    for index, camera in enumerate(cameras):
+        camera.viewmat[0, 3] = 2.0 * index
+    fresh.cameras = cameras
+    frame, start = 4, fresh.reference_frame
+    motion = fresh.draw(frame, fresh.camera(frame), ("motion",))["motion"]
+    points = [fresh.splats(i).means.numpy().astype(np.float64) for i in (frame, start)]
+    expected = cameras[start].project(points[1])[0] - cameras[frame].project(points[0])[0]
+    assert np.nanmedian(motion[..., 0]) == pytest.approx(np.median(expected[:, 0]), abs=0.5)
+    # seen by a camera of the user's, which does not move, only the tissue's own motion is left
+    still = fresh.draw(frame, cameras[frame].scaled(1.0), ("motion",))["motion"]
+    assert abs(np.nanmedian(still[..., 0])) < 0.3 * abs(np.nanmedian(motion[..., 0]))
+
+
+def test_pictures_of_the_surgeons_view_are_kept_and_others_are_not(fresh):
+    assert fresh.render(3) is fresh.render(3)
+    assert fresh.render(3) is not fresh.render(4)
+    camera = fresh.camera(3).scaled(0.5)
+    assert fresh.render(3, camera) is not fresh.render(3, camera)
+    assert fresh.render(3, camera)["rgb"].shape == (24, 32, 3)
+    assert fresh.query(3) is fresh.query(3)
+    assert fresh.query(3, camera) is not fresh.query(3, camera)
+    picture = fresh.picture(3)
+    assert picture.dtype == np.uint8
+    assert np.abs(picture / 255 - fresh.render(3)["rgb"]).max() <= 0.5 / 255 + 1e-6
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_cache_holds_the_latest_within_its_bytes(seed):
+    random = np.random.default_rng(seed)
+    cache, order, sizes, made = Cache(100), [], {}, []
+
+    def make(key):
+        made.append(key)
+        return key
+
+    for _ in range(300):
+        key = int(random.integers(12))
+        size = sizes.setdefault(key, int(random.integers(1, 60)))
+        known, before = key in order, len(made)
+        assert cache.get(key, lambda key=key: make(key), lambda _, size=size: size) == key
+        assert (len(made) > before) == (not known)
+        if known:
+            order.remove(key)
+        order.append(key)
+        while sum(sizes[k] for k in order) > 100 and len(order) > 1:
+            order.pop(0)
+        assert list(cache._held) == order
+        assert cache.size == sum(sizes[k] for k in order)
+
+
+def test_the_newest_value_is_kept_even_when_it_is_too_large():
+    cache = Cache(10)
+    cache.get("a", lambda: 1, lambda _: 5)
+    cache.get("b", lambda: 2, lambda _: 50)
+    assert list(cache._held) == ["b"]
+
+
+def test_prompts_need_semantics_and_known_words(scene, speechless):
+    vectors = scene.vectors(("liver", "gallbladder"))
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1, atol=1e-5)
+    with pytest.raises(PromptError):
+        scene.vectors(("xyzzyqq",))
+    for ask in (
+        lambda: speechless.vectors(("liver",)),
+        lambda: speechless.meanings("liver"),
+        lambda: speechless.query(0),
+        lambda: speechless.render(0, what=("latent",)),
+    ):
+        with pytest.raises(DegenseError, match=r"^speechless was trained without semantics") as caught:
+            ask()
+        assert "\n" not in str(caught.value)
+    assert speechless.render(0)["rgb"].shape == (48, 64, 3)
+
+
+def test_a_run_without_its_clip_still_shows(lonely):
+    assert lonely.observed(0) is None
+    assert lonely.labels(0) is None
+    assert lonely.render(2)["rgb"].shape == (48, 64, 3)
+    with pytest.raises(DegenseError, match="recording, which is missing: the clip was deleted"):
+        _ = lonely.observed_motion
+
+
+def test_run_and_clip_can_be_moved_together(scene, tmp_path):
+    moved = Scene.open(copied(scene, tmp_path), device="cpu")
+    assert moved.clip is not None
+    assert moved.clip.path == (tmp_path / "clip").resolve()
+    np.testing.assert_array_equal(moved.picture(4), scene.picture(4))
+
+
+def test_a_clip_that_is_gone_or_changed_is_said(scene, tmp_path):
+    path = copied(scene, tmp_path)
+    labels = sorted((tmp_path / "clip" / "images").iterdir())
+    labels[0].write_bytes(labels[1].read_bytes())
+    changed = Scene.open(path, device="cpu")
+    assert changed.clip is None
+    assert "has changed since the training" in changed.clip_missing
+    shutil.rmtree(tmp_path / "clip")
+    gone = Scene.open(path, device="cpu")
+    assert gone.clip is None
+    assert str(tmp_path / "clip") in gone.clip_missing
+    assert "\n" not in gone.clip_missing
+    given = Scene.open(path, device="cpu", clip=scene.clip)
+    assert given.clip is scene.clip
+
+
+def test_unknown_clip_options_are_said(scene, tmp_path):
+    recorded = scene.run.info["clip"] | {"options": {"wormhole": 1}}
+    opened = Scene.open(copied(scene, tmp_path, clip=recorded), device="cpu")
+    assert opened.clip is None
+    assert "options for its clip that this version does not know" in opened.clip_missing
+
+
+def test_no_run_no_scene(tmp_path):
+    with pytest.raises(RunError):
+        Scene.open(tmp_path / "nothing")
+
+
+def test_a_camera_behind_the_scene_sees_nothing(scene):
+    viewmat = np.diag([1.0, 1.0, -1.0, 1.0])
+    viewmat[:3, 3] = [0, 0, -1e4]
+    drawn = scene.render(3, Camera(20, 15, 20.0, 20.0, 10.0, 7.5, viewmat), ("rgb", "depth", "latent"))
+    assert (drawn["alpha"] == 0).all()
+    assert (drawn["rgb"] == 0).all()
+    assert (drawn["latent"] == 0).all()
+    assert np.isnan(drawn["depth"]).all()
