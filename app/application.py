@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import sys
@@ -14,11 +15,14 @@ from app.logs import start_logging
 from app.settings import SettingsFile, log_file
 from app.window.main import MainWindow
 from app.window.messages import show_error
+from engine.errors import DegenseError
 from widgets.theme import apply_theme
 
 
 def run_window(path: Path | None = None) -> int:
     """Show the window, open `path` (a clip or a run) in it, and return when it is closed."""
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")):
+        raise DegenseError("There is no display for the window; use the other commands (degense --help), or degense demo --headless OUT.")
     QCoreApplication.setAttribute(Qt.ApplicationAttribute.AA_ShareOpenGLContexts)
     app = QApplication([sys.argv[0]])
     app.setApplicationName("degense")

@@ -38,7 +38,7 @@ def start_logging(path: Path, complain: Callable[[str], None]) -> None:
     root = logging.getLogger()
     root.setLevel(logging.INFO)
     root.addHandler(handler)
-    faulthandler.enable(open(path.with_suffix(".crash"), "w", encoding="utf-8"))  # noqa: SIM115 - open as long as the process lives
+    faulthandler.enable(open(path.with_suffix(".crash"), "a", encoding="utf-8"))  # noqa: SIM115 - open as long as the process lives
     qInstallMessageHandler(_qt_message)
 
     def uncaught(kind: type[BaseException], error: BaseException | None, trace: TracebackType | None) -> None:

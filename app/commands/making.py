@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import select
 import signal
 import sys
 import threading
@@ -134,14 +133,10 @@ class StopFlag:
     def _read(self) -> None:
         # os.read, not sys.stdin: a thread that waits inside sys.stdin's lock makes Python abort at exit.
         line = b""
-        while not self():
-            if select.select([0], [], [], 0.2)[0]:
-                piece = os.read(0, 4096)
-                if not piece:
-                    return
-                *lines, line = (line + piece).split(b"\n")
-                if any(entry.strip() == b"stop" for entry in lines):
-                    self.set()
+        while piece := os.read(0, 4096):
+            *lines, line = (line + piece).split(b"\n")
+            if any(entry.strip() == b"stop" for entry in lines):
+                self.set()
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         if self():

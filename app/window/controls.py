@@ -35,6 +35,7 @@ class Controls(QObject):
         self._bind_timeline()
         self._bind_prompts()
         self._bind_layers()
+        self._opened()
 
     def _opened(self) -> None:
         session, parts = self.session, self.parts

@@ -87,7 +87,7 @@ class MainWindow(QMainWindow):
         apply_theme(app, theme)
 
     def show_palette(self) -> None:
-        palette = Palette(self.registry, self)
+        palette = Palette(self.registry, self.menus.run, self)
         palette.show()
         palette.input.setFocus()
 

@@ -61,7 +61,7 @@ class Menus(QObject):
         action.setCheckable(entry.checked is not None)
         if entry.help:
             action.setStatusTip(entry.help)
-        action.triggered.connect(lambda: self._run(entry))
+        action.triggered.connect(lambda: self.run(entry.id))
         if entry.menu:
             menu = self.menu(entry.menu)
             last = self._groups.get(entry.menu, entry.group)
@@ -73,9 +73,10 @@ class Menus(QObject):
             self._window.addAction(action)
         return action
 
-    def _run(self, entry: Action) -> None:
+    def run(self, action_id: str) -> None:
+        """Do it, and say why when it cannot be done."""
         try:
-            self._registry.run(entry.id)
+            self._registry.run(action_id)
         except DegenseError as error:
             self._complain(str(error))
         self.refresh()

@@ -166,7 +166,7 @@ def run_facts(scene: Scene) -> list[tuple[str, str]]:
         ("run", scene.name),
         ("clip", str(info["clip"].get("path", ""))),
         ("length", f"{scene.frames} frames, {width_height[0]} × {width_height[1]}"),
-        ("Gaussians", f"{len(scene.splats(scene.reference_frame)):,}"),
+        ("Gaussians", f"{info.get('gaussians', 0):,}"),
         ("trained", f"{info['config']['preset']}, {info['config']['routing']} routing, {info.get('train_seconds', 0):.0f} s"),
         ("teacher", f"{info['teacher']['name']}: {info['teacher']['provenance']}"),
         ("unit", f"{scene.unit}, displacement from frame {scene.reference_frame}"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
@@ -12,10 +14,10 @@ from app.actions import ActionRegistry
 class Palette(QDialog):
     """Finds an action by its words and runs it. Arrows choose, Enter runs, Escape leaves."""
 
-    def __init__(self, registry: ActionRegistry, parent: QWidget) -> None:
+    def __init__(self, registry: ActionRegistry, run: Callable[[str], None], parent: QWidget) -> None:
         super().__init__(parent, Qt.WindowType.Popup)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self._registry = registry
+        self._registry, self._run_action = registry, run
         self.input = QLineEdit(placeholderText="What do you want to do?")
         self.list = QListWidget()
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -53,4 +55,4 @@ class Palette(QDialog):
         item = self.list.currentItem()
         if item is not None:
             self.close()
-            self._registry.run(item.data(Qt.ItemDataRole.UserRole))
+            self._run_action(item.data(Qt.ItemDataRole.UserRole))

@@ -28,3 +28,10 @@ def test_it_starts_with_a_run_and_ctrl_c_closes_it(run, own_folders):
     [text] = [path.read_text() for path in log.rglob("degense.log")]
     assert "ERROR" not in text
     assert "WARNING" not in text
+
+
+def test_without_a_display_it_says_what_to_do(run):
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")}
+    result = subprocess.run([sys.executable, "-m", "app", run], capture_output=True, text=True, env=environment)
+    assert result.returncode == 2
+    assert result.stderr.startswith("degense: There is no display")
