@@ -75,12 +75,31 @@ class SceneModel(nn.Module):
         `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `semantics` [N, rank],
         `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian exists; ω = 0, at which its gradient is exactly zero,
         is for ever.
+
+    Raises
+    ------
+    ValueError
+        If a shape is another.
     """
 
     bounds: Tensor
 
     def __init__(self, config: FieldConfig, bounds: Tensor, canonical: dict[str, Tensor]):
         super().__init__()
+        widths = {
+            "means": (3,),
+            "log_scales": (3,),
+            "quats": (4,),
+            "logits": (),
+            "colors": (3,),
+            "semantics": (config.rank,),
+            "lifetimes": (2,),
+        }
+        expected = {name: (len(canonical["means"]), *widths[name]) for name in CANONICAL}
+        if wrong := [name for name in CANONICAL if canonical[name].shape != expected[name]]:
+            raise ValueError(f"{wrong[0]} is {list(canonical[wrong[0]].shape)}, not {list(expected[wrong[0]])}")
+        if bounds.shape != (2, 3):
+            raise ValueError(f"bounds is {list(bounds.shape)}, not [2, 3]")
         self.config = config
         self.register_buffer("bounds", bounds.float())
         self.canonical = nn.ParameterDict({name: nn.Parameter(canonical[name].float().contiguous()) for name in CANONICAL})

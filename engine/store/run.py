@@ -135,10 +135,9 @@ def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: P
     if not {"bounds", *(f"canonical.{name}" for name in CANONICAL)} <= set(tensors):
         raise RunError(f"{path} lacks the canonical Gaussians; it is damaged or not a model of ours")
     canonical = {name: tensors[f"canonical.{name}"] for name in CANONICAL}
-    count = canonical["means"].shape[0]
-    if count > MAX_GAUSSIANS:
-        raise RunError(f"{path} claims {count} Gaussians; at most {MAX_GAUSSIANS} are read")
     try:
+        if (count := len(canonical["means"])) > MAX_GAUSSIANS:
+            raise RunError(f"{path} claims {count} Gaussians; at most {MAX_GAUSSIANS} are read")
         model = SceneModel(FieldConfig.from_json(field), tensors["bounds"], canonical)
         model.load_state_dict(tensors)
     except (TypeError, ValueError, KeyError, RuntimeError) as error:

@@ -1,0 +1,94 @@
+"""Cameras and models of a run folder: what was written comes back, and damage is told from it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from engine.camera import Camera
+from engine.errors import RunError
+from engine.field import FieldConfig, SceneModel
+from engine.store.run import build_model, cameras_from_json, cameras_to_json
+
+FILE = Path("run") / "run.json"
+
+
+def moved(x):
+    viewmat = np.eye(4)
+    viewmat[0, 3] = x
+    return Camera(64, 48, 70.5, 71.5, 31.0, 25.0, viewmat)
+
+
+@pytest.mark.parametrize("places", [[0.25], [0.5] * 5, [0.0, 1.0, -2.0]])
+def test_cameras_come_back(places):
+    cameras = [moved(x) for x in places]
+    written = cameras_to_json(cameras)
+    assert len(written["viewmats"]) == len(set(places))
+    for camera, again in zip(cameras, cameras_from_json(written, FILE), strict=True):
+        assert (again.width, again.height, again.fx, again.fy, again.cx, again.cy) == (64, 48, 70.5, 71.5, 31.0, 25.0)
+        np.testing.assert_array_equal(again.viewmat, camera.viewmat)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"count": 0},
+        {"count": 10**9},
+        {"count": 4},
+        {"width": 0},
+        {"height": 10**6},
+        {"fx": float("nan")},
+        {"fy": "wide"},
+        {"cx": None},
+        {"viewmats": 1.0},
+        {"viewmats": []},
+        {"viewmats": [1.0, 2.0, 3.0]},
+        {"viewmats": [[[1.0]]]},
+        {"viewmats": [np.full((4, 4), np.inf).tolist()]},
+    ],
+    ids=repr,
+)
+def test_damaged_cameras_are_refused(change):
+    written = cameras_to_json([moved(x) for x in (0.0, 1.0, 2.0)]) | change
+    with pytest.raises(RunError, match=r"run\.json: the cameras"):
+        cameras_from_json(written, FILE)
+
+
+def small(rank=2):
+    generator = torch.Generator().manual_seed(3)
+    shapes = {"means": 3, "log_scales": 3, "quats": 4, "colors": 3, "semantics": rank, "lifetimes": 2}
+    canonical = {name: torch.randn(5, width, generator=generator) for name, width in shapes.items()}
+    canonical["logits"] = torch.randn(5, generator=generator)
+    config = FieldConfig(rank=rank, channels=2, resolution=4, time_resolution=3, levels=(1,))
+    return SceneModel(config, torch.tensor([[-1.0, -1, -1], [1, 1, 1]]), canonical)
+
+
+def test_a_model_comes_back():
+    model = small()
+    again = build_model(model.config.to_json(), dict(model.state_dict()), FILE)
+    for name, tensor in model.state_dict().items():
+        assert torch.equal(tensor, again.state_dict()[name]), name
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda field, tensors: tensors.pop("bounds"), "lacks the canonical Gaussians"),
+        (lambda field, tensors: tensors.pop("canonical.quats"), "lacks the canonical Gaussians"),
+        (lambda field, tensors: tensors.pop("kinematics.states.weight"), "does not fit the configuration"),
+        (lambda field, tensors: field.update(channels=3), "does not fit the configuration"),
+        (lambda field, tensors: field.update(unheard_of=1), "does not fit the configuration"),
+        (lambda field, tensors: tensors.update({"canonical.means": torch.zeros(())}), "does not fit the configuration"),
+        (lambda field, tensors: tensors.update({"canonical.means": torch.zeros(5, 7)}), "does not fit the configuration"),
+        (lambda field, tensors: tensors.update({"canonical.logits": torch.zeros(4)}), "does not fit the configuration"),
+        (lambda field, tensors: tensors.update({"bounds": torch.zeros(2)}), "does not fit the configuration"),
+        (lambda field, tensors: tensors.update({"canonical.semantics": torch.zeros(5, 3)}), "does not fit the configuration"),
+    ],
+)
+def test_a_damaged_model_is_refused(damage, said):
+    model = small()
+    field, tensors = model.config.to_json(), dict(model.state_dict())
+    damage(field, tensors)
+    with pytest.raises(RunError, match=said):
+        build_model(field, tensors, FILE)
