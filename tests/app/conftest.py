@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -10,6 +11,17 @@ from pathlib import Path
 import pytest
 
 RUN_ARGUMENTS = ("--preset", "quick", "--iterations", "60", "--max-gaussians", "1500", "--device", "cpu")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def light_collections() -> Iterator[None]:
+    """Keep the garbage collector out of the modules of torch and VTK: the check for leftovers collects twice a test, half a second each."""
+    import widgets.splat_view  # noqa: F401
+
+    gc.collect()
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 @pytest.fixture(scope="session")
