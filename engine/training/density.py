@@ -46,14 +46,23 @@ class Density:
         torch.maximum(self.radius, radii.to(self.radius.dtype), out=self.radius)
 
     @torch.no_grad()
-    def step(self, optimizer: torch.optim.Optimizer, generator: torch.Generator) -> dict[str, int]:
-        """Prune what was never visible enough since the last step, then clone and split where the gradient is largest.
+    def step(self, optimizer: torch.optim.Optimizer, generator: torch.Generator, *, prune: bool = True) -> dict[str, int]:
+        """Prune what was never visible enough since the last pruning, then clone and split where the gradient is largest.
 
-        Returns how many of each.
+        Parameters
+        ----------
+        prune : bool
+            Only when every training frame was observed since the last pruning: what lives or is in view for a few frames of a long clip
+            has not had its turn before. Until then its visibility is remembered; children begin with that of their parents.
+
+        Returns
+        -------
+        dict of str to int
+            How many were pruned, cloned and split.
         """
         canonical = self.model.canonical
         score = self.gradient / self.seen.clamp_min(1)
-        keep = self.opacity >= PRUNE_OPACITY
+        keep = (self.opacity >= PRUNE_OPACITY) | (not prune)
         if int(keep.sum()) < 16:  # an all-masked or black stretch must not empty the scene
             keep = torch.ones_like(keep)
         room = max(0, self.cap - int(keep.sum()))
@@ -69,8 +78,11 @@ class Density:
         canonical["means"].data[split] -= jump
         children["log_scales"][len(clone) :] -= SHRINK
         canonical["log_scales"].data[split] -= SHRINK
+        remembered = torch.cat([self.opacity[keep], self.opacity[torch.cat([clone, split])]])
         self._replace(optimizer, keep, children)
         self.reset()
+        if not prune:
+            self.opacity = remembered
         return {"pruned": int((~keep).sum()), "cloned": len(clone), "split": len(split)}
 
     def _replace(self, optimizer: torch.optim.Optimizer, keep: Tensor, children: dict[str, Tensor]) -> None:

@@ -63,6 +63,7 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(config.seed)
         self.iteration = 0
         self.order: list[int] = []
+        self.unseen = set(frames.clip.train_frames)  # since the last pruning
         self.caution = 1.0  # every rollback halves all learning rates
         self.rollbacks = 0
         self.running = torch.zeros(2, device=self.device)  # sums of loss and squared error since the last report
@@ -82,6 +83,7 @@ class Trainer:
         plain = {
             "iteration": self.iteration,
             "order": list(self.order),
+            "unseen": sorted(self.unseen),
             "caution": self.caution,
             "random": self.random.bit_generator.state,
             "rollbacks": self.rollbacks,
@@ -116,6 +118,7 @@ class Trainer:
             plain["caution"],
             plain["rollbacks"],
         )
+        self.unseen = set(plain["unseen"])
         self.random.bit_generator.state = plain["random"]
         held = state["neighbours"]
         self._neighbours = (held["index"].to(self.device), held["weight"].to(self.device)) if held else None
@@ -151,6 +154,7 @@ class Trainer:
             self.running += torch.stack([loss.detach(), error])
             if offsets.grad is not None:
                 self.density.observe(offsets.grad, render.radii, splats.opacities, camera.width / 2)
+                self.unseen.discard(frame_index)
         self.iteration += 1
         self._edit()
         self._guard()
@@ -213,7 +217,10 @@ class Trainer:
         if self.iteration % config.densify_every or self.iteration < config.densify_every:
             return
         if self.iteration <= config.densify_until * config.iterations:
-            self.density.step(self.optimizer, self.generator)
+            prune = not self.unseen
+            self.density.step(self.optimizer, self.generator, prune=prune)
+            if prune:
+                self.unseen = set(self.frames.clip.train_frames)
             self._neighbours = None
 
     def _guard(self) -> None:

@@ -1,11 +1,19 @@
 """Density control: the cap, pruning, splitting, and Adam's moments that follow."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 import torch
 
+from engine.field import FieldConfig, SceneModel
 from engine.training.config import TrainConfig
 from engine.training.density import Density, rotate
+from engine.training.frames import TrainingFrames
+from engine.training.initialise import initial_gaussians
 from engine.training.optimiser import make_optimiser
+from engine.training.trainer import Trainer
+from tests.fakes import MemoryClip
 from tests.field.test_model import make
 
 
@@ -39,6 +47,52 @@ def test_what_was_never_visible_is_pruned_unless_nothing_was():
     density.opacity[:] = 0
     assert density.step(optimizer, torch.Generator())["pruned"] == 0
     assert len(model) == 30
+
+
+def test_visibility_is_remembered_until_the_pruning():
+    model, optimizer, density = prepared(cap=80)
+    density.opacity[:] = torch.linspace(0.1, 0.6, 60)
+    density.opacity[:30] = 0
+    density.gradient[[5, 40]] = 1.0
+    density.radius[40] = 50
+    assert density.step(optimizer, torch.Generator(), prune=False) == {"pruned": 0, "cloned": 1, "split": 1}
+    assert len(model) == 62
+    before = torch.linspace(0.1, 0.6, 60)
+    before[:30] = 0
+    assert torch.equal(density.opacity, torch.cat([before, before[[5, 40]]]))
+    assert not density.gradient.any()
+    assert not density.seen.any()
+    density.observe(torch.zeros(62, 2), torch.ones(62), torch.where(torch.arange(62) == 7, 0.3, 0.0), 1.0)
+    assert density.step(optimizer, torch.Generator())["pruned"] == 30  # 7 came late; the child of 5 was no more visible than its parent
+    assert not density.opacity.any()
+
+
+def test_what_lives_for_one_frame_of_a_long_clip_is_not_pruned_before_its_turn():
+    """One training frame out of 28, and an edit every six steps."""
+    clip = MemoryClip(32)
+    frames = TrainingFrames(clip, 1 << 20, torch.device("cpu"))
+    canonical, bounds = initial_gaussians(frames, None, 200, 0, np.random.default_rng(0))
+    lasting = canonical["lifetimes"][:, 1] == 0
+    canonical = {name: value[lasting] for name, value in canonical.items()}
+    brief, dead = slice(0, 20), slice(20, 40)
+    canonical["lifetimes"][brief] = torch.tensor([clip.time(17 + 1), 1e4])
+    canonical["logits"][dead] = -9.0
+    colours = {name: {tuple(c) for c in canonical["colors"][part].tolist()} for name, part in (("brief", brief), ("dead", dead))}
+    model = SceneModel(FieldConfig(channels=8, resolution=8, time_resolution=4), bounds, canonical)
+    config = replace(TrainConfig.preset_of("quick", iterations=1000, device="cpu"), densify_every=6, rate_color=0.0, rate_opacity=0.0)
+    trainer = Trainer(model, frames, None, None, config, lambda event: None)
+
+    def left(name):
+        return len({tuple(c) for c in model.canonical["colors"].tolist()} & colours[name])
+
+    start = left("brief"), left("dead")
+    for _ in range(24):
+        trainer.step()
+    assert (left("brief"), left("dead")) == start
+    for _ in range(36):
+        trainer.step()
+    assert left("dead") == 0
+    assert left("brief") > 0.8 * start[0]
 
 
 def test_large_gaussians_split_into_two_smaller_ones_about_the_same_centre():
