@@ -125,8 +125,8 @@ class TrainConfig:
 
 PRESETS: dict[str, dict] = {
     "quick": {
-        "iterations": 1000,
-        "coarse_iterations": 100,
+        "iterations": 800,
+        "coarse_iterations": 80,
         "max_gaussians": 12_000,
         "max_pixels": 120_000,
         "resolution": 48,
