@@ -89,14 +89,12 @@ def main() -> None:
         rows = [
             ("field of one frame, not yet baked", median_ms(lambda i: scene.model.at(scene.time(i % FRAMES)))),
             ("rgb frame from baked state, float", median_ms(lambda i: scene.draw(i % FRAMES, scene.camera(0), ("rgb",)))),
-            ("first prompt on a new frame, picture and latent drawn, to mask", median_ms(first_prompt)),
+            ("first prompt on a new frame, drawing included, to mask", median_ms(first_prompt)),
             ("another prompt on that frame, to mask", median_ms(lambda i: queries[i].mask(vectors[1], negatives=vectors[:0]))),
             ("another prompt, all other classes competing", median_ms(lambda i: queries[i].mask(vectors[2], negatives=vectors))),
             ("another threshold", median_ms(lambda i: queries[0].mask(vectors[1], threshold=0.3 + 0.01 * i))),
         ]
-    print(
-        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores; {GAUSSIANS:,} Gaussians, {WIDTH} × {HEIGHT}; median of {REPEATS}\n"
-    )
+    print(f"{platform.machine()}, {os.cpu_count()} cores; {GAUSSIANS:,} Gaussians, {WIDTH} × {HEIGHT}; median of {REPEATS}\n")
     print("| what | ms | a second |\n|---|---|---|")
     for what, milliseconds in rows:
         print(f"| {what} | {milliseconds:.1f} | {1000 / milliseconds:.0f} |")
