@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 #: Layers that show the answer to prompts.
 PROMPTED = ("similarity", "mask")
-EXCLUDED = (213, 94, 0)
+#: Pixels of a clip that are not reconstructed. Blue: nothing in a body is.
+EXCLUDED = (86, 180, 233)
 NO_MASK = 40
 #: Opacity of the inside of a mask against its outline, before the user's opacity.
 MASK_FILL = 0.6

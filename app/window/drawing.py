@@ -15,7 +15,7 @@ from app.pictures import get_layer
 from app.render_service import RenderService
 from app.session import Session
 from app.terminal import Steps
-from app.view import View, ViewRequest, draw_clip, draw_view, layer_request
+from app.view import EXCLUDED, View, ViewRequest, draw_clip, draw_view, layer_request
 from app.window.parts import WELCOME, Parts
 from engine.camera import Camera
 
@@ -125,7 +125,10 @@ class Drawing(QObject):
         parts.panel.set_observed(view.observed)
         parts.panel.set_compare_mode(look.compare)
         shown = look.visible_prompts if view.masks is not None or look.layer == "mask" else ()
-        parts.panel.set_legend([(prompt.text, QColor(*prompt.colour)) for prompt in shown])
+        legend = [(prompt.text, QColor(*prompt.colour)) for prompt in shown]
+        if self.session.scene is None and view.masks is not None:
+            legend = [("left out: instrument or outside the field of view", QColor(*EXCLUDED))]
+        parts.panel.set_legend(legend)
         if view.span is not None:
             parts.colour_bar.set_range(*view.span)
             parts.colour_bar.set_unit(view.unit)
