@@ -74,9 +74,8 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
         result |= motion.result()
     progress(0.9, "measuring speed")
     result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model), "render_fps": _render_fps(scene)}
-    if scene.has_semantics and scene.classes:
-        result |= _query_times(scene)
-    return result
+    timed = scene.has_semantics and bool(scene.classes)
+    return result | (_query_times(scene) if timed else {"query_ms": None, "query_new_frame_ms": None})
 
 
 def _score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress) -> dict[str, Any]:
