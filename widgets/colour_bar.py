@@ -26,7 +26,7 @@ class _Gradient(QWidget):
         self.low, self.high, self.cmap = 0.0, 1.0, COLOUR_MAPS[0]
         self.setAccessibleName("Colours and their numbers")
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
-        self.setMinimumHeight(80)
+        self.setMinimumHeight(140)
 
     def sizeHint(self) -> QSize:
         return QSize(90, 200)
