@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.files import write_text
 from app.pictures import Movie, check_decoder, check_frame, get_layer, layer_picture, write_png
 from app.terminal import Steps
 from engine.errors import DegenseError, PromptError
+from engine.files import write_text
 
 if TYPE_CHECKING:
     from engine.layers import LayerRequest

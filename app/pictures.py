@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from app.files import replacing
 from engine.colour_maps import colour_table, mask_overlay
 from engine.errors import DegenseError
+from engine.files import replacing
 
 if TYPE_CHECKING:
     from engine.layers import Layer, LayerRequest

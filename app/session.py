@@ -9,11 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from app.files import write_text
 from app.look import Colour, ColourRange, Compare, Look, Prompt
 from app.signal import Signal
 from app.undo import UndoStack
 from engine.errors import PromptError, RunError
+from engine.files import write_text
 
 if TYPE_CHECKING:
     from engine.clip import Clip

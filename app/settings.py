@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import platformdirs
 
-from app.files import write_text
+from engine.files import write_text
 
 RECENT_LIMIT = 10
 

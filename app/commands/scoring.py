@@ -6,9 +6,9 @@ import argparse
 import json
 
 from app.commands.making import clip_options
-from app.files import write_text
 from app.terminal import Bar, table
 from engine.errors import ClipError
+from engine.files import write_text
 
 
 def evaluate(options: argparse.Namespace) -> None:

@@ -1,12 +1,8 @@
-"""Files that are whole or absent: written beside their place, then moved into it."""
+"""JSON and tensors on disk: whole or absent, and checked before they are believed."""
 
 from __future__ import annotations
 
 import json
-import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,30 +12,9 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from engine.errors import RunError
+from engine.files import replacing
 
 MAX_BYTES = 8 << 30
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder that becomes `path` when the block ends well and vanishes when it does not.
-
-    Raises RunError with one sentence when the disk is full or the folder cannot be written.
-    """
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-    except OSError as error:
-        raise RunError(f"{path.parent} cannot be written: {error.strerror}") from error
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise RunError(f"{path} could not be saved ({error.strerror}); what was there before is untouched") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_json(path: Path, values: Any) -> None:

@@ -15,11 +15,11 @@ import torch
 from engine.clip import Clip
 from engine.errors import Cancelled, DegenseError
 from engine.field import FieldConfig, SceneModel
+from engine.files import replacing
 from engine.language.teachers import Teacher, teacher_by_name
 from engine.progress import Progress
 from engine.readers import fingerprint
 from engine.store import Run
-from engine.store.files import replacing
 from engine.store.run import hardware
 from engine.training.checkpoint import load_checkpoint, save_checkpoint
 from engine.training.config import TrainConfig

@@ -5,9 +5,10 @@ import os
 import pytest
 import torch
 
-from engine.errors import RunError
+from engine.errors import DegenseError, RunError
+from engine.files import replacing
 from engine.splats import Splats
-from engine.store.files import finite, read_json, read_tensors, replacing, write_json, write_tensors
+from engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
 from engine.store.ply import load_ply, save_ply
 
 
@@ -28,7 +29,7 @@ def test_a_full_disk_is_said_in_words(tmp_path, monkeypatch):
     path = tmp_path / "a.json"
     write_json(path, 1)
     monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(RunError, match=r"No space left on device.*untouched"):
+    with pytest.raises(DegenseError, match=r"No space left on device.*untouched"):
         write_json(path, 2)
     assert read_json(path) == 1
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from app.files import replacing, write_text
 from app.settings import RECENT_LIMIT, Settings, SettingsFile
 from engine.errors import DegenseError
+from engine.files import replacing, write_text
 
 
 def test_settings_come_back(tmp_path):

@@ -1,4 +1,4 @@
-"""Writing files so that a reader sees the old one or the new one, never half. Free of torch, which settings need not wait for."""
+"""Writing files so that a reader sees the old one or the new one, never half. Free of torch, for those who need not wait for it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~_umask())
         os.replace(temporary, path)
     except OSError as error:
-        raise DegenseError(f"{path} cannot be written: {error.strerror or error}; choose another place.") from error
+        raise DegenseError(f"{path} cannot be written: {error.strerror or error}; what was there before is untouched.") from error
     finally:
         temporary.unlink(missing_ok=True)
 
