@@ -18,6 +18,7 @@ from engine.errors import DegenseError
 from engine.field import SceneModel
 from engine.language import Basis, TextEncoder, encoder_by_name
 from engine.masks import MaskQuery
+from engine.motion import displacement
 from engine.motion.observed import ObservedMotion
 from engine.raster import camera_depths, rasterize
 from engine.splats import Splats
@@ -149,7 +150,7 @@ class Scene:
 
     def displacement(self, frame: float) -> Tensor:
         """‖μ(t) − μ(reference)‖ of every Gaussian, [N], clip units."""
-        return (self.splats(frame).means - self.splats(self.reference_frame).means).norm(dim=1)
+        return displacement(self.splats(frame).means, self.splats(self.reference_frame).means)
 
     @cached_property
     def feature_axes(self) -> np.ndarray:

@@ -2,6 +2,6 @@
 
 from engine.motion.belief import confidence, consistent
 from engine.motion.flow import chain, flow_between, follow, sample
-from engine.motion.warp import displacement, model_flow, spurious
+from engine.motion.warp import displacement, spurious
 
-__all__ = ["chain", "confidence", "consistent", "displacement", "flow_between", "follow", "model_flow", "sample", "spurious"]
+__all__ = ["chain", "confidence", "consistent", "displacement", "flow_between", "follow", "sample", "spurious"]

@@ -7,40 +7,10 @@ import torch
 from jaxtyping import Bool, Float, Float32
 from torch import Tensor
 
-from engine.camera import Camera
-
 
 def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
     """Distance of every Gaussian from its place at the reference time, ‖μᵢ(t) − μᵢ(ref)‖, float [N], scene units."""
     return torch.linalg.vector_norm(means_t - means_ref, dim=-1)
-
-
-def model_flow(
-    depth: Float[np.ndarray, "height width"], offset: Float[np.ndarray, "height width 3"], camera: Camera, reference: Camera
-) -> Float32[np.ndarray, "height width 2"]:
-    """Where the model says that the points seen now were seen in the reference frame: π_ref(P(p) − Δ(p)) − p.
-
-    Parameters
-    ----------
-    depth : float [H, W]
-        Rendered depth z of this frame, scene units; what is not positive gives NaN.
-    offset : float [H, W, 3]
-        Rendered displacement Δ of the points since the reference time, scene units, world axes.
-    camera, reference : Camera
-        Of this frame and of the reference frame.
-
-    Returns
-    -------
-    float32 [H, W, 2]
-        Pixels, from this frame to the reference frame. NaN also where the point would lie behind the reference camera.
-    """
-    height, width = depth.shape
-    pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1)
-    points = camera.unproject(pixels, np.asarray(depth, np.float64)) - offset
-    landed, z = reference.project(points)
-    flow = (landed - pixels).astype(np.float32)
-    flow[(depth <= 0) | (z <= 0)] = np.nan
-    return flow
 
 
 def spurious(
@@ -51,9 +21,9 @@ def spurious(
 ) -> Float32[np.ndarray, "height width"]:
     """Model motion that the images contradict: max(0, ‖m(p) − o(p)‖ − tolerance), pixels.
 
-    m is the model's motion projected into the image (`model_flow`), o the observed optical flow between the same two frames in the same
-    direction. Where the images say nothing (no believable flow: hidden, tools, out of the image) the result is NaN: not known, which is
-    not the same as 0.
+    m is the model's motion projected into the image (`Scene.render`: `motion`), o the observed optical flow between the same two frames
+    in the same direction. Where the images say nothing (no believable flow: hidden, tools, out of the image) the result is NaN: not
+    known, which is not the same as 0.
 
     What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
     the principal point by about r · Δz / z); errors below the tolerance, which should be the flow's own error; sliding along plain
