@@ -28,7 +28,7 @@ def spurious(
     What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
     the principal point by about r · Δz / z); errors below the tolerance, which should be the flow's own error; sliding along plain
     surfaces or straight edges, where flow itself is a guess (`engine.motion.confidence`); and motion that flow invents, for example of
-    a highlight or where tissue chars (`engine.motion.alike`). Missing motion counts like motion too many: both are a difference.
+    a highlight or where tissue chars. Missing motion counts like motion too many: both are a difference.
 
     Parameters
     ----------
