@@ -11,9 +11,9 @@ from engine.training.device import choose_device
 
 # Measured with `degense train` (docs/benchmarks.md): seconds a step = overhead + per Gaussian + per pixel,
 # on two laptop-class cores and on one H200.
-CPU_STEP = (4e-3, 3.2e-6, 1.6e-7)
-CUDA_STEP = (9e-3, 2e-8, 2e-9)
-FLOW_SECONDS = 0.05  # a frame, both ways, all partners, one core
+CPU_STEP = (1e-2, 5e-6, 3e-7)
+CUDA_STEP = (9e-3, 3e-8, 6e-9)
+FLOW_SECONDS = 0.25  # a training frame, both ways
 
 
 def estimate(clip: Clip, config: TrainConfig) -> dict[str, Any]:
