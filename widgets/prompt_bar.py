@@ -198,6 +198,8 @@ class PromptBar(QWidget):
         if not text:
             return
         self._field.clear()
+        if popup := self._field.completer().popup():
+            popup.hide()  # it would lie over the prompt it led to
         known = set(self._rows)
         id_ = self.add_prompt(text)
         if id_ not in known:

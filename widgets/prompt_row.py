@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPaintEvent, QPixmap
+from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPaintEvent, QPixmap, QResizeEvent
 from PySide6.QtWidgets import QColorDialog, QFrame, QGridLayout, QLabel, QMenu, QSizePolicy, QToolButton, QWidget
 
 from widgets.glyphs import GlyphButton
 from widgets.keys import PRESS, keep_keys
 from widgets.theme import CLASS_COLOURS, error_colour
+
+RIGHT_MARGIN = 4
 
 
 class _Swatch(QToolButton):
@@ -84,7 +86,7 @@ class PromptRow(QFrame):
         self._complaint.setWordWrap(True)
         self._complaint.hide()
         layout = QGridLayout(self)
-        layout.setContentsMargins(6, 3, 4, 3)
+        layout.setContentsMargins(6, 3, RIGHT_MARGIN, 3)
         layout.setHorizontalSpacing(6)
         layout.setVerticalSpacing(2)
         layout.setColumnStretch(1, 1)
@@ -112,6 +114,17 @@ class PromptRow(QFrame):
         self._complaint.setPalette(colours)
         self._complaint.setVisible(bool(message))
         self._eye.setEnabled(not message)
+        self._make_room()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Height for all lines of the complaint: a layout asks a wrapped label for its height before it has its width."""
+        width = self.width() - self._label.x() - RIGHT_MARGIN
+        self._complaint.setMinimumHeight(0)  # which `heightForWidth` would count in
+        self._complaint.setMinimumHeight(self._complaint.heightForWidth(width) if self.error else 0)
 
     def _toggle(self, on: bool) -> None:
         self._visible = on

@@ -73,6 +73,7 @@ def test_completion(bar, added, qtbot):
     QTest.keyClick(popup, Qt.Key.Key_Down)
     QTest.keyClick(popup, Qt.Key.Key_Return)
     qtbot.waitUntil(lambda: field(bar).text() == "gallbladder" or bool(added))
+    qtbot.waitUntil(lambda: not popup.isVisible())  # while it is shown, keys are its own
     if not added:
         QTest.keyClick(field(bar), Qt.Key.Key_Return)
     qtbot.waitUntil(lambda: [text for _, text in added] == ["gallbladder"])
