@@ -16,6 +16,19 @@ CHUNK = 256  # points a ticket stands for
 BLOCK = 8  # channels a task handles at once: one 256-bit register; a plane's channels are a multiple of it
 
 
+@njit(fastmath=True, cache=True, nogil=True, inline="always")
+def _six(space, line, x, y, z, fx, fy, fz, c):
+    """The six samples of channel `c` in the cell (x, y, z), at the fractions (fx, fy, fz) of it: planes xy, xz, yz, then lines x, y, z."""
+    gx, gy, gz = np.float32(1) - fx, np.float32(1) - fy, np.float32(1) - fz
+    a = gy * (gx * space[0, y, x, c] + fx * space[0, y, x + 1, c]) + fy * (gx * space[0, y + 1, x, c] + fx * space[0, y + 1, x + 1, c])
+    b = gz * (gx * space[1, z, x, c] + fx * space[1, z, x + 1, c]) + fz * (gx * space[1, z + 1, x, c] + fx * space[1, z + 1, x + 1, c])
+    d = gz * (gy * space[2, z, y, c] + fy * space[2, z, y + 1, c]) + fz * (gy * space[2, z + 1, y, c] + fy * space[2, z + 1, y + 1, c])
+    e = gx * line[0, x, c] + fx * line[0, x + 1, c]
+    f = gy * line[1, y, c] + fy * line[1, y + 1, c]
+    g = gz * line[2, z, c] + fz * line[2, z + 1, c]
+    return a, b, d, e, f, g
+
+
 @njit(fastmath=True, cache=True, nogil=True)
 def _forward(points, space, line, out, counter):
     count, width, channels = points.shape[0], space.shape[1], space.shape[3]
@@ -28,20 +41,8 @@ def _forward(points, space, line, out, counter):
             px, py, pz = (points[n, 0] + 1) * half, (points[n, 1] + 1) * half, (points[n, 2] + 1) * half
             x, y, z = min(int(px), width - 2), min(int(py), width - 2), min(int(pz), width - 2)
             fx, fy, fz = np.float32(px - x), np.float32(py - y), np.float32(pz - z)
-            gx, gy, gz = np.float32(1) - fx, np.float32(1) - fy, np.float32(1) - fz
             for c in range(channels):
-                a = gy * (gx * space[0, y, x, c] + fx * space[0, y, x + 1, c]) + fy * (
-                    gx * space[0, y + 1, x, c] + fx * space[0, y + 1, x + 1, c]
-                )
-                b = gz * (gx * space[1, z, x, c] + fx * space[1, z, x + 1, c]) + fz * (
-                    gx * space[1, z + 1, x, c] + fx * space[1, z + 1, x + 1, c]
-                )
-                d = gz * (gy * space[2, z, y, c] + fy * space[2, z, y + 1, c]) + fz * (
-                    gy * space[2, z + 1, y, c] + fy * space[2, z + 1, y + 1, c]
-                )
-                e = gx * line[0, x, c] + fx * line[0, x + 1, c]
-                f = gy * line[1, y, c] + fy * line[1, y + 1, c]
-                g = gz * line[2, z, c] + fz * line[2, z + 1, c]
+                a, b, d, e, f, g = _six(space, line, x, y, z, fx, fy, fz, c)
                 out[n, c] = a * b * d * e * f * g
 
 
@@ -68,18 +69,7 @@ def _backward(points, space, line, grad, grad_space, grad_line, counter):
             gx, gy, gz = np.float32(1) - fx, np.float32(1) - fy, np.float32(1) - fz
             for i in range(BLOCK):
                 c = first + i
-                a = gy * (gx * space[0, y, x, c] + fx * space[0, y, x + 1, c]) + fy * (
-                    gx * space[0, y + 1, x, c] + fx * space[0, y + 1, x + 1, c]
-                )
-                b = gz * (gx * space[1, z, x, c] + fx * space[1, z, x + 1, c]) + fz * (
-                    gx * space[1, z + 1, x, c] + fx * space[1, z + 1, x + 1, c]
-                )
-                d = gz * (gy * space[2, z, y, c] + fy * space[2, z, y + 1, c]) + fz * (
-                    gy * space[2, z + 1, y, c] + fy * space[2, z + 1, y + 1, c]
-                )
-                e = gx * line[0, x, c] + fx * line[0, x + 1, c]
-                f = gy * line[1, y, c] + fy * line[1, y + 1, c]
-                g = gz * line[2, z, c] + fz * line[2, z + 1, c]
+                a, b, d, e, f, g = _six(space, line, x, y, z, fx, fy, fz, c)
                 up = grad[n, c]
                 planes, lines = a * b * d, e * f * g
                 ga[i], gb[i], gd[i] = up * b * d * lines, up * a * d * lines, up * a * b * lines
