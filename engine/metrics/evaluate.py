@@ -18,7 +18,6 @@ from engine.metrics.motion import MotionScores
 from engine.progress import Progress, silent
 from engine.scene import Scene
 
-MASKED_BORDER = 2  # pixels eroded from valid regions when a tool mask cuts into the picture: its edge belongs to the tool's blur
 TIMED = 20
 
 

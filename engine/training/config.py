@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Literal
 
 from engine.errors import DegenseError
 from engine.field import ROUTINGS, Routing
-
-Preset = Literal["quick", "balanced", "best"]
 
 
 @dataclass(frozen=True)
