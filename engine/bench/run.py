@@ -1,0 +1,54 @@
+"""Every benchmark by its name, and how one is run and kept."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+
+import torch
+
+from engine.bench.options import BenchOptions
+from engine.bench.table import Table
+from engine.errors import DegenseError
+from engine.progress import Progress, silent
+
+#: Name → (module with `run(options, progress) -> Iterable[Table]`, what it answers).
+BENCHES: dict[str, tuple[str, str]] = {
+    "raster": ("engine.bench.raster", "what a picture and its gradient cost on each back end, and how wrong they are"),
+    "field": ("engine.bench.field", "what a state in time costs: exact, baked, half precision, with and without the savings"),
+    "viewing": ("engine.bench.viewing", "how fast a scene plays and answers prompts"),
+    "masks": ("engine.bench.masks", "superpixels, decoders, latent rank and feature resolution: time against mask quality"),
+    "presets": ("engine.bench.presets", "what the presets cost and reach on a phantom, and on real clips with --clip"),
+    "motion": ("engine.bench.motion", "each ingredient of motion on and off, against exact displacement"),
+    "ablation": ("engine.bench.ablation", "the paper's ablation with degraded teachers, against exact masks and motion"),
+    "stress": ("engine.bench.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
+}
+
+
+def run(name: str, options: BenchOptions, progress: Progress = silent) -> Iterator[Table]:
+    """The tables of one benchmark, as they are finished. Raises DegenseError for a name that is none."""
+    if name not in BENCHES:
+        raise DegenseError(f"there is no benchmark {name!r}; choose from {', '.join(BENCHES)}")
+    for table in importlib.import_module(BENCHES[name][0]).run(options, progress):
+        table.command = table.command or f"degense bench {name} --device {options.device}" + (" --quick" if options.quick else "")
+        table.hardware, table.date = hardware(options.device), date.today().isoformat()
+        yield table
+
+
+def hardware(device: str) -> str:
+    """This machine in words."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    words = f"{cores} cores {platform.machine()}, torch {torch.__version__}"
+    return f"{torch.cuda.get_device_name()}, {words}" if device == "cuda" else f"{_processor()}{words}"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return ""
+    return next((line.split(":", 1)[1].strip() + ", " for line in lines if line.startswith("model name")), "")
