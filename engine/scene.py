@@ -16,6 +16,7 @@ from engine.camera import Camera
 from engine.clip import Clip
 from engine.errors import DegenseError
 from engine.field import SceneModel
+from engine.field.live import LiveField
 from engine.language import Basis, TextEncoder, encoder_by_name
 from engine.masks import MaskQuery
 from engine.motion import displacement
@@ -142,11 +143,13 @@ class Scene:
         """All Gaussians at a frame (baked: evaluated once, then kept), in the clip's unit, with latents."""
         return self._states.get(("splats", float(frame)), lambda: self._evaluate(frame), _bytes_of)
 
-    @torch.no_grad()
     def _evaluate(self, frame: float) -> Splats:
-        splats = self.model.at(self.time(frame)).splats
-        unit = 1.0 / self.run.info["unit"]
-        return Splats(splats.means * unit, splats.quats, splats.scales * unit, splats.opacities, splats.colors, splats.semantics)
+        return self.live(self.time(frame)).map(Tensor.clone)
+
+    @cached_property
+    def live(self) -> LiveField:
+        """The scene at any time, in the clip's unit; what it returns is overwritten by its next call."""
+        return LiveField(self.model, 1.0 / self.run.info["unit"])
 
     def displacement(self, frame: float) -> Tensor:
         """‖μ(t) − μ(reference)‖ of every Gaussian, [N], clip units."""
@@ -216,7 +219,7 @@ class Scene:
             else:
                 columns[name] = self._screen_motion(frame, camera)
         features = torch.cat(list(columns.values()), 1)
-        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera)
+        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera, clean=True)
         image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()
         out, first = {"alpha": alpha}, 0
         for name, column in columns.items():

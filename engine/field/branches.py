@@ -17,7 +17,7 @@ def decoder(inputs: int, outputs: int, width: int = 64) -> nn.Sequential:
     nn.init.kaiming_uniform_(hidden.weight, nonlinearity="relu")
     nn.init.zeros_(last.weight)
     nn.init.zeros_(last.bias)
-    return nn.Sequential(hidden, nn.ReLU(), last)
+    return nn.Sequential(hidden, nn.ReLU(inplace=True), last)
 
 
 @dataclass
@@ -44,17 +44,21 @@ class Deformation:
         """All eleven numbers, [N, 11]."""
         return torch.cat([self.means, self.log_scales, self.quats, self.opacities[:, None]], 1)
 
+    @classmethod
+    def of(cls, flat: Tensor) -> Deformation:
+        """From eleven numbers a Gaussian, [N, 11]: the inverse of `flat`."""
+        return cls(flat[:, :3], flat[:, 3:6], flat[:, 6:10], flat[:, 10])
+
 
 class GeometryBranch(nn.Module):
-    """ΔG_t = Ψ_geo(Z_kin) (Eq. 2)."""
+    """ΔG_t = Ψ_geo(Z_kin) (Eq. 2), [N, 11] in the order of `Deformation.flat`."""
 
     def __init__(self, latent: int):
         super().__init__()
         self.decode = decoder(latent, 11)
 
-    def forward(self, latent: Tensor) -> Deformation:
-        out = self.decode(latent)
-        return Deformation(out[:, :3], out[:, 3:6], out[:, 6:10], out[:, 10])
+    def forward(self, latent: Tensor) -> Tensor:
+        return self.decode(latent)
 
 
 class SemanticBranch(nn.Module):

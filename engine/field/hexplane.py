@@ -6,11 +6,15 @@ bilinear and three linear look-ups a level instead of six bilinear ones.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from importlib.util import find_spec
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from engine.field import hexplane_cpu
+from engine.field.time_axis import at_time
 
 
 class HexPlane(nn.Module):
@@ -40,21 +44,17 @@ class HexPlane(nn.Module):
         """Length of a feature: channels × levels."""
         return self.channels * len(self.levels)
 
-    def lines(self, t: float) -> list[Tensor]:
+    def lines(self, t: float | Tensor) -> list[Tensor]:
         """The time planes at time `t`, one [3, R, C] a level. Times outside [-1, 1] are clamped."""
-        rows = self.time[0].shape[1]
-        position = min(max((t + 1.0) / 2.0, 0.0), 1.0) * (rows - 1)
-        low = min(int(position), rows - 2) if rows > 1 else 0
-        weight = position - low
-        return [plane[:, low] if rows == 1 else torch.lerp(plane[:, low], plane[:, low + 1], weight) for plane in self.time]
+        return [at_time(plane, t) for plane in self.time]
 
-    def forward(self, points: Tensor, t: float) -> Tensor:
+    def forward(self, points: Tensor, t: float | Tensor) -> Tensor:
         """Features [N, channels × levels] of `points` [N, 3] (clamped to [-1, 1]) at time `t`.
 
         No gradient reaches `points`: a field that can be changed by moving the query point is one more way to explain colour by motion.
         """
         points = points.detach().nan_to_num().clamp(-1.0, 1.0)  # a NaN must not become an index
-        sample = hexplane_cpu.sample if points.device.type == "cpu" and points.dtype == torch.float32 else sample_level
+        sample = fused_sample(points) or sample_level
         return torch.cat([sample(points, space, line) for space, line in zip(self.space, self.lines(t), strict=True)], 1)
 
     def smoothness(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -68,6 +68,19 @@ class HexPlane(nn.Module):
         curvature = sum((p.diff(n=2, dim=1).square().mean() for p in self.time), zero) if self.time[0].shape[1] > 2 else zero
         stillness = sum(((p - 1).abs().mean() for p in self.time), zero)
         return space, curvature, stillness
+
+
+def fused_sample(points: Tensor) -> Callable[[Tensor, Tensor, Tensor], Tensor] | None:
+    """The fused twin of `sample_level` for tensors like these, if there is one (float32; on a GPU where Triton is installed)."""
+    if points.dtype != torch.float32:
+        return None
+    if points.device.type == "cpu":
+        return hexplane_cpu.sample
+    if find_spec("triton") is None:
+        return None
+    from engine.field import hexplane_cuda
+
+    return hexplane_cuda.sample
 
 
 def sample_level(points: Tensor, space: Tensor, line: Tensor) -> Tensor:

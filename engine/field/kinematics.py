@@ -23,7 +23,7 @@ class Kinematics(nn.Module):
 
     def __init__(self, feature: int, width: int = 64, state: int = 16):
         super().__init__()
-        self.base = nn.Sequential(nn.Linear(feature, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU())
+        self.base = nn.Sequential(nn.Linear(feature, width), nn.ReLU(inplace=True), nn.Linear(width, width), nn.ReLU(inplace=True))
         # The four maps share their input: one matrix holds them as blocks of rows, in the order of PROPERTIES.
         self.states = nn.Linear(width, state * len(PROPERTIES))
         for layer in (*self.base, self.states):
@@ -36,4 +36,4 @@ class Kinematics(nn.Module):
 
     def forward(self, feature: Tensor) -> Tensor:
         """Z_kin [N, 4 × state] of h_st [N, feature]."""
-        return torch.relu(self.states(self.base(feature)))
+        return torch.relu_(self.states(self.base(feature)))

@@ -11,11 +11,12 @@ from torch import Tensor, nn
 from engine.field.branches import AppearanceBranch, CoupledSemantics, Deformation, GeometryBranch, SemanticBranch
 from engine.field.hexplane import HexPlane
 from engine.field.kinematics import Kinematics
+from engine.field.time_axis import at_time
 from engine.splats import Splats
 
 Routing = Literal["paper", "isolated", "coupled"]
 ROUTINGS: tuple[Routing, ...] = ("paper", "isolated", "coupled")
-CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "semantics", "lifetimes")
+CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "tints", "semantics", "lifetimes")
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class FieldConfig:
         Length of a semantic latent; 0 for a scene without semantics.
     appearance : bool
         Whether Ψ_app may change colour in time.
+    color_knots : int
+        Times at which every Gaussian has a colour change of its own, beside the smooth one of Ψ_app: highlights are finer than any plane.
     channels, resolution, time_resolution, levels
         Of the HexPlane.
     """
@@ -38,6 +41,7 @@ class FieldConfig:
     routing: Routing = "isolated"
     rank: int = 0
     appearance: bool = True
+    color_knots: int = 0
     channels: int = 16
     resolution: int = 64
     time_resolution: int = 32
@@ -58,9 +62,11 @@ class State:
     splats: Splats
     deformation: Deformation | None
     recolour: Tensor | None
-    """Δcolour [N, 3]."""
+    """Δcolour of Ψ_app [N, 3]."""
     resemantics: Tensor | None
     """Δf_sem [N, rank]."""
+    there: Tensor | None = None
+    """Centres [N, 3] at the other time that was asked for."""
 
 
 class SceneModel(nn.Module):
@@ -72,9 +78,14 @@ class SceneModel(nn.Module):
     bounds : float [2, 3]
         Lower and upper corner of the box that the planes cover; frozen.
     canonical : dict of Tensor
-        `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `semantics` [N, rank],
-        `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian exists; ω = 0, at which its gradient is exactly zero,
-        is for ever.
+        `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `tints` [N, color_knots, 3] (added to
+        the colour, linear between knots), `semantics` [N, rank], `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian
+        exists; ω = 0, at which its gradient is exactly zero, is for ever.
+
+    Attributes
+    ----------
+    moving : int64 [M] or None
+        The Gaussians that the field changes; the others never enter it. None: all. See `engine.field.still`.
 
     Raises
     ------
@@ -83,6 +94,7 @@ class SceneModel(nn.Module):
     """
 
     bounds: Tensor
+    moving: Tensor | None
 
     def __init__(self, config: FieldConfig, bounds: Tensor, canonical: dict[str, Tensor]):
         super().__init__()
@@ -92,6 +104,7 @@ class SceneModel(nn.Module):
             "quats": (4,),
             "logits": (),
             "colors": (3,),
+            "tints": (config.color_knots, 3),
             "semantics": (config.rank,),
             "lifetimes": (2,),
         }
@@ -102,6 +115,7 @@ class SceneModel(nn.Module):
             raise ValueError(f"bounds is {list(bounds.shape)}, not [2, 3]")
         self.config = config
         self.register_buffer("bounds", bounds.float())
+        self.register_buffer("moving", None)
         self.canonical = nn.ParameterDict({name: nn.Parameter(canonical[name].float().contiguous()) for name in CANONICAL})
         self.planes = HexPlane(config.channels, config.resolution, config.time_resolution, config.levels)
         self.kinematics = Kinematics(self.planes.dimension)
@@ -121,38 +135,72 @@ class SceneModel(nn.Module):
     def __len__(self) -> int:
         return self.canonical["means"].shape[0]
 
+    def set_moving(self, rows: Tensor) -> None:
+        """Keep all Gaussians but `rows` (int64 [M], ascending) out of the field. ValueError for rows that there are none of."""
+        if rows.ndim != 1 or rows.dtype != torch.int64 or (len(rows) and not (0 <= int(rows.min()) <= int(rows.max()) < len(self))):
+            raise ValueError(f"moving must name rows of {len(self)} Gaussians")
+        self.moving = rows.to(self.bounds.device)
+
     def normalised(self, points: Tensor) -> Tensor:
         """Scene positions mapped so that `bounds` becomes [-1, 1]³."""
         low, high = self.bounds
         return (points - low) / (high - low) * 2.0 - 1.0
 
-    def at(self, t: float, *, deform: bool = True, semantics: bool = True) -> State:
+    def at(self, t: float | Tensor, *, deform: bool = True, semantics: bool = True, other: float | Tensor | None = None) -> State:
         """The scene at time `t` ∈ [-1, 1].
 
         Parameters
         ----------
+        t : float or float []
+            A tensor on the model's device where the call is recorded in a CUDA graph.
         deform : bool
             False draws the canonical Gaussians (the coarse stage).
         semantics : bool
             False skips everything that only semantics need; the splats then carry no latents.
+        other : float or float [], optional
+            A second time, at which only the centres are wanted.
         """
-        c = self.canonical
-        latents = c["semantics"] if semantics else c["semantics"][:, :0]
+        latents = self.canonical["semantics"] if semantics else self.canonical["semantics"][:, :0]
         if not deform:
-            return State(self._splats(t, None, None, latents), None, None, None)
-        points = self.normalised(c["means"].detach())
-        kinematic = self.kinematics(self.planes(points, t))
-        deformation = self.geometry(kinematic)
+            return State(self._splats(t, None, None, latents), None, None, None, None if other is None else self.means_at(other))
+        rows = slice(None) if self.moving is None else self.moving
+        points = self.normalised(self.canonical["means"].detach()[rows])
+        features = self.planes(points, t)
+        if other is not None:
+            features = torch.cat([features, self.planes(points, other)])
+        kinematic = self.kinematics(features)
+        decoded = self.geometry(kinematic)
+        there = None
+        if other is not None:
+            kinematic, (decoded, elsewhere) = kinematic[: len(points)], decoded.chunk(2)
+            there = self.canonical["means"] + elsewhere[:, :3]
+        deformation = Deformation.of(decoded)
         recolour = self.appearance(kinematic) if self.appearance is not None else None
-        change = self._semantic_change(points, t, kinematic, deformation, latents) if semantics and self.semantic is not None else None
-        return State(self._splats(t, deformation, recolour, latents if change is None else latents + change), deformation, recolour, change)
+        asked = semantics and self.semantic is not None
+        change = self._semantic_change(points, t, kinematic, deformation, latents[rows]) if asked else None
+        if self.moving is not None:
+            deformation, recolour, change = self._spread(deformation, recolour, change)
+        splats = self._splats(t, deformation, recolour, latents if change is None else latents + change)
+        return State(splats, deformation, recolour, change, there)
 
-    def means_at(self, t: float) -> Tensor:
+    def means_at(self, t: float | Tensor) -> Tensor:
         """Only the centres [N, 3] at time `t`: what motion supervision and displacement layers need."""
         points = self.normalised(self.canonical["means"].detach())
-        return self.canonical["means"] + self.geometry(self.kinematics(self.planes(points, t))).means
+        return self.canonical["means"] + self.geometry(self.kinematics(self.planes(points, t)))[:, :3]
 
-    def _semantic_change(self, points: Tensor, t: float, kinematic: Tensor, deformation: Deformation, latents: Tensor) -> Tensor:
+    def _spread(
+        self, deformation: Deformation, recolour: Tensor | None, change: Tensor | None
+    ) -> tuple[Deformation, Tensor | None, Tensor | None]:
+        """What the field says of the moving Gaussians, as rows among all; 0 for the others."""
+        parts = [deformation.flat, *(part for part in (recolour, change) if part is not None)]
+        said = torch.cat(parts, 1)
+        assert self.moving is not None
+        all_rows = said.new_zeros(len(self), said.shape[1]).index_copy(0, self.moving, said)
+        flat, *rest = all_rows.split([part.shape[1] for part in parts], 1)
+        spread = iter(rest)
+        return Deformation.of(flat), next(spread) if recolour is not None else None, next(spread) if change is not None else None
+
+    def _semantic_change(self, points: Tensor, t: float | Tensor, kinematic: Tensor, deformation: Deformation, latents: Tensor) -> Tensor:
         if isinstance(self.semantic, CoupledSemantics):
             return self.semantic(deformation, latents)
         assert self.semantic is not None
@@ -160,13 +208,16 @@ class SceneModel(nn.Module):
             return self.semantic(kinematic)
         return self.semantic(torch.cat([kinematic.detach(), self.semantic_planes(points, t)], 1))
 
-    def _splats(self, t: float, deformation: Deformation | None, recolour: Tensor | None, latents: Tensor) -> Splats:
+    def _splats(self, t: float | Tensor, deformation: Deformation | None, recolour: Tensor | None, latents: Tensor) -> Splats:
         c = self.canonical
-        means, log_scales, quats, logits = c["means"], c["log_scales"], c["quats"], c["logits"]
+        means, log_scales, quats, logits, colors = c["means"], c["log_scales"], c["quats"], c["logits"], c["colors"]
         if deformation is not None:
             means, log_scales = means + deformation.means, log_scales + deformation.log_scales
             quats, logits = quats + deformation.quats, logits + deformation.opacities
-        colors = c["colors"] if recolour is None else c["colors"] + recolour
+            if recolour is not None:
+                colors = colors + recolour
+            if self.config.color_knots:
+                colors = colors + at_time(c["tints"], t)
         middle, rate = c["lifetimes"].unbind(1)
         alive = torch.exp(-0.5 * (rate * (t - middle)).square())
         return Splats(means, quats, log_scales.exp(), logits.sigmoid() * alive, colors, latents)

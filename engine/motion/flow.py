@@ -6,7 +6,8 @@ the second.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -54,7 +55,16 @@ def chain(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return first + sample(second, first)
 
 
-def follow(frames: Iterable[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def steps_between(frames: Sequence[np.ndarray], threads: int = 8) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Flow there and back between neighbouring frames uint8 [H, W, 3], several pairs at a time, in order."""
+    even = [_even(frame) for frame in frames]
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(lambda a, b: (_search(a, b), _search(b, a)), even[:-1], even[1:])
+
+
+def follow(
+    frames: Iterable[np.ndarray], steps: Iterable[tuple[np.ndarray, np.ndarray]] | None = None
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Flow between the first frame and every later one, as it grows from frame to frame.
 
     Small steps are chained, which follows motion of any size but drifts; the result starts a search of its own between the two far
@@ -64,6 +74,8 @@ def follow(frames: Iterable[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarra
     ----------
     frames : iterable of uint8 [H, W, 3]
         In the order of time, near enough to each other for `flow_between`.
+    steps : iterable of (flow there, flow back), optional
+        Between neighbouring frames, where they were measured already (`steps_between`).
 
     Yields
     ------
@@ -71,17 +83,19 @@ def follow(frames: Iterable[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarra
         first → frame and frame → first, for the second frame, the third, …
     """
     first = before = None
-    for frame in frames:
-        here = _even(frame)
-        if first is None or before is None:
-            first = before = here
-            out = back = np.zeros((*here.shape, 2), np.float32)
-            continue
-        out = _prolong(first, here, out, chain(out, _search(before, here)))
-        step = _search(here, before)
-        back = _prolong(here, first, step, chain(step, back))
-        before = here
-        yield out, back
+    measured = None if steps is None else iter(steps)
+    with ThreadPoolExecutor(1) as other:
+        for frame in frames:
+            here = _even(frame)
+            if first is None or before is None:
+                first = before = here
+                out = back = np.zeros((*here.shape, 2), np.float32)
+                continue
+            there_step, back_step = (_search(before, here), _search(here, before)) if measured is None else next(measured)
+            outward = other.submit(_prolong, first, here, out, chain(out, there_step))
+            back = _prolong(here, first, back_step, chain(back_step, back))
+            out, before = outward.result(), here
+            yield out, back
 
 
 def _prolong(a: np.ndarray, b: np.ndarray, start: np.ndarray, chained: np.ndarray) -> np.ndarray:

@@ -16,12 +16,18 @@ def view_matrix(camera: Camera, device: torch.device, dtype: torch.dtype = torch
     return _tensor(np.ascontiguousarray(camera.viewmat, np.float64).tobytes(), 4, device, dtype)
 
 
+def view_and_lens(camera: Camera, device: torch.device, dtype: torch.dtype = torch.float32) -> Tensor:
+    """All of a camera in one tensor, [5, 4]: its view matrix, then fx / W, fy / H, cx / W, cy / H; not to be changed in place."""
+    lens = (camera.fx / camera.width, camera.fy / camera.height, camera.cx / camera.width, camera.cy / camera.height)
+    return _tensor(np.vstack([camera.viewmat, lens]).tobytes(), 5, device, dtype)
+
+
 def intrinsic_matrix(camera: Camera, device: torch.device, dtype: torch.dtype = torch.float32) -> Tensor:
     """K, [3, 3]; not to be changed in place."""
     return _tensor(camera.intrinsics.tobytes(), 3, device, dtype)
 
 
 @lru_cache(maxsize=1024)
-def _tensor(values: bytes, size: int, device: torch.device, dtype: torch.dtype) -> Tensor:
+def _tensor(values: bytes, rows: int, device: torch.device, dtype: torch.dtype) -> Tensor:
     with torch.inference_mode(False):  # kept tensors must stay usable where gradients are recorded
-        return torch.tensor(np.frombuffer(values).reshape(size, size), dtype=dtype, device=device)
+        return torch.tensor(np.frombuffer(values).reshape(rows, -1), dtype=dtype, device=device)

@@ -30,21 +30,19 @@ def rasterize_cuda(
     background: Tensor | None,
     screen_offsets: Tensor | None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Image float32 [H, W, C], alpha float32 [H, W], radii int32 [N]; arguments as for `engine.raster.rasterize`."""
+    """Image float32 [H, W, C], alpha float32 [H, W], radii int32 [N]; arguments of `engine.raster.rasterize`, `cleaned`."""
     width, height, device = camera.width, camera.height, means.device
     means, quats, scales, opacities, features = (tensor.float() for tensor in (means, quats, scales, opacities, features))
     background = None if background is None else background.float()
     if means.shape[0] == 0:  # gsplat divides by the number of Gaussians
         return _empty(features, camera, background)
     gsplat = _gsplat()
-    opacities = _opacities_of_the_finite(means, quats, scales, opacities, features, screen_offsets)
-    quats = torch.where(torch.linalg.vector_norm(quats, dim=1, keepdim=True) < MIN_QUAT, _identity(device), quats)
 
     radii, centers, depths, conics, _ = gsplat.fully_fused_projection(
         means,
         None,
         quats,
-        scales.clamp(-MAX_SCALE, MAX_SCALE),
+        scales,
         view_matrix(camera, device)[None],
         intrinsic_matrix(camera, device)[None],
         width,
@@ -81,15 +79,22 @@ def rasterize_cuda(
     return (images[0] if len(images) == 1 else torch.cat(images, 2)), alphas[0], radii[0].amax(1)
 
 
-def _opacities_of_the_finite(
-    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, features: Tensor, screen_offsets: Tensor | None
-) -> Tensor:
-    """Opacities clamped to [0, 1], and 0 for a Gaussian with anything not finite: gsplat then never looks at it, forward or backward."""
+def cleaned(
+    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, features: Tensor, screen_offsets: Tensor | None = None
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Quaternions, scales and opacities that gsplat can take.
+
+    Zero quaternions become the identity, scales are bounded, opacities clamped to [0, 1], and 0 for a Gaussian with anything not finite:
+    gsplat then never looks at it, forward or backward.
+    """
     parts = [means, quats, scales, opacities[:, None], features]
     if screen_offsets is not None:
-        parts.append(screen_offsets.float())
-    length = torch.linalg.vector_norm(torch.cat([part.detach() for part in parts], 1), dim=1)
-    return torch.where(length <= MAX_SQUARE**0.5, opacities.clamp(0, 1), 0.0)
+        parts.append(screen_offsets)
+    length = torch.linalg.vector_norm(torch.cat([part.detach().float() for part in parts], 1), dim=1)
+    opacities = torch.where(length <= MAX_SQUARE**0.5, opacities.float().clamp(0, 1), 0.0)
+    quats = quats.float()
+    quats = torch.where(torch.linalg.vector_norm(quats, dim=1, keepdim=True) < MIN_QUAT, _identity(means.device), quats)
+    return quats, scales.float().clamp(-MAX_SCALE, MAX_SCALE), opacities
 
 
 def _empty(features: Tensor, camera: Camera, background: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:

@@ -21,7 +21,8 @@ class TrainConfig:
     angular : bool
         True: L_align = E[1 − ⟨ṽ_pred, ṽ_gt⟩] (Eq. 3). False: L1 on the latents, as the coupled peers do.
     iterations, coarse_iterations : int
-        All steps, and how many of them keep the field frozen at the identity.
+        All steps, and how many of them draw the first training frame only, from Gaussians that stand still, while the field learns to
+        move them from the evidence of motion.
     max_gaussians : int
         Cap on the number of Gaussians.
     max_pixels : int
@@ -37,15 +38,21 @@ class TrainConfig:
     displacement, rigidity, shape : float
         Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
     recolour, resemantics : float
-        Weights of |Δcolour| and |Δf_sem|.
+        Weights of |Δcolour| of Ψ_app and of |Δf_sem|.
+    tint, tint_change : float
+        Weights of |Δcolour| that a Gaussian has of its own, and of its squared change from knot to knot.
     flow, flow_final : float
         Weight of motion evidence (how far each visible Gaussian's motion is from the optical flow, in units of the scene) at the start, and
         the share of it that is left at the end: flow finds the way, colour the last fraction of a pixel.
     appearance : bool
-        Whether Ψ_app exists.
+        Whether colour may change in time.
+    color_spacing : float
+        Frames between the knots of a Gaussian's own colour changes.
     channels, resolution, levels
-        Of the HexPlane; its time resolution is half the number of frames.
-    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_semantics, rate_lifetimes,
+        Of the HexPlane.
+    time_spacing : float
+        Frames between the rows of its time planes.
+    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_tints, rate_semantics, rate_lifetimes,
     rate_final : float
         Learning rates, and the factor that those of positions and field have decayed by at the end.
     densify_every, densify_until : int, float
@@ -56,8 +63,8 @@ class TrainConfig:
     preset: str = "balanced"
     routing: Routing = "isolated"
     angular: bool = True
-    iterations: int = 6000
-    coarse_iterations: int = 400
+    iterations: int = 3000
+    coarse_iterations: int = 600
     max_gaussians: int = 60_000
     max_pixels: int = 1 << 20
     seed: int = 0
@@ -70,17 +77,21 @@ class TrainConfig:
     plane_space: float = 1e-3
     plane_time: float = 1e-2
     plane_still: float = 1e-4
-    displacement: float = 0.01
-    rigidity: float = 0.2
+    displacement: float = 0.002
+    rigidity: float = 0.1
     shape: float = 0.002
     recolour: float = 0.001
     resemantics: float = 0.01
+    tint: float = 0.002
+    tint_change: float = 0.02
     flow: float = 20.0
     flow_final: float = 0.1
     appearance: bool = True
+    color_spacing: float = 3.0
     channels: int = 16
     resolution: int = 64
     levels: tuple[int, ...] = (1, 2)
+    time_spacing: float = 2.0
     rate_means: float = 1.6e-4
     rate_field: float = 1.6e-3
     rate_planes: float = 2e-2
@@ -88,10 +99,11 @@ class TrainConfig:
     rate_quats: float = 1e-3
     rate_opacity: float = 2e-2
     rate_color: float = 2.5e-3
+    rate_tints: float = 2.5e-3
     rate_semantics: float = 1e-2
     rate_lifetimes: float = 5e-3
     rate_final: float = 0.05
-    densify_every: int = 100
+    densify_every: int = 200
     densify_until: float = 0.6
     checkpoint_seconds: float = 30.0
 
@@ -123,12 +135,13 @@ class TrainConfig:
 PRESETS: dict[str, dict] = {
     "quick": {
         "iterations": 800,
-        "coarse_iterations": 80,
+        "coarse_iterations": 160,
         "max_gaussians": 12_000,
         "max_pixels": 120_000,
         "resolution": 48,
         "semantic_every": 3,
+        "densify_every": 100,
     },
-    "balanced": {"iterations": 6000, "coarse_iterations": 400, "max_gaussians": 60_000},
-    "best": {"iterations": 20_000, "coarse_iterations": 1000, "max_gaussians": 120_000, "levels": (1, 2, 4)},
+    "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
+    "best": {"iterations": 10_000, "coarse_iterations": 1000, "max_gaussians": 120_000, "levels": (1, 2, 4)},
 }

@@ -6,7 +6,6 @@ colour and motion by motion.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import cv2
@@ -15,13 +14,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from engine.camera import Camera
 from engine.language.vocabulary import surgical_vocabulary
-from engine.motion import consistent, flow_between, follow, sample
+from engine.motion import consistent, follow, sample, steps_between
 from engine.progress import Progress, silent
+from engine.raster.camera_tensors import view_and_lens
 from engine.training.frames import TrainingFrames
 
-FLOW_PIXELS = 160_000
+FLOW_PIXELS = 100_000
 DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
 SOFTNESS = 0.003  # scene units (median depth 1) below which the robust norm is quadratic
 
@@ -67,21 +66,17 @@ class MotionEvidence:
         tissue = [self._inside(tissue_pixels(frames, i)) for i in train]
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
 
-        def neighbours(k: int) -> tuple[np.ndarray, np.ndarray]:
-            return flow_between(pictures[k], pictures[k + 1]), flow_between(pictures[k + 1], pictures[k])
-
-        steps = len(train) - 1
-        with ThreadPoolExecutor(max_workers=8) as pool:
-            direct = pool.map(neighbours, range(steps))
-            followed = follow(pictures) if steps > 1 else iter(())
-            for k, (forward, backward) in enumerate(followed):
-                progress(k / steps, "following tissue through the clip")
+        steps = []
+        for k, step in enumerate(steps_between(pictures)):
+            progress(0.5 * k / len(train), "matching neighbouring frames")
+            steps.append(step)
+            self._add(train[k], train[k + 1], *step, tissue[k], tissue[k + 1])
+            self._add(train[k + 1], train[k], *step[::-1], tissue[k + 1], tissue[k])
+        for k, (forward, backward) in enumerate(follow(pictures, steps)):
+            progress(0.5 + 0.5 * k / len(train), "following tissue through the clip")
+            if k:  # the second frame is the first one's neighbour
                 self._add(train[0], train[k + 1], forward, backward, tissue[0], tissue[k + 1])
                 self._add(train[k + 1], train[0], backward, forward, tissue[k + 1], tissue[0])
-            for k, (forward, backward) in enumerate(direct):
-                progress(1.0, "matching neighbouring frames")
-                self._add(train[k], train[k + 1], forward, backward, tissue[k], tissue[k + 1])
-                self._add(train[k + 1], train[k], backward, forward, tissue[k + 1], tissue[k])
 
     def _inside(self, valid: np.ndarray) -> np.ndarray:
         """Valid pixels at flow size, away from the edge of a tool mask, whose motion bleeds into the tissue beside it."""
@@ -125,37 +120,63 @@ class MotionEvidence:
             picture = np.where(known.reshape(known.shape + (1,) * (picture.ndim - 2)), moved, picture)
         return picture, known
 
+    def inputs(self, frame: int, pair: Pair) -> tuple[Tensor, ...]:
+        """What `motion_error` needs to know of a pair, beside the model's own motion: tensors of the same shapes for every pair."""
+        camera, other = (view_and_lens(self.frames.cameras[i], self.frames.device) for i in (frame, pair.to))
+        measured = self.frames.clip.depth_measured
+        depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
+        return (camera, other, pair.flow, pair.weight, *depths)
+
     def loss(self, here: Tensor, there: Tensor, visible: Tensor, frame: int, pair: Pair) -> Tensor:
-        """Robust distance between the model's motion and the observed one, averaged over visible Gaussians with evidence.
+        """`motion_error` of one pair of frames."""
+        return motion_error(here, there, visible, *self.inputs(frame, pair))
 
-        With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion
-        across the line of sight is compared, at the Gaussian's own depth.
 
-        Parameters
-        ----------
-        here, there : float [N, 3]
-            Centres at the time of `frame` and of `pair.to`.
-        visible : float [N]
-            Weight of each Gaussian: 0 hidden, 1 on the surface.
-        """
-        camera, other = self.frames.cameras[frame], self.frames.cameras[pair.to]
-        start, z = project(here, camera)
-        end, z_end = project(there, other)
-        grid = start.detach() * 2 - 1
-        flow = look_up(pair.flow.float(), grid)
-        weight = (look_up(pair.weight.float(), grid)[:, 0] > 0.99) * visible  # believed at all four pixels around, but for rounding
-        target = start.detach() + flow
-        if self.frames.clip.depth_measured:
-            before = look_up(self.frames[frame].depth[None], grid)[:, 0]
-            after = look_up(self.frames[pair.to].depth[None], target * 2 - 1)[:, 0]
-            weight = weight * (before > 0) * (after > 0) * ((after - before).abs() < 0.15 * before)
-            error = (there - here) - (unproject(target, after, other) - unproject(start.detach(), before, camera))
-        else:
-            focal = there.new_tensor([other.width / other.fx, other.height / other.fy])
-            lateral = ((end - start) - flow) * focal * z.detach()[:, None]
-            error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
-        distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
-        return (distance * weight).sum() / weight.sum().clamp_min(1)
+def motion_error(
+    here: Tensor,
+    there: Tensor,
+    visible: Tensor,
+    camera: Tensor,
+    other: Tensor,
+    flow: Tensor,
+    weight: Tensor,
+    before: Tensor | None = None,
+    after: Tensor | None = None,
+) -> Tensor:
+    """Robust distance between the model's motion and the observed one, averaged over visible Gaussians with evidence.
+
+    With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion across
+    the line of sight is compared, at the Gaussian's own depth.
+
+    Parameters
+    ----------
+    here, there : float [N, 3]
+        Centres at the times of two frames.
+    visible : float [N]
+        Weight of each Gaussian: 0 hidden, 1 on the surface.
+    camera, other : float [5, 4]
+        `view_and_lens` at both frames.
+    flow, weight : float16 [2, h, w], [1, h, w]
+        See `Pair`.
+    before, after : float [H, W] or None
+        Measured depth of both frames, 0 where unknown.
+    """
+    start, z = project(here, camera)
+    end, z_end = project(there, other)
+    grid = start.detach() * 2 - 1
+    way = look_up(flow.float(), grid)
+    target = start.detach() + way
+    believed = (look_up(weight.float(), grid)[:, 0] > 0.99) * visible  # at all four pixels around, but for rounding
+    if before is not None and after is not None:
+        z_before = look_up(before[None], grid)[:, 0]
+        z_after = look_up(after[None], target * 2 - 1)[:, 0]
+        believed = believed * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < 0.15 * z_before)
+        error = (there - here) - (unproject(target, z_after, other) - unproject(start.detach(), z_before, camera))
+    else:
+        lateral = ((end - start) - way) / other[4, :2] * z.detach()[:, None]
+        error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
+    distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
+    return (distance * believed).sum() / believed.sum().clamp_min(1)
 
 
 def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
@@ -170,35 +191,32 @@ def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
     return valid & (cv2.resize(tool, frames.size, interpolation=cv2.INTER_NEAREST) == 0)
 
 
-def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Camera) -> Tensor:
+def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Tensor) -> Tensor:
     """1 for Gaussians that are drawn, lie on the drawn surface (within 3 % of its depth) and are not faint; else 0. Float [N], no gradient.
 
     Parameters
     ----------
     depth, alpha : float [H, W]
         Blended z (not divided) and coverage.
+    camera : float [5, 4]
+        `view_and_lens`.
     """
     position, z = project(means.detach(), camera)
     surface = look_up((depth / alpha.clamp_min(1e-6)).detach()[None], position * 2 - 1)[:, 0]
     return ((z - surface).abs() < DEPTH_TOLERANCE * surface).float() * (radii > 0) * (opacities.detach() > 0.1)
 
 
-def project(points: Tensor, camera: Camera) -> tuple[Tensor, Tensor]:
-    """Image positions as fractions of width and height [N, 2], and depths z [N]."""
-    view = torch.as_tensor(camera.viewmat, dtype=points.dtype).to(points.device)
-    local = points @ view[:3, :3].T + view[:3, 3]
+def project(points: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
+    """Image positions as fractions of width and height [N, 2], and depths z [N], seen by a camera's `view_and_lens` [5, 4]."""
+    local = points @ camera[:3, :3].T + camera[:3, 3]
     z = local[:, 2].clamp_min(1e-3)
-    x = (local[:, 0] / z * camera.fx + camera.cx) / camera.width
-    y = (local[:, 1] / z * camera.fy + camera.cy) / camera.height
-    return torch.stack([x, y], 1), z
+    return local[:, :2] / z[:, None] * camera[4, :2] + camera[4, 2:], z
 
 
-def unproject(position: Tensor, z: Tensor, camera: Camera) -> Tensor:
+def unproject(position: Tensor, z: Tensor, camera: Tensor) -> Tensor:
     """World points [N, 3] of image positions (fractions) [N, 2] at depths z [N]."""
-    x = (position[:, 0] * camera.width - camera.cx) / camera.fx * z
-    y = (position[:, 1] * camera.height - camera.cy) / camera.fy * z
-    view = torch.as_tensor(camera.viewmat, dtype=position.dtype).to(position.device)
-    return (torch.stack([x, y, z], 1) - view[:3, 3]) @ view[:3, :3]
+    lateral = (position - camera[4, 2:]) / camera[4, :2] * z[:, None]
+    return (torch.cat([lateral, z[:, None]], 1) - camera[:3, 3]) @ camera[:3, :3]
 
 
 def look_up(picture: Tensor, grid: Tensor) -> Tensor:

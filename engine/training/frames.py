@@ -23,8 +23,8 @@ class Frame:
 
     Attributes
     ----------
-    image : float [H, W, 3] in [0, 1]
-    valid : float [H, W], 0 or 1
+    image : uint8 [H, W, 3]
+    valid : bool [H, W]
     depth : float [H, W], normalised, 0 where unknown
     """
 
@@ -59,7 +59,7 @@ class TrainingFrames:
         self.cameras: list[Camera] = [camera.scaled(self.scale).with_unit(self.unit) for camera in clip.cameras]
         self._cache: OrderedDict[int, Frame] = OrderedDict()
         pixels = self.cameras[0].width * self.cameras[0].height
-        self._capacity = max(2, CACHE_BYTES // (pixels * 5 * 4))
+        self._capacity = max(2, CACHE_BYTES // (pixels * 8))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -88,8 +88,8 @@ class TrainingFrames:
             self._cache.move_to_end(index)
             return self._cache[index]
         frame = Frame(
-            torch.from_numpy(np.ascontiguousarray(self.image(index))).to(self.device).float() / 255,
-            torch.from_numpy(self.valid(index)).to(self.device).float(),
+            torch.from_numpy(np.ascontiguousarray(self.image(index))).to(self.device),
+            torch.from_numpy(self.valid(index)).to(self.device),
             torch.from_numpy(np.ascontiguousarray(self.depth(index))).to(self.device),
         )
         self._cache[index] = frame

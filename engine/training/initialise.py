@@ -15,7 +15,7 @@ DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame 
 
 
 def initial_gaussians(
-    frames: TrainingFrames, evidence: MotionEvidence | None, budget: int, rank: int, generator: np.random.Generator
+    frames: TrainingFrames, evidence: MotionEvidence | None, budget: int, rank: int, generator: np.random.Generator, color_knots: int = 0
 ) -> tuple[dict[str, Tensor], Tensor]:
     """Canonical parameters and the bounds of the field.
 
@@ -76,6 +76,7 @@ def initial_gaussians(
         "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
         "logits": torch.full((count,), 2.0),
         "colors": torch.from_numpy(np.concatenate(colors)).float(),
+        "tints": torch.zeros(count, color_knots, 3),
         "lifetimes": torch.from_numpy(np.concatenate(lifetimes)).float(),
         "semantics": torch.from_numpy(generator.normal(0, 0.01, (count, rank))).float(),
     }

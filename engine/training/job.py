@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable
@@ -100,11 +101,9 @@ def train(
     except Cancelled:
         return None
 
-    rank = semantics.basis.rank if semantics is not None else 0
-    field = FieldConfig(
-        config.routing, rank, config.appearance, config.channels, config.resolution, max(2, (len(clip) + 1) // 2), config.levels
-    )
-    canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), rank, np.random.default_rng(config.seed))
+    field = field_config(config, len(clip), semantics.basis.rank if semantics is not None else 0)
+    random = np.random.default_rng(config.seed)
+    canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), field.rank, random, field.color_knots)
     model = SceneModel(field, bounds, canonical).to(device)
     if run is None:
         info = {
@@ -128,6 +127,20 @@ def train(
     run.info |= {"state": "training", "hardware": hardware()}
     run.save()
     return _loop(run, trainer, events, stop, started)
+
+
+def field_config(config: TrainConfig, frames: int, rank: int) -> FieldConfig:
+    """The field for a clip of so many frames."""
+    return FieldConfig(
+        config.routing,
+        rank,
+        config.appearance,
+        max(2, math.ceil(frames / config.color_spacing)) if config.appearance else 0,
+        config.channels,
+        config.resolution,
+        max(2, math.ceil(frames / config.time_spacing)),
+        config.levels,
+    )
 
 
 def semantic_provenance(teacher: Teacher | None, semantics: SemanticTargets | None) -> str:

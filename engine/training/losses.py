@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from importlib.util import find_spec
+
 import cv2
 import numpy as np
 import torch
@@ -32,14 +35,24 @@ class _Blur(torch.autograd.Function):
 
 def window_mean(values: Channels) -> Channels:
     """Weighted mean over the SSIM window. On the CPU by OpenCV: a hundred times as fast as torch's convolution of single channels."""
-    kernel = np.exp(-np.square(np.arange(WINDOW) - WINDOW // 2) / (2 * SIGMA**2))
-    kernel /= kernel.sum()
     if values.device.type == "cpu":
+        kernel = window()
         return torch.from_numpy(cv2.sepFilter2D(values.contiguous().numpy(), -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT))
-    weights = torch.as_tensor(kernel, dtype=values.dtype, device=values.device)
+    weights = _window_on(values.device, values.dtype)
     planes = values.permute(2, 0, 1)[:, None]
     planes = F.conv2d(planes, weights.view(1, 1, 1, -1), padding=(0, WINDOW // 2))
     return F.conv2d(planes, weights.view(1, 1, -1, 1), padding=(WINDOW // 2, 0))[:, 0].permute(1, 2, 0)
+
+
+def window() -> np.ndarray:
+    """The window of SSIM along one axis, float64 [WINDOW], sum 1."""
+    kernel = np.exp(-np.square(np.arange(WINDOW) - WINDOW // 2) / (2 * SIGMA**2))
+    return kernel / kernel.sum()
+
+
+@lru_cache
+def _window_on(device: torch.device, dtype: torch.dtype) -> Tensor:
+    return torch.as_tensor(window(), dtype=dtype, device=device)
 
 
 def ssim_map(image: Channels, target: Channels) -> Channels:
@@ -55,6 +68,10 @@ def ssim_map(image: Channels, target: Channels) -> Channels:
     -------
     float [H, W, C]
     """
+    if image.device.type == "cuda" and image.dtype == torch.float32 and not target.requires_grad and find_spec("triton") is not None:
+        from engine.training.ssim_cuda import similarity
+
+        return similarity(image, target, _window_on(image.device, image.dtype))
     moments = _Blur.apply(torch.cat([image, target, image * image, target * target, image * target], 2))
     mx, my, xx, yy, xy = moments.chunk(5, 2)
     vx, vy, cov = xx - mx * mx, yy - my * my, xy - mx * my

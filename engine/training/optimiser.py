@@ -18,6 +18,7 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
         "quats": config.rate_quats,
         "logits": config.rate_opacity,
         "colors": config.rate_color,
+        "tints": config.rate_tints,
         "semantics": config.rate_semantics,
         "lifetimes": config.rate_lifetimes,
     }
@@ -35,8 +36,8 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
     return torch.optim.Adam(groups, eps=1e-15, fused=True)
 
 
-def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, iteration: int, caution: float) -> None:
-    """Exponential decay to `rate_final` of the start for positions and field; everything times `caution`."""
-    decay = config.rate_final ** (iteration / config.iterations)
+def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, progress: float, caution: float) -> None:
+    """Exponential decay to `rate_final` of the start, at `progress` 1, for positions and field; everything times `caution`."""
+    decay = config.rate_final**progress
     for group in optimizer.param_groups:
         group["lr"] = group["base"] * caution * (decay if group["name"] in DECAYING else 1.0)

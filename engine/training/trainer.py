@@ -10,22 +10,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from engine.camera import Camera
 from engine.field import SceneModel
 from engine.progress import Progress
 from engine.raster import Render, camera_depths, rasterize
+from engine.raster.camera_tensors import view_and_lens
 from engine.splats import Splats
 from engine.training.config import TrainConfig
 from engine.training.density import Density
-from engine.training.evidence import MotionEvidence, surface_visibility
+from engine.training.evidence import MotionEvidence, Pair
 from engine.training.frames import TrainingFrames
-from engine.training.losses import inverse_depth, photometric, rigidity
 from engine.training.neighbours import nearest_neighbours
 from engine.training.optimiser import make_optimiser, set_rates
+from engine.training.passes import CurvePass, FieldPass, PictureLoss, SemanticPass, motion_loss
+from engine.training.recording import recorded
 from engine.training.semantics import SemanticTargets
 
 GUARD_EVERY = 100  # steps between looks at whether all is finite
 NEIGHBOURS = 6
 ROLLBACKS = 5
+CURVES_EVERY = 4  # steps between looks at the regularisers of planes and curves, which change slowly
 
 
 class Diverged(Exception):
@@ -67,7 +71,11 @@ class Trainer:
         self.caution = 1.0  # every rollback halves all learning rates
         self.rollbacks = 0
         self.running = torch.zeros(2, device=self.device)  # sums of loss and squared error since the last report
+        self.times = torch.tensor([frames.clip.time(i) for i in range(len(frames.clip))], device=self.device)
         self._neighbours: tuple[Tensor, Tensor] | None = None
+        self._recordings: dict[str, Callable[..., Any]] = {}
+        self._curves_every = torch.full((), float(CURVES_EVERY), device=self.device)
+        self._picture_loss = PictureLoss(config, depth=frames.clip.depth_measured and config.depth > 0)
         self.good = self.state()
 
     # -- state -----------------------------------------------------------------------------------------------------------------------------
@@ -122,48 +130,91 @@ class Trainer:
         self.random.bit_generator.state = plain["random"]
         held = state["neighbours"]
         self._neighbours = (held["index"].to(self.device), held["weight"].to(self.device)) if held else None
+        self._forget_recordings()
 
     # -- one step --------------------------------------------------------------------------------------------------------------------------
     def step(self) -> None:
         """One frame, one update."""
         config, semantic_step = self.config, self._semantic_step()
-        frame_index = self._next_frame(semantic_step)
-        set_rates(self.optimizer, config, self.iteration, self.caution)
-        deform = self.iteration >= config.coarse_iterations
-        frame, camera = self.frames[frame_index], self.frames.cameras[frame_index]
-        state = self.model.at(self.frames.clip.time(frame_index), deform=deform, semantics=False)
-        splats = state.splats
-        offsets = torch.zeros(len(splats), 2, device=self.device, requires_grad=True)
-        render = draw(splats, camera, offsets)
-        depth = render.image[..., 3]
-        loss = photometric(render.image[..., :3], frame.image, frame.valid, config.ssim)
-        if self.frames.clip.depth_measured and config.depth > 0:
-            loss = loss + config.depth * inverse_depth(depth, render.alpha, frame.depth, frame.valid)
-        if state.deformation is not None:
-            loss = loss + self._field_losses(state)
-            if self.evidence is not None and config.flow > 0:
-                weight = config.flow * config.flow_final ** (self.iteration / config.iterations)
-                loss = loss + weight * self._flow_loss(splats, render, frame_index)
+        index = self._next_frame(semantic_step)
+        set_rates(self.optimizer, config, self.progress, self.caution)
+        frame, camera, pair = self.frames[index], self.frames.cameras[index], self._pair(index)
+        asked = self.times[index], view_and_lens(camera, self.device), *(() if pair is None else (self.times[pair.to],))
+        self._record_model(asked)
+        means, quats, scales, opacities, features, loss, *there = self._recordings["field"](*asked)
+        offsets = torch.zeros(len(means), 2, device=self.device, requires_grad=self.densifies)
+        render = rasterize(means, quats, scales, opacities, features, camera, screen_offsets=offsets, clean=True)
+        loss_of_picture, error = self._run("picture", self._picture_loss, render.image, render.alpha, frame.image, frame.valid, frame.depth)
+        loss = loss + loss_of_picture
+        if self.evidence is not None and pair is not None:
+            seen = means, there[0], opacities, render.radii, render.image, render.alpha, *self.evidence.inputs(index, pair)
+            (loss_of_motion,) = self._run("motion", motion_loss, *seen)
+            loss = loss + config.flow * config.flow_final**self.progress * loss_of_motion
+        if self.iteration % CURVES_EVERY == 0:
+            loss = loss + self._recordings["curves"](self._curves_every)[0]
         if semantic_step:
-            loss = loss + config.semantic * self._semantic_loss(frame_index, deform)
+            loss = loss + config.semantic * self._semantic_loss(index)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         self.optimizer.step()
         with torch.no_grad():
-            error = ((render.image[..., :3] - frame.image).square() * frame.valid[..., None]).sum() / (3 * frame.valid.sum().clamp_min(1))
             self.running += torch.stack([loss.detach(), error])
             if offsets.grad is not None:
-                self.density.observe(offsets.grad, render.radii, splats.opacities, camera.width / 2)
-                self.unseen.discard(frame_index)
+                self.density.observe(offsets.grad, render.radii, opacities, camera.width / 2)
+                self.unseen.discard(index)
         self.iteration += 1
         self._edit()
         self._guard()
+
+    def _record_model(self, asked: tuple[Tensor, ...]) -> None:
+        """Record what reads the model, when the Gaussians or the stage have changed: before any gradient of this step is on its way."""
+        if "field" in self._recordings:
+            return
+        if self.config.rigidity > 0 and self._neighbours is None:
+            self._neighbours = nearest_neighbours(self.model.canonical["means"].detach(), NEIGHBOURS)
+        parameters = list(self.model.parameters())
+        field = FieldPass(self.model, self.config, self._neighbours, deform=self.deforms)
+        self._recordings["field"] = recorded(field, asked, parameters)
+        self._recordings["curves"] = recorded(CurvePass(self.model, self.config), (self._curves_every,), parameters)
+        if self.semantics is not None:
+            self._recordings["semantics"] = recorded(SemanticPass(self.model, self.config, deform=self.deforms), asked[:1], parameters)
+
+    def _run(self, name: str, function: Callable[..., tuple[Tensor, ...]], *arguments: Tensor) -> tuple[Tensor, ...]:
+        """A function of what was drawn, recorded at its first use."""
+        if name not in self._recordings:
+            self._recordings[name] = recorded(function, arguments)
+        return self._recordings[name](*arguments)
+
+    @property
+    def progress(self) -> float:
+        """How far the training has got, 0 to 1: what the learning rates and the weight of motion evidence follow."""
+        return self.iteration / self.config.iterations
+
+    @property
+    def deforms(self) -> bool:
+        """False in the coarse stage, in which the first training frame is drawn from Gaussians that stand still."""
+        return self.iteration >= self.config.coarse_iterations
+
+    @property
+    def densifies(self) -> bool:
+        """Whether Gaussians are still cloned, split and pruned."""
+        return self.iteration < self.config.densify_until * self.config.iterations
+
+    def _pair(self, frame: int) -> Pair | None:
+        """One of the frames that the motion of this one is known to, at random."""
+        if self.evidence is None or self.config.flow <= 0 or not (pairs := self.evidence.pairs[frame]):
+            return None
+        return pairs[int(self.random.integers(len(pairs)))]
 
     def _semantic_step(self) -> bool:
         return self.semantics is not None and self.iteration % self.config.semantic_every == 0
 
     def _next_frame(self, semantic_step: bool) -> int:
-        """Training frames in a new random order each round; on a semantic step, the next one of them that has a teacher's word, if any."""
+        """The first training frame in the coarse stage. Then all in a new random order each round; on a semantic step, the next one of
+        them that has a teacher's word, if any.
+        """
+        if not self.deforms:
+            return self.frames.clip.train_frames[0]
         if not self.order:
             self.order = [self.frames.clip.train_frames[i] for i in self.random.permutation(len(self.frames.clip.train_frames))]
         if semantic_step and self.semantics is not None:
@@ -173,55 +224,32 @@ class Trainer:
                     return self.order.pop(position)
         return self.order.pop()
 
-    def _field_losses(self, state: Any) -> Tensor:
-        config, deformation = self.config, state.deformation
-        space, curvature, stillness = self.model.planes.smoothness()
-        loss = config.plane_space * space + config.plane_time * curvature + config.plane_still * stillness
-        loss = loss + config.displacement * (deformation.means.square().sum(1) + 1e-8).sqrt().mean()
-        shape = deformation.log_scales.abs().mean() + deformation.quats.abs().mean() + deformation.opacities.abs().mean()
-        loss = loss + config.shape * shape
-        if state.recolour is not None:
-            loss = loss + config.recolour * state.recolour.abs().mean()
-        if config.rigidity > 0:
-            if self._neighbours is None:
-                self._neighbours = nearest_neighbours(self.model.canonical["means"].detach(), NEIGHBOURS)
-            loss = loss + config.rigidity * rigidity(deformation.means, *self._neighbours)
-        return loss
-
-    def _flow_loss(self, splats: Splats, render: Render, frame: int) -> Tensor:
-        assert self.evidence is not None
-        pairs = self.evidence.pairs[frame]
-        if not pairs:
-            return splats.means.new_zeros(())
-        pair = pairs[int(self.random.integers(len(pairs)))]
-        there = self.model.means_at(self.frames.clip.time(pair.to))
-        camera = self.frames.cameras[frame]
-        visible = surface_visibility(splats.means, splats.opacities, render.radii, render.image[..., 3], render.alpha, camera)
-        return self.evidence.loss(splats.means, there, visible, frame, pair)
-
-    def _semantic_loss(self, frame_index: int, deform: bool) -> Tensor:
-        """The semantic pass. `isolated` blends with detached geometry, so that no gradient of it can reach a shape or a place."""
+    def _semantic_loss(self, frame_index: int) -> Tensor:
+        """The semantic pass, on this step's frame where the teacher speaks of it, else on another."""
         assert self.semantics is not None
         spoken = self.semantics.frames
         frame = frame_index if frame_index in set(spoken) else spoken[int(self.random.integers(len(spoken)))]
-        state = self.model.at(self.frames.clip.time(frame), deform=deform)
-        latent = draw_latents(state.splats, self.frames.cameras[frame], detached=self.config.routing == "isolated")
-        loss = self.semantics.loss(latent, frame, use_angles=self.config.angular, region_weight=self.config.region)
-        if state.resemantics is not None:
-            loss = loss + self.config.resemantics * state.resemantics.abs().mean()
-        return loss
+        *state, price = self._recordings["semantics"](self.times[frame])
+        latent = draw_latents(*state, self.frames.cameras[frame], detached=self.config.routing == "isolated")
+        return self.semantics.loss(latent, frame, use_angles=self.config.angular, region_weight=self.config.region) + price
 
     # -- between steps ---------------------------------------------------------------------------------------------------------------------
     def _edit(self) -> None:
         config = self.config
-        if self.iteration % config.densify_every or self.iteration < config.densify_every:
+        if self.iteration == config.coarse_iterations:
+            self._forget_recordings()
+        if self.iteration % config.densify_every or self.iteration > config.densify_until * config.iterations:
             return
-        if self.iteration <= config.densify_until * config.iterations:
-            prune = not self.unseen
-            self.density.step(self.optimizer, self.generator, prune=prune)
-            if prune:
-                self.unseen = set(self.frames.clip.train_frames)
-            self._neighbours = None
+        prune = not self.unseen
+        self.density.step(self.optimizer, self.generator, prune=prune)
+        if prune:
+            self.unseen = set(self.frames.clip.train_frames)
+        self._neighbours = None
+        self._forget_recordings()
+
+    def _forget_recordings(self) -> None:
+        """All but that of the picture, whose shapes never change."""
+        self._recordings = {name: kept for name, kept in self._recordings.items() if name == "picture"}
 
     def _guard(self) -> None:
         """Every `GUARD_EVERY` steps: keep a copy of a finite state, or go back to the last one with half the learning rates."""
@@ -253,16 +281,18 @@ class Trainer:
         return {"loss": loss, "psnr": float(-10 * np.log10(max(error, 1e-12))), "gaussians": len(self.model)}
 
 
-def draw(splats: Splats, camera: Any, offsets: Tensor | None = None) -> Render:
+def draw(splats: Splats, camera: Camera) -> Render:
     """Colour and z in one pass: image [H, W, 4]."""
     features = torch.cat([splats.colors, camera_depths(splats.means, camera)[:, None]], 1)
-    return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera, screen_offsets=offsets)
+    return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera)
 
 
-def draw_latents(splats: Splats, camera: Any, *, detached: bool) -> Tensor:
+def draw_latents(
+    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, latents: Tensor, camera: Camera, *, detached: bool
+) -> Tensor:
     """Latent map [H, W, d]; with `detached` geometry nothing but the latents receives a gradient."""
-    place = splats.detach() if detached else splats
-    return rasterize(place.means, place.quats, place.scales, place.opacities, splats.semantics, camera).image
+    place = (means, quats, scales, opacities)
+    return rasterize(*((part.detach() for part in place) if detached else place), latents, camera).image
 
 
 def run_steps(trainer: Trainer, stop: Callable[[], bool], every: int, progress: Progress, after: Callable[[dict[str, Any]], None]) -> bool:

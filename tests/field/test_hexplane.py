@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 import torch
+from scipy.interpolate import BSpline
 
 from engine.field import hexplane_cpu
 from engine.field.hexplane import HexPlane, sample_level
+from engine.field.time_axis import at_time
 
 
 def brute(points, space, line):
@@ -51,12 +53,35 @@ def test_fused_values_and_gradients_match_the_twin_in_float64():
         assert (fused - exact).norm() / exact.norm() < 1e-5
 
 
-def test_time_is_interpolated_and_clamped():
-    planes = HexPlane(8, 8, 5, (1,))
-    with torch.no_grad():
-        planes.time[0].copy_(torch.arange(5.0)[None, :, None, None].expand(3, 5, 8, 8))
-    for t, expected in ((-1, 0), (-0.5, 1), (0.25, 2.5), (1, 4), (-7, 0), (3, 4)):
-        assert torch.allclose(planes.lines(t)[0], torch.full((3, 8, 8), float(expected)))
+def test_time_runs_along_a_cubic_spline_and_is_clamped():
+    """Against SciPy's B-spline with the outermost knots repeated."""
+    values = np.random.default_rng(5).normal(size=(7, 6))
+    padded = np.concatenate([values[:1], values, values[-1:]])
+    spline = BSpline(np.arange(-3, 10), padded, 3)
+    knots = torch.from_numpy(values)[None]
+    for t in (-1.0, -0.93, -0.2, 0.0, 0.41, 1.0):
+        np.testing.assert_allclose(at_time(knots, t)[0].numpy(), spline((t + 1) / 2 * 6), atol=1e-12)
+    assert torch.equal(at_time(knots, -7.0), at_time(knots, -1.0))
+    assert torch.equal(at_time(knots, 3.0), at_time(knots, 1.0))
+    assert torch.allclose(at_time(torch.full((2, 5, 3), 0.7), 0.123), torch.tensor(0.7))
+    assert torch.equal(at_time(knots[:, :1], 0.5), knots[:, 0])
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+@pytest.mark.parametrize("channels", [8, 16, 24])
+def test_the_gpus_fused_twin_in_values_and_gradients(channels):
+    hexplane_cuda = pytest.importorskip("engine.field.hexplane_cuda")
+    torch.manual_seed(channels)
+    points = torch.cat([torch.rand(3000, 3) * 2 - 1, torch.tensor([[-1.0, -1, -1], [1, 1, 1]])])
+    space, line = torch.randn(3, 33, 33, channels), torch.randn(3, 33, channels)
+    weights, results = torch.randn(len(points), channels), []
+    for device, cast, sample in (("cuda", torch.float32, hexplane_cuda.sample), ("cpu", torch.float64, sample_level)):
+        plane, lines = (tensor.to(device, cast, copy=True).requires_grad_() for tensor in (space, line))
+        out = sample(points.to(device, cast), plane, lines)
+        (out * weights.to(device, cast)).sum().backward()
+        results.append([tensor.double().cpu() for tensor in (out.detach(), plane.grad, lines.grad)])
+    for fused, exact in zip(*results, strict=True):
+        assert (fused - exact).norm() / exact.norm() < 1e-5
 
 
 def test_points_outside_the_box_and_without_a_gradient():

@@ -6,6 +6,7 @@ import torch
 from engine.camera import Camera
 from engine.field import ROUTINGS, FieldConfig, SceneModel
 from engine.field.model import CANONICAL
+from engine.field.still import OPACITY, PIXELS, find_moving
 from engine.raster import rasterize
 from engine.training.trainer import draw_latents
 
@@ -21,16 +22,17 @@ def make(routing, rank=4, count=60, seed=0):
         "logits": torch.randn(count),
         "colors": torch.rand(count, 3),
         "semantics": torch.randn(count, rank),
+        "tints": torch.zeros(count, 3, 3),
         "lifetimes": torch.zeros(count, 2),
     }
     bounds = torch.tensor([[-0.6, -0.5, 0.7], [0.6, 0.5, 1.3]])
-    return SceneModel(FieldConfig(routing, rank, channels=8, resolution=8, time_resolution=4), bounds, canonical)
+    return SceneModel(FieldConfig(routing, rank, color_knots=3, channels=8, resolution=8, time_resolution=4), bounds, canonical)
 
 
 def stir(model):
     """Give every zero-initialised last layer something to say."""
     for parameter in model.parameters():
-        if parameter.abs().max() == 0:
+        if not parameter.any():
             torch.nn.init.normal_(parameter, 0, 0.05)
 
 
@@ -107,6 +109,57 @@ def test_a_scene_without_semantics_draws():
     assert splats.semantics.shape == (60, 0)
     drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, CAMERA)
     assert drawn.image.shape == (20, 24, 3)
+
+
+def test_tints_change_one_gaussians_colour_in_time_and_nothing_else():
+    model = make("isolated")
+    with torch.no_grad():
+        model.canonical["tints"][5, 0] = torch.tensor([0.3, -0.2, 0.1])
+    plain, early, late = make("isolated").at(-1.0).splats, model.at(-1.0).splats, model.at(1.0).splats
+    expected = torch.zeros(60, 3)
+    expected[5] = 5 / 6 * torch.tensor([0.3, -0.2, 0.1])  # the outermost knot is repeated
+    assert torch.allclose(early.colors - plain.colors, expected, atol=1e-6)
+    assert torch.equal(late.colors, plain.colors)
+    assert torch.equal(early.means, plain.means)
+    assert torch.equal(early.opacities, plain.opacities)
+
+
+def test_a_second_time_costs_one_pass_and_agrees_with_means_at():
+    model = make("paper")
+    stir(model)
+    state = model.at(0.2, other=-0.7)
+    assert torch.allclose(state.there, model.means_at(-0.7), atol=1e-6)
+    assert torch.allclose(state.splats.means, model.means_at(0.2), atol=1e-6)
+
+
+@pytest.mark.parametrize("routing", ROUTINGS)
+def test_still_gaussians_never_enter_the_field_and_the_picture_stays(routing):
+    """With planes that let only one corner of the box move: what is left out changes nothing beyond the stated tolerance."""
+    model = make(routing)
+    stir(model)
+    with torch.no_grad():
+        for last in (model.geometry.decode[-1], model.appearance.decode[-1], model.semantic.decode[-1]):
+            last.bias.zero_()
+            last.weight *= 0.2
+        for plane in model.planes.space:
+            plane[0, :, : plane.shape[2] // 2] = 0  # the left half of the box reads zero features at every time
+        for layer in (*model.kinematics.base, model.kinematics.states, model.geometry.decode[0], model.appearance.decode[0]):
+            if isinstance(layer, torch.nn.Linear):
+                layer.bias.zero_()
+    times = torch.linspace(-1, 1, 7).tolist()
+    whole = [model.at(t).splats for t in times]
+    moving = find_moving(model, times, focal=20.0)
+    assert 0 < len(moving) < len(model)
+    model.set_moving(moving)
+    for exact, t in zip(whole, times, strict=True):
+        left = model.at(t).splats
+        assert float((left.means - exact.means).norm(dim=1).max()) * 20.0 <= PIXELS
+        assert float((left.opacities - exact.opacities).abs().max()) <= OPACITY
+        for name in vars(exact):
+            assert torch.allclose(getattr(left, name)[moving], getattr(exact, name)[moving], atol=1e-6), name
+    for rows in (torch.tensor([len(model)]), torch.tensor([-1]), torch.tensor([0.5])):
+        with pytest.raises(ValueError, match="moving"):
+            model.set_moving(rows)
 
 
 def test_lifetimes_fade_what_is_transient_and_leave_the_rest_alone_for_ever():

@@ -59,13 +59,16 @@ def small(rank=2):
     generator = torch.Generator().manual_seed(3)
     shapes = {"means": 3, "log_scales": 3, "quats": 4, "colors": 3, "semantics": rank, "lifetimes": 2}
     canonical = {name: torch.randn(5, width, generator=generator) for name, width in shapes.items()}
-    canonical["logits"] = torch.randn(5, generator=generator)
-    config = FieldConfig(rank=rank, channels=2, resolution=4, time_resolution=3, levels=(1,))
+    canonical |= {"logits": torch.randn(5, generator=generator), "tints": torch.randn(5, 2, 3, generator=generator)}
+    config = FieldConfig(rank=rank, color_knots=2, channels=2, resolution=4, time_resolution=3, levels=(1,))
     return SceneModel(config, torch.tensor([[-1.0, -1, -1], [1, 1, 1]]), canonical)
 
 
-def test_a_model_comes_back():
+@pytest.mark.parametrize("moving", [None, [1, 3]])
+def test_a_model_comes_back(moving):
     model = small()
+    if moving is not None:
+        model.set_moving(torch.tensor(moving))
     again = build_model(model.config.to_json(), dict(model.state_dict()), FILE)
     for name, tensor in model.state_dict().items():
         assert torch.equal(tensor, again.state_dict()[name]), name
@@ -77,6 +80,7 @@ def test_a_model_comes_back():
         (lambda field, tensors: tensors.pop("bounds"), "lacks the canonical Gaussians"),
         (lambda field, tensors: tensors.pop("canonical.quats"), "lacks the canonical Gaussians"),
         (lambda field, tensors: tensors.pop("kinematics.states.weight"), "does not fit the configuration"),
+        (lambda field, tensors: tensors.update(moving=torch.tensor([5])), "does not fit the configuration"),
         (lambda field, tensors: field.update(channels=3), "does not fit the configuration"),
         (lambda field, tensors: field.update(unheard_of=1), "does not fit the configuration"),
         (lambda field, tensors: tensors.update({"canonical.means": torch.zeros(())}), "does not fit the configuration"),

@@ -6,11 +6,18 @@ import torch
 
 from engine.camera import Camera
 from engine.motion import consistent
+from engine.raster.camera_tensors import view_and_lens
 from engine.training.evidence import MotionEvidence, Pair, look_up, project, surface_visibility, tissue_pixels, unproject
 from engine.training.frames import TrainingFrames
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")
+
+
+def seen_by(camera):
+    return view_and_lens(camera, CPU)
+
+
 SLIDING, COMING = (0.06, 0.03, 0.0), (0.04, -0.02, -0.05)
 
 
@@ -73,7 +80,7 @@ def test_points_without_evidence_say_nothing():
     pair.weight[..., : clip.size[0] // 2] = 0
     there = here.clone().requires_grad_()
     evidence.loss(here, there, visible, 0, pair).backward()
-    column = project(here, clip.cameras[0])[0][:, 0] * clip.size[0]
+    column = project(here, seen_by(clip.cameras[0]))[0][:, 0] * clip.size[0]
     touched = there.grad.abs().sum(1) > 0
     assert not touched[column < clip.size[0] / 2].any()
     assert touched[column > clip.size[0] / 2 + 1].all()
@@ -101,7 +108,7 @@ def test_a_jump_in_depth_is_no_motion():
     clip = Torn(velocity=(0.0, 0.0, 0.0))
     evidence = MotionEvidence(TrainingFrames(clip, 1 << 20, CPU))
     here, _ = points_on(clip, evidence, 0, 4, 6)
-    column = project(here, clip.cameras[0])[0][:, 0] * clip.size[0]
+    column = project(here, seen_by(clip.cameras[0]))[0][:, 0] * clip.size[0]
     whole = ((column - 48).abs() > 1).float()  # pixels at the rim of the tear see a mixture
     assert evidence.loss(here, here, whole, 0, exact_pair(clip, 0, 4)) < 1e-6
 
@@ -222,7 +229,7 @@ def test_surface_visibility_by_hand():
     )
     opacities = torch.tensor([0.9] * 7 + [0.05, 0.9])
     radii = torch.tensor([3, 3, 3, 3, 3, 3, 0, 3, 3], dtype=torch.int32)
-    result = surface_visibility(means.requires_grad_(), opacities, radii, depth, alpha, camera)
+    result = surface_visibility(means.requires_grad_(), opacities, radii, depth, alpha, seen_by(camera))
     assert result.tolist() == [1, 1, 0, 0, 1, 0, 0, 0, 0]
     assert not result.requires_grad
 
@@ -236,10 +243,11 @@ def test_projection_is_the_cameras(seed):
     camera = Camera(40, 30, 33.0, 35.0, 18.0, 16.0, viewmat)
     pixels, z = random.uniform(0, 30, (50, 2)), random.uniform(0.5, 3, 50)
     points = torch.from_numpy(camera.unproject(pixels, z))
-    position, depth = project(points, camera)
+    seen = view_and_lens(camera, CPU, torch.float64)
+    position, depth = project(points, seen)
     np.testing.assert_allclose(position.numpy() * [40, 30], pixels, atol=1e-9)
     np.testing.assert_allclose(depth.numpy(), z, atol=1e-9)
-    np.testing.assert_allclose(unproject(position, depth, camera).numpy(), points.numpy(), atol=1e-9)
+    np.testing.assert_allclose(unproject(position, depth, seen).numpy(), points.numpy(), atol=1e-9)
 
 
 def test_look_up_reads_pixel_centres_and_zero_outside():

@@ -115,7 +115,8 @@ def test_points_lie_on_the_surface_in_its_colour():
 def test_shapes_and_sizes():
     _, canonical, bounds, *_ = start(Visited())
     count = len(canonical["means"])
-    shapes = {"means": (3,), "log_scales": (3,), "quats": (4,), "logits": (), "colors": (3,), "lifetimes": (2,), "semantics": (3,)}
+    shapes = {"means": (3,), "log_scales": (3,), "quats": (4,), "logits": (), "colors": (3,), "tints": (0, 3)}
+    shapes |= {"lifetimes": (2,), "semantics": (3,)}
     assert {name: tuple(t.shape[1:]) for name, t in canonical.items()} == shapes
     assert all(len(t) == count and t.dtype == torch.float32 and bool(torch.isfinite(t).all()) for t in canonical.values())
     assert bounds.shape == (2, 3)

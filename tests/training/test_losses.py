@@ -73,3 +73,18 @@ def test_rigid_motion_costs_nothing():
     shift = torch.tensor([0.3, -0.2, 0.5]).expand(3, 3)
     assert rigidity(shift, neighbours, weights).item() == pytest.approx(0, abs=1e-5)
     assert rigidity(torch.eye(3), neighbours, weights).item() == pytest.approx(2**0.5, rel=1e-5)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+@pytest.mark.parametrize(("height", "width"), [(40, 50), (7, 90), (1, 1)])
+def test_the_gpus_fused_similarity_in_values_and_gradients(height, width):
+    torch.manual_seed(height)
+    image, target, weight = (torch.rand(height, width, 3) for _ in range(3))
+    results = []
+    for device, cast in (("cuda", torch.float32), ("cpu", torch.float64)):
+        x = image.to(device, cast, copy=True).requires_grad_()
+        similarity = ssim_map(x, target.to(device, cast))
+        (similarity * weight.to(device, cast)).sum().backward()
+        results.append((similarity.detach().cpu().double(), x.grad.cpu().double()))
+    for fused, exact in zip(*results, strict=True):
+        assert float((fused - exact).norm() / exact.norm()) < 1e-4

@@ -1,0 +1,56 @@
+"""The field at any time, ready to be drawn: recorded as one CUDA graph where there is a GPU."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from engine.field.model import SceneModel
+from engine.splats import Splats
+
+
+class LiveField:
+    """States of a trained scene, in another unit if wanted, with numbers that a rasterizer need not check.
+
+    Parameters
+    ----------
+    model : SceneModel
+        Must not change as long as this is in use.
+    unit : float
+        Lengths come multiplied by it.
+    """
+
+    def __init__(self, model: SceneModel, unit: float = 1.0):
+        self.model, self.unit = model, unit
+        self._graph: torch.cuda.CUDAGraph | None = None
+        self._time = torch.zeros((), device=model.bounds.device)
+        if self._time.is_cuda:
+            self._record()
+
+    def __call__(self, t: float) -> Splats:
+        """All Gaussians at time `t` ∈ [-1, 1]. On CUDA the next call overwrites them."""
+        if self._graph is None:
+            return self._evaluate(torch.tensor(t))
+        self._time.fill_(t)
+        self._graph.replay()
+        return self._splats
+
+    @torch.no_grad()
+    def _evaluate(self, t: Tensor) -> Splats:
+        splats = self.model.at(t).splats
+        means, quats, scales, opacities = splats.means * self.unit, splats.quats, splats.scales * self.unit, splats.opacities
+        if means.is_cuda:
+            from engine.raster.cuda import cleaned
+
+            quats, scales, opacities = cleaned(means, quats, scales, opacities, torch.cat([splats.colors, splats.semantics], 1))
+        return Splats(means, quats, scales, opacities, splats.colors, splats.semantics)
+
+    def _record(self) -> None:
+        stream = torch.cuda.Stream()
+        stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(stream):
+            self._evaluate(self._time)
+        torch.cuda.current_stream().wait_stream(stream)
+        self._graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(self._graph):
+            self._splats = self._evaluate(self._time)
