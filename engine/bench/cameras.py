@@ -115,7 +115,11 @@ def _trainings(clips: dict[int, Path], options: BenchOptions, progress: Progress
         cells: dict[str, list[float]] = {key: [] for key in (*scores, "true_displacement")}
         for seed, path in clips.items():
             progress(0.2, f"training with {name} cameras")
-            result = _score(open_clip(path, answers), options.scratch / f"cameras-{name}-{seed}", TrainConfig.from_json(config.to_json() | {"seed": seed}))
+            result = _score(
+                open_clip(path, answers),
+                options.scratch / f"cameras-{name}-{seed}",
+                TrainConfig.from_json(config.to_json() | {"seed": seed}),
+            )
             for key, values in cells.items():
                 values.append(float(result[key]))
         table.rows.append({"cameras": name, **cells})
