@@ -131,6 +131,12 @@ def _run(sub: argparse.ArgumentParser) -> None:
 def _clip_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--layout", metavar="NAME", help="endonerf, cholecseg8k, frames or video (default: detected)")
     sub.add_argument("--mask-means", choices=("tool", "keep"), help="what white means in the clip's masks (default: detected)")
+    sub.add_argument(
+        "--poses",
+        choices=("auto", "still", "estimate"),
+        default="auto",
+        help="whether the camera moves: as the clip says, else decided from its frames (auto, default); no; yes, and find out how",
+    )
     sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
 
 

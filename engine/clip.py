@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,6 +43,9 @@ class Clip(ABC):
         One a frame (the same object where the camera stands still), in the clip's own unit.
     classes : tuple of str
         Names of the label values 0, 1, …; empty when the clip has no labels.
+    poses : "given", "auto" or "estimate"
+        "given": `cameras` are what is known. Else they stand still until `engine.poses.find_cameras` has looked at the frames; with "auto"
+        these decide whether the camera moves.
     provenance : dict of str to str
         Where each thing comes from, in words for the user: keys `frames`, `poses`, `focal`, `masks`, `depth`, `labels`.
     unit : str
@@ -61,6 +64,7 @@ class Clip(ABC):
     unit: str = "scene units"
     fps: float = 25.0
     options: dict[str, Any] = field(default_factory=dict)
+    poses: Literal["given", "auto", "estimate"] = "given"
 
     def __len__(self) -> int:
         return len(self.cameras)

@@ -93,7 +93,7 @@ def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, sto
 def clip_options(options: argparse.Namespace) -> ClipOptions:
     from engine.readers import ClipOptions
 
-    return ClipOptions(layout=options.layout, mask_means=options.mask_means, focal=options.focal)
+    return ClipOptions(layout=options.layout, mask_means=options.mask_means, focal=options.focal, poses=options.poses)
 
 
 def _refuse_non_empty(folder: Path) -> None:

@@ -33,7 +33,16 @@ def evaluate(options: argparse.Namespace) -> None:
 def info(options: argparse.Namespace) -> None:
     from engine.readers import describe, open_clip
 
-    print(describe(open_clip(options.clip, clip_options(options))))
+    clip = open_clip(options.clip, clip_options(options))
+    if options.poses == "estimate":
+        from engine.poses import find_cameras
+
+        bar = Bar()
+        try:
+            clip = find_cameras(clip, bar)
+        finally:
+            bar.close()
+    print(describe(clip))
 
 
 def doctor(options: argparse.Namespace) -> int:

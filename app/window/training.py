@@ -19,6 +19,7 @@ from app.window.train_dialog import TrainDialog
 from engine.errors import DegenseError
 
 STAGES = {
+    "poses": "Finding the camera",
     "load": "Reading the clip",
     "teacher": "Asking the teacher what is where",
     "flow": "Measuring motion",

@@ -24,6 +24,7 @@ BENCHES: dict[str, tuple[str, str]] = {
     "masks": ("engine.bench.masks", "superpixels, decoders, latent rank and feature resolution: time against mask quality"),
     "presets": ("engine.bench.presets", "what the presets cost and reach on a phantom, and on real clips with --clip"),
     "motion": ("engine.bench.motion", "each ingredient of motion on and off, against exact displacement"),
+    "cameras": ("engine.bench.cameras", "camera poses from the frames: how far off they are, and what they do to a reconstruction"),
     "ablation": ("engine.bench.ablation", "the paper's ablation with degraded teachers, against exact masks and motion"),
     "stress": ("engine.bench.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }

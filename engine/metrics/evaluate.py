@@ -34,8 +34,9 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     Returns
     -------
     dict
-        Image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion scores, `train_seconds`, `gaussians`, `render_fps`
-        (baked states, colour only, this machine), `query_ms` (warm frame, prompt to mask) and `query_new_frame_ms`.
+        `poses` (where the cameras come from, in words), image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion
+        scores, `train_seconds`, `gaussians`, `render_fps` (baked states, colour only, this machine), `query_ms` (warm frame, prompt to
+        mask) and `query_new_frame_ms`.
 
     Raises
     ------
@@ -56,6 +57,7 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
         "routing": scene.run.info["config"]["routing"],
         "preset": scene.run.info["config"]["preset"],
         "unit": scene.unit,
+        "poses": scene.run.info.get("provenance", {}).get("poses"),
     }
     images = ImageScores()
     for done, i in enumerate(frames):

@@ -120,20 +120,21 @@ def open_cholecseg8k(path: Path, options: ClipOptions) -> Clip:
     maps = CholecMaps(masks, size)
     few = [pictures.read(i) for i in sampled(count)]
     field, field_words = _field(maps, few)
-    cameras, words = guessed_cameras(count, size, field, options)
+    found = guessed_cameras(count, size, field, options)
     seen = np.ones(size[::-1], bool) if field is None else field
-    prior = DepthPrior(few, [seen] * len(few), cameras[0])
+    prior = DepthPrior(few, [seen] * len(few), found.cameras[0])
     return StoredClip(
         name=path.name,
         path=path,
-        cameras=cameras,
+        cameras=found.cameras,
+        poses=found.poses,
         classes=NAMES if masks else (),
         provenance={
             "frames": counted(frames, size),
             "masks": field_words,
             "depth": prior.words,
             "labels": _label_words(maps, by_kind, count),
-            **words,
+            **found.provenance,
         },
         pictures=pictures,
         inside=seen,

@@ -32,7 +32,7 @@ def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_dept
     ----------
     path : Path
     options : ClipOptions
-    cameras : (count, size, field of view or None) -> (cameras, provenance of "poses" and "focal")
+    cameras : (count, size, field of view or None) -> Found
     clip_depth : bool
         Clip depth to robust percentiles; false when it is known to be exact.
 
@@ -62,18 +62,19 @@ def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_dept
         words = f"{masks[0].parent.name}/: {polarity.words}{extra}"
     provenance["masks"] = words
     inside = np.ones(size[::-1], bool) if border is None else border
-    views, camera_words = cameras(count, size, disc)
-    provenance |= camera_words
+    found = cameras(count, size, disc)
+    provenance |= found.provenance
 
     usable = [inside if decided is None else inside & decided.keep(i) for i in looked_at]
-    distances, provenance["depth"] = _distances(path, files, size, clip_depth) or _prior(frames, usable, views[0])
+    distances, provenance["depth"] = _distances(path, files, size, clip_depth) or _prior(frames, usable, found.cameras[0])
     labels = index_maps(path, files, size)
     provenance["labels"] = f"{len(labels.files)} of {count} frames, {len(labels.classes)} classes, from labels/" if labels else "none"
     truth = TruthFile(regular_file(path / "gt.npz", path), count, size) if (path / "gt.npz").exists() else None
     return StoredClip(
         name=path.name,
         path=path,
-        cameras=views,
+        cameras=found.cameras,
+        poses=found.poses,
         classes=labels.classes if labels else (),
         provenance=provenance,
         pictures=pictures,

@@ -26,6 +26,9 @@ class ClipOptions:
     pose_axes : "llff" or "opencv"
         What the three rotation columns of a moving camera's `poses_bounds.npy` are: (down, right, back), as the format defines them, or
         (right, down, forward), as some converters write them. The numbers alone cannot tell.
+    poses : "auto", "still" or "estimate"
+        Whether the camera moves. "auto": as the clip says, else training finds out; "still": it does not; "estimate": it does, and its
+        poses are estimated from the frames even where the clip brings some.
     start, stride, max_frames : int
         Which frames of a video file are used: from `start` on, each `stride`-th one, at most `max_frames`.
 
@@ -39,6 +42,7 @@ class ClipOptions:
     mask_means: Literal["tool", "keep"] | None = None
     focal: float | None = None
     pose_axes: Literal["llff", "opencv"] = "llff"
+    poses: Literal["auto", "still", "estimate"] = "auto"
     start: int = 0
     stride: int = 1
     max_frames: int = 2000
@@ -50,6 +54,8 @@ class ClipOptions:
             raise ClipError(f"mask_means is {self.mask_means!r}, but must be 'tool' or 'keep'.")
         if self.pose_axes not in ("llff", "opencv"):
             raise ClipError(f"pose_axes is {self.pose_axes!r}, but must be 'llff' or 'opencv'.")
+        if self.poses not in ("auto", "still", "estimate"):
+            raise ClipError(f"poses is {self.poses!r}, but must be 'auto', 'still' or 'estimate'.")
         if self.focal is not None and not (math.isfinite(self.focal) and self.focal > 0):
             raise ClipError(f"The focal length is {self.focal}, but must be a positive number of pixels.")
         if self.start < 0 or self.stride < 1 or self.max_frames < 1:

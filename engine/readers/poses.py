@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -35,15 +36,33 @@ def still_cameras(count: int, size: tuple[int, int], focal: float) -> list[Camer
     return [Camera(*size, focal, focal, size[0] / 2, size[1] / 2)] * count
 
 
-Found = tuple[list[Camera], dict[str, str]]  # cameras, and provenance of "poses" and "focal"
+@dataclass(frozen=True)
+class Found:
+    """Cameras of a clip, what is to be done about their poses (`Clip.poses`), and provenance of "poses" and "focal"."""
+
+    cameras: list[Camera]
+    poses: Literal["given", "auto", "estimate"]
+    provenance: dict[str, str]
 
 
-def guessed_cameras(
-    count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions
-) -> tuple[list[Camera], dict[str, str]]:
-    """Cameras and provenance of a clip that brings none."""
+def guessed_cameras(count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions) -> Found:
+    """Cameras of a clip that brings none."""
     focal, words = (options.focal, f"{options.focal:g} pixels, as set") if options.focal else assumed_focal(size, field)
-    return still_cameras(count, size, focal), {"poses": "assumed: the camera stands still", "focal": words}
+    return _found(still_cameras(count, size, focal), None, words, options)
+
+
+def _found(cameras: list[Camera], poses: str | None, focal: str, options: ClipOptions) -> Found:
+    """What the user wishes comes first, then what the clip says of its poses, in words; None: nothing."""
+    if options.poses == "auto" and poses is not None:
+        return Found(cameras, "given", {"poses": poses, "focal": focal})
+    still: list[Camera] = []
+    for camera in cameras:
+        same = still and (camera.fx, camera.fy) == (still[-1].fx, still[-1].fy)
+        still.append(still[-1] if same else replace(camera, viewmat=np.eye(4)))
+    if options.poses == "still":
+        return Found(still, "given", {"poses": "the camera stands still, as set", "focal": focal})
+    words = "training looks whether it moves" if options.poses == "auto" else "training estimates how it moves, as set"
+    return Found(still, options.poses, {"poses": f"assumed: the camera stands still; {words}", "focal": focal})
 
 
 def llff_viewmats(poses: np.ndarray, axes: str = "llff") -> np.ndarray:
@@ -68,7 +87,7 @@ def llff_viewmats(poses: np.ndarray, axes: str = "llff") -> np.ndarray:
 
 
 def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> Found:
-    """Cameras and provenance from `poses_bounds.npy`: [N, 17] rows of 3 × 5 [R | t | (height, width, focal)] and near, far.
+    """Cameras from `poses_bounds.npy`: [N, 17] rows of 3 × 5 [R | t | (height, width, focal)] and near, far.
 
     Rows that agree mean a camera that stands still. Focal lengths are scaled when the pictures are smaller or larger than the file says.
 
@@ -106,7 +125,7 @@ def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
         columns = "down, right, back" if options.pose_axes == "llff" else "right, down, forward"
         viewmats = llff_viewmats(table[:, :, :4], options.pose_axes)
         poses = f"the camera moves, from {path.name} (columns read as {columns}; set pose_axes to change)"
-    return _cameras(viewmats, size, focal, focal, size[0] / 2, size[1] / 2), {"poses": poses, "focal": words}
+    return _found(_cameras(viewmats, size, focal, focal, size[0] / 2, size[1] / 2), poses, words, options)
 
 
 def read_json(path: Path) -> Any:
@@ -125,7 +144,9 @@ def read_json(path: Path) -> Any:
 
 
 def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> Found:
-    """Cameras and provenance from `camera.json`: `width`, `height`, `fx`, `fy`, `cx`, `cy` and at will `viewmats` [frames][4][4].
+    """Cameras from `camera.json`: `width`, `height`, `fx`, `fy`, `cx`, `cy` and at will `viewmats` [frames][4][4].
+
+    Without `viewmats` the clip says nothing of its poses.
 
     Raises
     ------
@@ -144,7 +165,7 @@ def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
         )
     if numbers["fx"] <= 0 or numbers["fy"] <= 0:
         raise ClipError(f"{shown(path)} has a focal length that is not positive.")
-    viewmats = np.tile(np.eye(4), (count, 1, 1))
+    viewmats, poses = np.tile(np.eye(4), (count, 1, 1)), None
     if data.get("viewmats") is not None:
         try:
             viewmats = np.array(data["viewmats"], np.float64)
@@ -155,13 +176,11 @@ def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
         if not np.isfinite(viewmats).all() or not np.allclose(viewmats[:, 3], [0, 0, 0, 1]):
             raise ClipError(f"{shown(path)}: 'viewmats' holds a matrix that is no rigid map.")
         _check_rotations(viewmats[:, :3, :3], path)
+        moves = not np.allclose(viewmats, viewmats[0], atol=1e-9)
+        poses = f"the camera {'moves' if moves else 'stands still'}, from {path.name}"
     fx, fy = (options.focal, options.focal) if options.focal else (numbers["fx"], numbers["fy"])
-    moves = not np.allclose(viewmats, viewmats[0], atol=1e-9)
-    words = {
-        "poses": f"the camera {'moves' if moves else 'stands still'}, from {path.name}",
-        "focal": f"{fx:.6g} pixels, " + ("as set" if options.focal else f"from {path.name}"),
-    }
-    return _cameras(viewmats, size, np.full(count, fx), np.full(count, fy), numbers["cx"], numbers["cy"]), words
+    cameras = _cameras(viewmats, size, np.full(count, fx), np.full(count, fy), numbers["cx"], numbers["cy"])
+    return _found(cameras, poses, f"{fx:.6g} pixels, " + ("as set" if options.focal else f"from {path.name}"), options)
 
 
 def json_unit(path: Path) -> str:

@@ -168,9 +168,10 @@ def open_video(path: Path, options: ClipOptions) -> Clip:
     pictures = VideoFrames(path, options.start, options.stride, options.max_frames)
     seen = field_of_view(pictures.brightest)
     inside = np.ones(pictures.size[::-1], bool) if seen is None else seen
-    cameras, provenance = guessed_cameras(len(pictures), pictures.size, seen, options)
+    found = guessed_cameras(len(pictures), pictures.size, seen, options)
+    provenance = found.provenance
     few = [pictures.read(i) for i in sampled(len(pictures), 4)]
-    prior = DepthPrior(few, [inside] * len(few), cameras[0])
+    prior = DepthPrior(few, [inside] * len(few), found.cameras[0])
     provenance["frames"] = _frame_words(pictures, options)
     provenance["masks"] = border_words(seen, "dark border")
     provenance["depth"] = prior.words
@@ -178,7 +179,8 @@ def open_video(path: Path, options: ClipOptions) -> Clip:
     return StoredClip(
         name=path.stem,
         path=path,
-        cameras=cameras,
+        cameras=found.cameras,
+        poses=found.poses,
         provenance=provenance,
         fps=(pictures.rate or 25.0) / options.stride,
         pictures=pictures,

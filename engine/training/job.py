@@ -1,4 +1,4 @@
-"""From a clip to a run folder: load, ask the teacher, measure flow, train, save."""
+"""From a clip to a run folder: find the cameras, load, ask the teacher, measure flow, train, save."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from engine.errors import Cancelled, DegenseError
 from engine.field import FieldConfig, SceneModel
 from engine.files import replacing
 from engine.language.teachers import Teacher, teacher_by_name
+from engine.poses import find_cameras, with_cameras
 from engine.progress import Progress
 from engine.readers import fingerprint
 from engine.store import Run
@@ -55,6 +56,8 @@ def train(
 
     Returns the finished run, or None when `stop()` asked to leave; the run can then be resumed.
 
+    Cameras that the clip does not bring are found first (`engine.poses`); the run keeps them.
+
     Parameters
     ----------
     teacher : str or None
@@ -91,6 +94,8 @@ def train(
         raise DegenseError(f"{out} already holds a run; choose another folder or add --resume")
 
     try:
+        if clip.poses != "given":
+            clip = find_cameras(clip, progress("poses")) if run is None else _cameras_of(run, clip)
         tell = progress("load")
         teacher = teacher or default_teacher(clip)
         frames = TrainingFrames(clip, config.max_pixels, device)
@@ -141,6 +146,11 @@ def field_config(config: TrainConfig, frames: int, rank: int) -> FieldConfig:
         max(2, math.ceil(frames / config.time_spacing)),
         config.levels,
     )
+
+
+def _cameras_of(run: Run, clip: Clip) -> Clip:
+    """The clip with the cameras that a run began with: a resumed training must not find others."""
+    return with_cameras(clip, run.cameras, run.info.get("provenance", {}).get("poses", "as the run has them"))
 
 
 def semantic_provenance(teacher: Teacher | None, semantics: SemanticTargets | None) -> str:
