@@ -28,6 +28,7 @@ from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.initialise import initial_gaussians
 from engine.training.semantics import SemanticTargets
+from engine.training.support import motion_support
 from engine.training.trainer import Diverged, Trainer, draw, run_steps
 
 Events = Callable[[dict[str, Any]], None]
@@ -178,6 +179,8 @@ def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], 
         events({"event": "stopped", "iteration": trainer.iteration})
         return None
     run.save_model(trainer.model)
+    if trainer.evidence is not None:
+        run.save_support(motion_support(trainer.model, trainer.frames, trainer.evidence))
     run.info["state"] = "finished"
     run.save()
     for file in (run.path / "checkpoints").iterdir():
