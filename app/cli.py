@@ -78,6 +78,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
     sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
     sub.add_argument("--seed", type=int, metavar="S")
+    sub.add_argument("--no-fit", dest="fit", action="store_false", help="the preset's full budget, even where the clip needs less")
     sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
     sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")
     _clip_options(sub)

@@ -63,8 +63,8 @@ def colourise(values: np.ndarray, name: str, low: float, high: float) -> np.ndar
 def hatched(colours: np.ndarray, where: np.ndarray) -> np.ndarray:
     """`colours` uint8 [H, W, 3] with diagonal stripes `where` (bool [H, W]): white on dark colours, black on light ones."""
     height, width = where.shape
-    period = max(4, width // 64)
-    stripes = where & ((np.arange(width) + np.arange(height)[:, None]) % period < max(1, period // 4))
+    period = max(8, width // 48)
+    stripes = where & ((np.arange(width) + np.arange(height)[:, None]) % period < period // 4)
     light = colours @ np.array([0.299, 0.587, 0.114]) > 127.5
     ink = np.where(light, 0, 255)[..., None]
     return np.where(stripes[..., None], (colours * 0.4 + ink * 0.6 + 0.5).astype(np.uint8), colours)

@@ -38,7 +38,8 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     -------
     dict
         Image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion scores, `train_seconds`, `gaussians`, `render_fps`
-        (baked states, colour only, this machine), `query_ms` (warm frame, prompt to mask) and `query_new_frame_ms`.
+        (baked states, colour only, this machine), `query_ms` (warm frame, prompt to mask) and `query_new_frame_ms`; `budget`, what was
+        skipped because the clip does not need it, and why (None for a run with its preset's full budget).
 
     Raises
     ------
@@ -59,6 +60,7 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
         "routing": scene.run.info["config"]["routing"],
         "preset": scene.run.info["config"]["preset"],
         "unit": scene.unit,
+        "budget": scene.run.info.get("budget"),
     }
     images = ImageScores()
     for done, i in enumerate(frames):

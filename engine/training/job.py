@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,11 @@ from engine.progress import Progress
 from engine.readers import fingerprint
 from engine.store import Run
 from engine.store.run import hardware
+from engine.training.budget import fit_budget
 from engine.training.checkpoint import load_checkpoint, save_checkpoint
 from engine.training.config import TrainConfig
 from engine.training.device import choose_device
+from engine.training.estimate import estimate
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.initialise import initial_gaussians
@@ -101,10 +104,14 @@ def train(
     except Cancelled:
         return None
 
+    chosen_budget = None
+    if run is None and config.fit:
+        budget = fit_budget(frames, config, evidence, semantics.basis if semantics is not None else None)
+        config, chosen_budget = budget.config, budget.to_json()
+        events({"event": "budget", "words": [*budget.words, estimate(clip, replace(config, fit=False))["words"]]})
     rank = semantics.basis.rank if semantics is not None else 0
-    field = FieldConfig(
-        config.routing, rank, config.appearance, config.channels, config.resolution, max(2, (len(clip) + 1) // 2), config.levels
-    )
+    moments = config.time_resolution or max(2, (len(clip) + 1) // 2)
+    field = FieldConfig(config.routing, rank, config.appearance, config.channels, config.resolution, moments, config.levels)
     canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), rank, np.random.default_rng(config.seed))
     model = SceneModel(field, bounds, canonical).to(device)
     if run is None:
@@ -119,6 +126,7 @@ def train(
             "teacher": {"name": teacher, "provenance": semantic_provenance(chosen, semantics)},
             "encoder": chosen.encoder.name if chosen is not None else None,
             "train_seconds": 0.0,
+            "budget": chosen_budget,
         }
         run = Run.create(out, clip, info)
         if semantics is not None:
