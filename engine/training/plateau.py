@@ -14,7 +14,8 @@ def validation_frames(train_frames: Sequence[int]) -> list[int]:
     """Up to `VALIDATION_FRAMES` training frames to watch, evenly spread, never the first (displacement starts there) nor the last.
 
     They are left out of the colour loss only while they are watched: from the cool-down on they are trained on like all others. Until then
-    the model learns from a few frames less, which their neighbours mostly show too. Test frames are for the score alone.
+    the model learns from a few frames less, which their neighbours mostly show too. Test frames are for the score alone. The error on
+    trained frames does not serve: it falls for as long as one likes (docs/decisions/0011).
     Empty for clips with fewer than `FEWEST_FRAMES` training frames, which train to the end of their schedule.
     """
     if len(train_frames) < FEWEST_FRAMES:
@@ -82,7 +83,7 @@ class Plateau:
     """
 
     patience: int
-    gain: float = 0.1
+    gain: float = 0.2
     seen: list[tuple[int, float]] = field(default_factory=list)
 
     def observe(self, iteration: int, psnr: float) -> bool:
