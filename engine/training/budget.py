@@ -13,7 +13,7 @@ from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.statistics import CELLS, Statistics, measure
 
-SPARE_GAUSSIANS = 1.7  # times what the pictures need: densification puts them where they are missing, not where they fit best
+SPARE_GAUSSIANS = 3.5  # times what the pictures need: densification puts them where they are missing, not where they fit best
 LEAST_GAUSSIANS = 1000
 RESOLUTIONS = (16, 24, 32, 48, 64)
 MARGIN = 1.2  # the planes cover the cloud and a tenth beside it
