@@ -78,6 +78,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
     sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
     sub.add_argument("--seed", type=int, metavar="S")
+    sub.add_argument("--no-fit", dest="fit", action="store_false", help="the preset's full budget, even where the clip needs less")
     sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
     sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")
     _clip_options(sub)
@@ -93,7 +94,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     which = sub.add_mutually_exclusive_group(required=True)
     which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
     which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B; both may be left out")
-    sub.add_argument("--layer", default="rgb", metavar="NAME", help="rgb, depth, features, similarity, mask, displacement or warp")
+    sub.add_argument("--layer", default="rgb", metavar="NAME", help="rgb, depth, features, similarity, mask, displacement, warp or support")
     sub.add_argument(
         "--out", type=Path, required=True, metavar="FILE", help=".png, or .npy for raw values; with --frames a folder, .npy or .mp4"
     )

@@ -60,9 +60,8 @@ def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:
         request = LayerRequest(frame=frame)
         low, high = layer_range(scene, layer, request, "sequence")
         unit = layer.unit(scene)
-        write_png(
-            out / f"{name}.png",
-            with_colour_bar(layer_picture(scene, layer, request, (low, high)), layer.title, unit, low, high, layer.cmap),
-        )
+        picture, uncertain = layer_picture(scene, layer, request, (low, high)), layer.uncertain(scene, request)
+        hatched = uncertain is not None and bool(uncertain.any())
+        write_png(out / f"{name}.png", with_colour_bar(picture, layer.title, unit, low, high, layer.cmap, hatched=hatched))
         said.append(f"{name}.png: {layer.description} Colours from {low:.3g} to {high:.3g} {unit}.")
     return said

@@ -68,18 +68,20 @@ def overlaid(rgb: np.ndarray, masks: Sequence[tuple[np.ndarray, tuple[int, int, 
     return (rgb * (1 - alpha) + over[..., :3] * alpha + 0.5).astype(np.uint8)
 
 
-def with_colour_bar(picture: np.ndarray, title: str, unit: str, low: float, high: float, cmap: str) -> np.ndarray:
-    """The picture with a labelled colour bar at its right, uint8 [H, W + bar, 3]."""
+def with_colour_bar(picture: np.ndarray, title: str, unit: str, low: float, high: float, cmap: str, *, hatched: bool = False) -> np.ndarray:
+    """The picture with a labelled colour bar at its right, uint8 [H, W + bar, 3]; with a line for hatched pixels when there are any."""
     height = picture.shape[0]
     scale = max(0.4, min(0.8, height / 640))
     line = round(30 * scale)
     labels = [f"{high:.3g} {unit}".strip(), f"{(low + high) / 2:.3g}", f"{low:.3g} {unit}".strip()]
-    text_width = max(cv2.getTextSize(text, FONT, scale, 1)[0][0] for text in [*labels, title])
+    note = "hatched: a guess" if hatched else ""
+    text_width = max(cv2.getTextSize(text, FONT, scale, 1)[0][0] for text in [*labels, title, note])
     bar = np.full((height, round(40 * scale) + text_width + 2 * line, 3), BACKGROUND, np.uint8)
-    top, bottom, left, right = 2 * line, height - line, line // 2, line // 2 + round(24 * scale)
+    top, bottom, left, right = 2 * line, height - line * (2 if hatched else 1), line // 2, line // 2 + round(24 * scale)
     steps = np.linspace(255, 0, bottom - top).round().astype(int)
     bar[top:bottom, left:right] = colour_table(cmap)[steps][:, None]
     cv2.putText(bar, title, (left, line), FONT, scale, (INK,) * 3, 1, cv2.LINE_AA)
+    cv2.putText(bar, note, (left, height - line // 2), FONT, scale, (INK,) * 3, 1, cv2.LINE_AA)
     for text, y in zip(labels, (top, (top + bottom) // 2, bottom), strict=True):
         cv2.line(bar, (right, min(y, bottom - 1)), (right + line // 4, min(y, bottom - 1)), (INK,) * 3)
         cv2.putText(bar, text, (right + line // 2, y + line // 4), FONT, scale, (INK,) * 3, 1, cv2.LINE_AA)

@@ -25,7 +25,10 @@ class ProbeMaps:
 
     Attributes
     ----------
-    depth, displacement, warp : float [H, W]
+    scalars : dict of str to float [H, W]
+        Of `depth`, `displacement` and `warp`.
+    uncertain : dict of str to bool [H, W]
+        Where one of them is a guess.
     best : uint8 [H, W]
         Index into `classes`, 255 for none.
     """
@@ -35,6 +38,7 @@ class ProbeMaps:
     units: dict[str, str]
     classes: tuple[str, ...]
     scalars: dict[str, np.ndarray] = field(default_factory=dict)
+    uncertain: dict[str, np.ndarray] = field(default_factory=dict)
     best: np.ndarray | None = None
 
     def colour(self, x: int, y: int) -> tuple[int, int, int]:
@@ -46,7 +50,8 @@ class ProbeMaps:
         rows = [("position", f"{x}, {y} px"), ("colour", "{} {} {}".format(*self.colour(x, y)))]
         for name, values in self.scalars.items():
             value = float(values[y, x])
-            rows.append((name, f"{value:.3g} {self.units[name]}".strip() if np.isfinite(value) else "not known here"))
+            guess = " (a guess)" if name in self.uncertain and self.uncertain[name][y, x] else ""
+            rows.append((name, f"{value:.3g} {self.units[name]}".strip() + guess if np.isfinite(value) else "not known here"))
         if self.best is not None:
             index = int(self.best[y, x])
             rows.append(("best class", self.classes[index] if index < len(self.classes) else "none"))
@@ -65,6 +70,8 @@ def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps
             continue
         image = get_layer(name).image(scene, request)
         maps = replace(maps, scalars=maps.scalars | {name: image.values}, units=maps.units | {name: image.unit})
+        if image.uncertain is not None:
+            maps = replace(maps, uncertain=maps.uncertain | {name: image.uncertain})
         yield maps
     if scene.has_semantics and scene.classes:
         maps = replace(maps, best=scene.query(frame).label_map(scene.vectors(scene.classes), "argmax"))

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.look import Look
 from app.pictures import get_layer
-from engine.colour_maps import colourise, mask_overlay
+from engine.colour_maps import colourise, greyed, mask_overlay
 from engine.errors import DegenseError
 
 if TYPE_CHECKING:
@@ -73,6 +73,8 @@ class View:
         Masks of the visible prompts; None when there are none, or not yet (`complete` is False then).
     observed : uint8 [H, W, 3] or None
         The clip's own frame, when it is compared and still there.
+    uncertain : str
+        What the hatched pixels mean; empty when there are none.
     """
 
     frame: int
@@ -85,6 +87,7 @@ class View:
     splats: SplatArrays | None
     masks: np.ndarray | None = None
     complete: bool = True
+    uncertain: str = ""
 
 
 def layer_request(look: Look, frame: float) -> LayerRequest:
@@ -121,6 +124,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         cmap=cmap,
         observed=scene.observed(frame) if look.compare != "off" else None,
         splats=splat_arrays(scene, layer, query, look, span, cmap) if request.splats else None,
+        uncertain=layer.uncertain_words if image.uncertain is not None and image.uncertain.any() else "",
     )
     masked = look.visible_prompts if look.masks_shown and layer.name not in PROMPTED else ()
     if not masked:
@@ -143,6 +147,8 @@ def splat_arrays(scene: Scene, layer: Layer, query: LayerRequest, look: Look, sp
         colours = mask_colours(look)[values]
     else:
         colours = colourise(values, cmap, *(span or (0.0, 1.0)))
+        if (uncertain := layer.uncertain_splats(scene, query)) is not None:
+            colours = greyed(colours, uncertain)
     means, quats, scales, opacities = (tensor.cpu().numpy() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
     return SplatArrays(means, quats, scales, opacities, colours)
 

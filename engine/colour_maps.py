@@ -60,6 +60,21 @@ def colourise(values: np.ndarray, name: str, low: float, high: float) -> np.ndar
     return colours
 
 
+def hatched(colours: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """`colours` uint8 [H, W, 3] with diagonal stripes `where` (bool [H, W]): white on dark colours, black on light ones."""
+    height, width = where.shape
+    period = max(8, width // 48)
+    stripes = where & ((np.arange(width) + np.arange(height)[:, None]) % period < period // 4)
+    light = colours @ np.array([0.299, 0.587, 0.114]) > 127.5
+    ink = np.where(light, 0, 255)[..., None]
+    return np.where(stripes[..., None], (colours * 0.4 + ink * 0.6 + 0.5).astype(np.uint8), colours)
+
+
+def greyed(colours: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """`colours` uint8 [N, 3], halfway to the grey of the unknown `where` (bool [N]): a Gaussian cannot be hatched."""
+    return np.where(where[:, None], ((colours.astype(np.uint16) + UNKNOWN) // 2).astype(np.uint8), colours)
+
+
 def mask_overlay(masks: Sequence[tuple[np.ndarray, tuple[int, int, int]]], fill: float = 0.45, outline: bool = True) -> np.ndarray:
     """Masks (bool [H, W]) painted in their colours, uint8 RGBA [H, W, 4]: translucent inside, opaque along the inner edge.
 

@@ -26,10 +26,12 @@ from engine.splats import Splats
 from engine.store import Run
 
 Value = TypeVar("Value")
-CHANNELS = ("rgb", "depth", "latent", "displacement", "motion")
+CHANNELS = ("rgb", "depth", "latent", "displacement", "motion", "support")
 STATE_BYTES, PICTURE_BYTES = 1 << 30, 256 << 20
 NEEDS_TEACHER = "train it from a clip with label maps, or with another teacher"
+NO_SUPPORT = "does not say which motion its recording reveals: it was made by an older version, or without optical flow"
 COVERED = 0.5  # alpha below which a pixel shows nothing
+REVEALED = 0.5  # support below which a displacement is uncertain: the recording showed it in less than half of the frames
 
 
 class Cache:
@@ -65,6 +67,8 @@ class Scene:
         The recording, when it is still where it was.
     clip_missing : str
         Why `clip` is None, in one sentence; empty otherwise.
+    support : Tensor or None
+        Share [N] of its frames in which the recording reveals how far each Gaussian has moved; None for a run that kept none.
     """
 
     def __init__(
@@ -72,6 +76,8 @@ class Scene:
     ):
         self.run, self.model, self.basis, self.encoder, self.clip, self.clip_missing = run, model, basis, encoder, clip, clip_missing
         self.cameras = run.cameras
+        support = run.load_support(len(model))
+        self.support = support.to(model.bounds.device) if support is not None else None
         self._states, self._pictures = Cache(STATE_BYTES), Cache(PICTURE_BYTES)
 
     @classmethod
@@ -187,7 +193,7 @@ class Scene:
         what : tuple of str
             Of `CHANNELS`: `rgb` float32 [H, W, 3] in [0, 1]; `depth` float32 [H, W], clip units, NaN where nothing is; `latent` float32
             [H, W, d]; `displacement` float32 [H, W], clip units, NaN where nothing is; `motion` float32 [H, W, 2], offset in pixels from
-            here to the same point at the reference frame, NaN where nothing is.
+            here to the same point at the reference frame, NaN where nothing is; `support` float32 [H, W] in [0, 1], NaN where nothing is.
 
         Returns
         -------
@@ -216,6 +222,10 @@ class Scene:
                 columns[name] = splats.semantics
             elif name == "displacement":
                 columns[name] = self.displacement(frame)[:, None]
+            elif name == "support":
+                if self.support is None:
+                    raise DegenseError(f"{self.name} {NO_SUPPORT}")
+                columns[name] = self.support[:, None]
             else:
                 columns[name] = self._screen_motion(frame, camera)
         features = torch.cat(list(columns.values()), 1)
@@ -229,7 +239,7 @@ class Scene:
                 value = np.clip(value, 0, 1)
             elif name != "latent":
                 value = np.where(alpha[..., None] >= COVERED, value / np.maximum(alpha[..., None], COVERED), np.nan)
-            out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement") else value)
+            out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement", "support") else value)
         return out
 
     def _screen_motion(self, frame: float, camera: Camera) -> Tensor:

@@ -39,9 +39,14 @@ def render(options: argparse.Namespace) -> None:
 
 
 def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: ExportOptions) -> None:
+    from engine.scene import REVEALED
+
     request = options.layer_request(frame)
     if out.suffix == ".npy":
-        write_npy(out, layer.image(scene, request).values)
+        image = layer.image(scene, request)
+        write_npy(out, image.values)
+        if image.uncertain is not None and image.uncertain.any():
+            print(f"{image.uncertain.mean():.1%} of the pixels hold a guess, kept as it is; where: --layer support, below {REVEALED:g}")
     elif out.suffix.lower() == ".png":
         write_png(out, layer_picture(scene, layer, request, options.span))
     else:

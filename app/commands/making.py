@@ -77,6 +77,7 @@ def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, sto
         max_gaussians=options.max_gaussians,
         device=options.device,
         seed=options.seed,
+        fit=options.fit,
     )
     clip = open_clip(options.clip, clip_options(options))
     said: list[str] = []
@@ -174,6 +175,9 @@ class TerminalEvents:
             self._bar(event["iteration"] / event["iterations"], words)
         elif kind == "step":
             self._bar(event["fraction"], event["message"])
+        elif kind == "budget":
+            self._bar.close()
+            print("\n".join(event["words"]), file=sys.stderr, flush=True)
         elif kind in LINES:
             self._bar.close()
             line = "stopped before the first step" if event.get("iteration") == 0 else LINES[kind].format(**event)

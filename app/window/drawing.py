@@ -18,6 +18,7 @@ from app.terminal import Steps
 from app.view import EXCLUDED, View, ViewRequest, draw_clip, draw_view, layer_request
 from app.window.parts import WELCOME, Parts
 from engine.camera import Camera
+from engine.colour_maps import UNKNOWN
 
 if TYPE_CHECKING:
     from engine.scene import Scene
@@ -128,6 +129,8 @@ class Drawing(QObject):
         legend = [(prompt.text, QColor(*prompt.colour)) for prompt in shown]
         if self.session.scene is None and view.masks is not None:
             legend = [("left out: instrument or outside the field of view", QColor(*EXCLUDED))]
+        if view.uncertain:
+            legend.append((view.uncertain, QColor(*UNKNOWN)))
         parts.panel.set_legend(legend)
         if view.span is not None:
             parts.colour_bar.set_range(*view.span)

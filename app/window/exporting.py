@@ -35,7 +35,7 @@ class Exporting(QObject):
         picture, view = self.parts.panel.grab_image(), self.drawing.view
         if view is not None and view.span is not None:
             title = get_layer(self.session.look.layer).title
-            picture = with_colour_bar(picture, title, view.unit, *view.span, view.cmap)
+            picture = with_colour_bar(picture, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain))
         try:
             write_png(path, picture)
         except DegenseError as error:

@@ -135,6 +135,8 @@ class Training(QObject):
             picture = cv2.imread(str(event.get("path", "")), cv2.IMREAD_COLOR)
             if picture is not None:
                 monitor.set_preview(picture[..., ::-1].copy())
+        elif kind == "budget":
+            monitor.note("\n".join(event.get("words", ())))
         elif kind == "rollback":
             monitor.note(f"went back to iteration {event.get('iteration')}: {event.get('reason')}")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from engine.camera import Camera
 from engine.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD
-from engine.scene import Scene
+from engine.scene import NO_SUPPORT, Scene
 
 Kind = Literal["colour", "scalar", "mask"]
 RangeMode = Literal["frame", "sequence"]
@@ -51,11 +51,18 @@ class LayerImage:
         k + 1 prompt k.
     unit : str
     kind : {"colour", "scalar", "mask"}
+    uncertain : bool [H, W] or None
+        Pixels whose value is a guess; None where the layer cannot tell.
     """
 
     values: np.ndarray
     unit: str
     kind: Kind
+    uncertain: np.ndarray | None = None
+
+
+def nowhere(scene: Scene, request: LayerRequest) -> None:
+    """No value of the layer is known to be a guess."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +82,11 @@ class Layer:
     picture : callable (scene, request) -> ndarray
     per_splat : callable (scene, request) -> ndarray [N] or [N, 3]
     unit_of : callable (scene) -> str
-    needs_semantics, needs_clip, needs_prompt : bool
+    uncertain, uncertain_splats : callable (scene, request) -> bool [H, W] or [N], or None
+        Where the value is a guess; None where the scene cannot tell.
+    uncertain_words : str
+        What that means, for legends.
+    needs_semantics, needs_clip, needs_prompt, needs_support : bool
     """
 
     name: str
@@ -86,16 +97,20 @@ class Layer:
     per_splat: Callable[[Scene, LayerRequest], np.ndarray]
     unit_of: Callable[[Scene], str]
     cmap: str = "viridis"
+    uncertain: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere
+    uncertain_splats: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere
+    uncertain_words: str = ""
     needs_semantics: bool = False
     needs_clip: bool = False
     needs_prompt: bool = False
+    needs_support: bool = False
 
     def unit(self, scene: Scene) -> str:
         return self.unit_of(scene)
 
     def image(self, scene: Scene, request: LayerRequest) -> LayerImage:
         """Draw the layer. DegenseError when the scene cannot show it."""
-        return LayerImage(self.picture(scene, request), self.unit(scene), self.kind)
+        return LayerImage(self.picture(scene, request), self.unit(scene), self.kind, self.uncertain(scene, request))
 
     def splats(self, scene: Scene, request: LayerRequest) -> np.ndarray:
         """Values of every Gaussian: [N, 3] colours, or [N] scalars (NaN unknown) or mask indices."""
@@ -107,6 +122,8 @@ class Layer:
             return "this run was trained without semantics"
         if self.needs_clip and scene.clip is None:
             return f"this layer compares with the recording, which is missing: {scene.clip_missing}"
+        if self.needs_support and scene.support is None:
+            return f"this run {NO_SUPPORT}"
         if self.needs_prompt and not prompts:
             return "type a prompt first"
         return ""

@@ -7,7 +7,7 @@ import numpy as np
 from engine.errors import DegenseError
 from engine.layers.layer import Layer, LayerRequest, RangeMode
 from engine.motion import spurious
-from engine.scene import Scene
+from engine.scene import NO_SUPPORT, REVEALED, Scene
 
 WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
 SEQUENCE_SAMPLES = 9
@@ -88,6 +88,29 @@ def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
     return scene.render(request.frame, request.camera, ("displacement",))["displacement"]
+
+
+def _displacement_uncertain(scene: Scene, request: LayerRequest) -> np.ndarray | None:
+    """Pixels whose displacement the recording does not reveal. At the reference frame it is 0 by definition, which is certain."""
+    if scene.support is None or request.frame == scene.reference_frame:
+        return None
+    return _support(scene, request) < REVEALED
+
+
+def _displacement_uncertain_splats(scene: Scene, request: LayerRequest) -> np.ndarray | None:
+    if scene.support is None or request.frame == scene.reference_frame:
+        return None
+    return _support_splats(scene, request) < REVEALED
+
+
+def _support(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return scene.render(request.frame, request.camera, ("support",))["support"]
+
+
+def _support_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    if scene.support is None:
+        raise DegenseError(f"{scene.name} {NO_SUPPORT}")
+    return scene.support.cpu().numpy()
 
 
 def _displacement_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -176,11 +199,15 @@ LAYERS: dict[str, Layer] = {
             "displacement",
             "Displacement",
             "scalar",
-            "How far tissue has moved since the reference frame: ‖μ(t) − μ(reference)‖, blended over the Gaussians of a pixel.",
+            "How far tissue has moved since the reference frame: ‖μ(t) − μ(reference)‖, blended over the Gaussians of a pixel. "
+            f"Hatched where the recording reveals it in less than {REVEALED:.0%} of the frames: a guess, however small it is.",
             _displacement,
             _displacement_splats,
             _length,
             "viridis",
+            uncertain=_displacement_uncertain,
+            uncertain_splats=_displacement_uncertain_splats,
+            uncertain_words="hatched: a guess, the recording does not show how far this moved",
         ),
         Layer(
             "warp",
@@ -194,13 +221,25 @@ LAYERS: dict[str, Layer] = {
             "magma",
             needs_clip=True,
         ),
+        Layer(
+            "support",
+            "Motion support",
+            "scalar",
+            "In which share of the frames the recording reveals how far tissue has moved: seen, no instrument, optical flow the same "
+            "forwards and backwards, on texture that pins it down.",
+            _support,
+            _support_splats,
+            _none,
+            "cividis",
+            needs_support=True,
+        ),
     )
 }
 
 
 def layer_range(scene: Scene, layer: Layer, request: LayerRequest, mode: RangeMode) -> tuple[float, float]:
     """Colour range (low, high) of a scalar layer: percentiles 1–99 of this frame, or over frames spread across the whole sequence."""
-    if layer.name == "similarity":
+    if layer.name in ("similarity", "support"):
         return 0.0, 1.0
     frames = [request.frame] if mode == "frame" else np.unique(np.linspace(0, scene.frames - 1, SEQUENCE_SAMPLES).round())
     values = []

@@ -11,9 +11,11 @@ import torch
 
 from engine.clip import Clip
 from engine.errors import ClipError
+from engine.layers import LAYERS, LayerRequest
 from engine.masks import DECODERS
 from engine.metrics.image import ImageScores
 from engine.metrics.masks import MaskScores
+from engine.metrics.mean import Mean
 from engine.metrics.motion import MotionScores
 from engine.progress import Progress, silent
 from engine.scene import Scene
@@ -29,14 +31,16 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     Images and masks: held-out frames, (i − 1) % 8 == 0, never trained on; all frames when the clip is too short to hold any out (then
     `held_out` is False). Masks count only frames that have a label map; a clip whose only label map was trained on is scored on that one
     and says so (`mask_frames_trained`). Motion: every frame, where the clip brings exact truth. `miou` per decoder as in `MaskScores`.
-    Displacement in the clip's unit.
+    Displacement in the clip's unit. `uncertain_share`: share of valid pixels, all frames but the reference, whose displacement is marked
+    as a guess; None for a run without support.
 
     Returns
     -------
     dict
         `poses` (where the cameras come from, in words), image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion
         scores, `train_seconds`, `gaussians`, `render_fps` (baked states, colour only, this machine), `query_ms` (warm frame, prompt to
-        mask) and `query_new_frame_ms`.
+        mask) and `query_new_frame_ms`; `budget`, what was skipped because the clip does not need it, and why (None for a run with its
+        preset's full budget).
 
     Raises
     ------
@@ -58,6 +62,7 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
         "preset": scene.run.info["config"]["preset"],
         "unit": scene.unit,
         "poses": scene.run.info.get("provenance", {}).get("poses"),
+        "budget": scene.run.info.get("budget"),
     }
     images = ImageScores()
     for done, i in enumerate(frames):
@@ -66,13 +71,17 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     result |= images.result()
     if scene.has_semantics and clip.labelled_frames:
         result |= _score_masks(scene, clip, frames, progress)
-    truth = clip.truth()
-    if truth is not None:
-        motion = MotionScores()
-        for i in range(len(clip)):
-            progress(0.7 + 0.2 * i / len(clip), "comparing motion")
-            motion.add(scene.render(i, None, ("displacement",))["displacement"], truth.displacement[i], truth.cautery[i])
-        result |= motion.result()
+    truth, displacement, share = clip.truth(), LAYERS["displacement"], Mean()
+    motion = MotionScores()
+    for i in range(len(clip)):
+        progress(0.7 + 0.2 * i / len(clip), "comparing motion")
+        uncertain = displacement.uncertain(scene, LayerRequest(i))
+        if uncertain is not None and (valid := clip.valid(i)).any():
+            share.add(float(uncertain[valid].mean()), float(valid.sum()))
+        if truth is not None:
+            predicted = scene.render(i, None, ("displacement",))["displacement"]
+            motion.add(predicted, truth.displacement[i], truth.cautery[i], uncertain)
+    result |= {"uncertain_share": share.value} | (motion.result() if truth is not None else {})
     progress(0.9, "measuring speed")
     result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model), "render_fps": _render_fps(scene)}
     timed = scene.has_semantics and bool(scene.classes)

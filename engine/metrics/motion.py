@@ -22,6 +22,8 @@ class MotionScores:
     - `spurious_displacement`: mean ‖predicted‖ in `cautery`, where tissue changes its look and stands still.
     - `false_motion`: mean ‖predicted‖ on other tissue that stands still (‖true‖ ≤ `still`).
     - `true_displacement`: mean ‖true‖, which is the error of the answer "nothing moves".
+    - `displacement_error_revealed`, `displacement_error_uncertain`: the error over pixels whose displacement the recording reveals, and
+      over those that are marked as a guess.
 
     "Nothing moves" wins `spurious_displacement` and `false_motion`: never show these without correlation and recovered share.
     A score without pixels, and a correlation with a constant, is None.
@@ -35,10 +37,11 @@ class MotionScores:
     def __init__(self, still: float = 0.1):
         self.still = still
         self._error, self._spurious, self._false, self._true, self._covered = (Mean() for _ in range(5))
+        self._revealed, self._guessed = Mean(), Mean()
         self._shared = 0.0
         self._moments = np.zeros(6)  # n, mean p, mean t, Σ(p − p̄)², Σ(t − t̄)², Σ(p − p̄)(t − t̄)
 
-    def add(self, predicted: np.ndarray, truth: np.ndarray, cautery: np.ndarray) -> None:
+    def add(self, predicted: np.ndarray, truth: np.ndarray, cautery: np.ndarray, uncertain: np.ndarray | None = None) -> None:
         """One frame.
 
         Parameters
@@ -48,6 +51,8 @@ class MotionScores:
         truth : float [H, W, 3]
             NaN where no tissue is seen.
         cautery : bool [H, W]
+        uncertain : bool [H, W], optional
+            Pixels marked as a guess.
         """
         guess, right = _norm(predicted), np.linalg.norm(truth.astype(np.float64), axis=-1)
         if guess.shape != right.shape or cautery.shape != right.shape:
@@ -58,6 +63,9 @@ class MotionScores:
             self._covered.add(float(counted[tissue].mean()), float(np.count_nonzero(tissue)))
         p, t, burnt = guess[counted], right[counted], cautery[counted]
         _add_mean(self._error, np.abs(p - t))
+        if uncertain is not None:
+            _add_mean(self._revealed, np.abs(p - t)[~uncertain[counted]])
+            _add_mean(self._guessed, np.abs(p - t)[uncertain[counted]])
         _add_mean(self._true, t)
         _add_mean(self._spurious, p[burnt])
         _add_mean(self._false, p[~burnt & (t <= self.still)])
@@ -76,6 +84,8 @@ class MotionScores:
             "false_motion": self._false.value,
             "true_displacement": self._true.value,
             "displacement_coverage": self._covered.value,
+            "displacement_error_revealed": self._revealed.value,
+            "displacement_error_uncertain": self._guessed.value,
         }
 
     def _pool(self, p: np.ndarray, t: np.ndarray) -> None:

@@ -113,6 +113,25 @@ class Run:
             )
         return build_model(self.info["field"], finite(read_tensors(path), path), path).to(device)
 
+    def save_support(self, support: torch.Tensor) -> None:
+        """Keep the share [N] of its frames in which each Gaussian's displacement is revealed (`engine.training.support`)."""
+        write_tensors(self.path / "support.safetensors", {"support": support})
+
+    def load_support(self, count: int) -> torch.Tensor | None:
+        """Support of the `count` Gaussians of the model, float32 [N] in [0, 1]; None for a run that kept none."""
+        path = self.path / "support.safetensors"
+        if not path.exists():
+            return None
+        support = finite(read_tensors(path), path).get("support")
+        if (
+            support is None
+            or support.dtype != torch.float32
+            or support.shape != (count,)
+            or not bool(((support >= 0) & (support <= 1)).all())
+        ):
+            raise RunError(f"{path} does not hold {count} numbers from 0 to 1, one for each Gaussian; delete it to open the run without it")
+        return support
+
     def save_basis(self, basis: Basis) -> None:
         write_tensors(
             self.path / "basis.safetensors",

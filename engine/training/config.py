@@ -48,16 +48,18 @@ class TrainConfig:
         Whether colour may change in time.
     color_spacing : float
         Frames between the knots of a Gaussian's own colour changes.
-    channels, resolution, levels
-        Of the HexPlane.
-    time_spacing : float
-        Frames between the rows of its time planes.
+    channels, resolution, levels, time_resolution
+        Of the HexPlane; a time resolution of 0 is half the number of frames.
     rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_tints, rate_semantics, rate_lifetimes,
     rate_final : float
         Learning rates, and the factor that those of positions and field have decayed by at the end.
     densify_every, densify_until : int, float
         Densify and prune every so many steps, until this share of the iterations.
     checkpoint_seconds : float
+    fit : bool
+        Whether settings may become smaller where the clip needs less (`engine.training.budget`).
+    given : tuple of str
+        Settings that were chosen by hand, which fitting leaves alone.
     """
 
     preset: str = "balanced"
@@ -91,7 +93,7 @@ class TrainConfig:
     channels: int = 16
     resolution: int = 64
     levels: tuple[int, ...] = (1, 2)
-    time_spacing: float = 2.0
+    time_resolution: int = 0
     rate_means: float = 1.6e-4
     rate_field: float = 1.6e-3
     rate_planes: float = 2e-2
@@ -106,13 +108,16 @@ class TrainConfig:
     densify_every: int = 200
     densify_until: float = 0.6
     checkpoint_seconds: float = 30.0
+    fit: bool = True
+    given: tuple[str, ...] = ()
 
     @classmethod
     def preset_of(cls, name: str, **overrides) -> TrainConfig:
         """The preset `name` with `overrides` that are not None applied. Raises DegenseError for an unknown preset or routing."""
         if name not in PRESETS:
             raise DegenseError(f"there is no preset {name!r}; choose one of {', '.join(PRESETS)}")
-        config = replace(cls(preset=name, **PRESETS[name]), **{key: value for key, value in overrides.items() if value is not None})
+        chosen = {key: value for key, value in overrides.items() if value is not None}
+        config = replace(cls(preset=name, **PRESETS[name]), **chosen, given=tuple(sorted(chosen)))
         if config.routing not in ROUTINGS:
             raise DegenseError(f"there is no routing {config.routing!r}; choose one of {', '.join(ROUTINGS)}")
         if config.iterations < 1 or config.max_gaussians < 16:
@@ -122,14 +127,14 @@ class TrainConfig:
         return replace(config, coarse_iterations=min(config.coarse_iterations, config.iterations // 5))
 
     def to_json(self) -> dict:
-        return asdict(self) | {"levels": list(self.levels)}
+        return asdict(self) | {"levels": list(self.levels), "given": list(self.given)}
 
     @classmethod
     def from_json(cls, values: dict) -> TrainConfig:
         known = {f.name for f in fields(cls)}
         if unknown := set(values) - known:
             raise DegenseError(f"the run's configuration has unknown settings: {', '.join(sorted(unknown))}")
-        return cls(**(values | {"levels": tuple(values["levels"])}))
+        return cls(**(values | {"levels": tuple(values["levels"]), "given": tuple(values.get("given", ()))}))
 
 
 PRESETS: dict[str, dict] = {

@@ -19,6 +19,8 @@ FLOW_SECONDS = 0.25  # a training frame, both ways
 def estimate(clip: Clip, config: TrainConfig) -> dict[str, Any]:
     """Seconds, megabytes and words for training `clip` with `config` on its device. Order of magnitude, not a promise.
 
+    A training that fits its budget to the clip (`config.fit`) costs this at most.
+
     Returns
     -------
     dict with `seconds`, `memory_mb`, `gaussians`, `words`
@@ -34,5 +36,6 @@ def estimate(clip: Clip, config: TrainConfig) -> dict[str, Any]:
     memory = (planes * 16 + gaussians * (14 + 32) * 16 + gaussians * 4 * 600 + pixels * 4 * 60) / 1e6
     minutes = max(1, round(seconds / 60))
     where = "the GPU" if device == "cuda" else "the processor"
-    words = f"about {minutes} min on {where}, up to {gaussians:,} Gaussians, {memory / 1000:.1f} GB of memory beside the frames"
+    bound = "at most about" if config.fit else "about"
+    words = f"{bound} {minutes} min on {where}, up to {gaussians:,} Gaussians, {memory / 1000:.1f} GB of memory beside the frames"
     return {"seconds": seconds, "memory_mb": memory, "gaussians": gaussians, "words": words}

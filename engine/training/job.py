@@ -6,6 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +24,16 @@ from engine.progress import Progress
 from engine.readers import fingerprint
 from engine.store import Run
 from engine.store.run import hardware
+from engine.training.budget import fit_budget
 from engine.training.checkpoint import load_checkpoint, save_checkpoint
 from engine.training.config import TrainConfig
 from engine.training.device import choose_device
+from engine.training.estimate import estimate
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.initialise import initial_gaussians
 from engine.training.semantics import SemanticTargets
+from engine.training.support import motion_support
 from engine.training.trainer import Diverged, Trainer, draw, run_steps
 
 Events = Callable[[dict[str, Any]], None]
@@ -106,6 +110,11 @@ def train(
     except Cancelled:
         return None
 
+    chosen_budget = None
+    if run is None and config.fit:
+        budget = fit_budget(frames, config, evidence, semantics.basis if semantics is not None else None)
+        config, chosen_budget = budget.config, budget.to_json()
+        events({"event": "budget", "words": [*budget.words, estimate(clip, replace(config, fit=False))["words"]]})
     field = field_config(config, len(clip), semantics.basis.rank if semantics is not None else 0)
     random = np.random.default_rng(config.seed)
     canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), field.rank, random, field.color_knots)
@@ -122,6 +131,7 @@ def train(
             "teacher": {"name": teacher, "provenance": semantic_provenance(chosen, semantics)},
             "encoder": chosen.encoder.name if chosen is not None else None,
             "train_seconds": 0.0,
+            "budget": chosen_budget,
         }
         run = Run.create(out, clip, info)
         if semantics is not None:
@@ -143,7 +153,7 @@ def field_config(config: TrainConfig, frames: int, rank: int) -> FieldConfig:
         max(2, math.ceil(frames / config.color_spacing)) if config.appearance else 0,
         config.channels,
         config.resolution,
-        max(2, math.ceil(frames / config.time_spacing)),
+        config.time_resolution or max(2, (frames + 1) // 2),
         config.levels,
     )
 
@@ -201,6 +211,8 @@ def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], 
         events({"event": "stopped", "iteration": trainer.iteration})
         return None
     run.save_model(trainer.model)
+    if trainer.evidence is not None:
+        run.save_support(motion_support(trainer.model, trainer.frames, trainer.evidence))
     run.info["state"] = "finished"
     run.save()
     for file in (run.path / "checkpoints").iterdir():

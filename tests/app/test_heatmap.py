@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.colour_maps import colourise
+from engine.colour_maps import colourise, hatched
 
 
 @pytest.mark.parametrize(("key", "layer", "unit"), [("6", "displacement", "mm"), ("7", "warp", "px")])
@@ -23,8 +23,13 @@ def test_a_heatmap_by_its_key(qtbot, opened, idle, screenshot, key, layer, unit)
 
     whole = layer_range(scene, LAYERS[layer], LayerRequest(8), "sequence")
     assert view.span == whole == parts.colour_bar.range()
-    values = LAYERS[layer].image(scene, LayerRequest(8)).values
-    assert np.array_equal(view.rgb, colourise(values, LAYERS[layer].cmap, *whole))
+    image = LAYERS[layer].image(scene, LayerRequest(8))
+    colours = colourise(image.values, LAYERS[layer].cmap, *whole)
+    if layer == "displacement":
+        assert image.uncertain.any()
+        colours = hatched(colours, image.uncertain)
+    assert np.array_equal(view.rgb, colours)
+    assert ("hatched" in view.uncertain) == (layer == "displacement")  # the legend's words
     assert parts.colour_bar.isVisible()
     screenshot(opened, layer)
 

@@ -1,5 +1,7 @@
 """A tiny real run, and the same without its semantics or without its clip."""
 
+import shutil
+
 import pytest
 
 from engine.phantom import PhantomOptions, make_phantom
@@ -30,6 +32,15 @@ def scene(clip):
 def speechless(clip):
     """Trained without a teacher."""
     return trained(clip, clip.path.parent / "speechless", teacher="none")
+
+
+@pytest.fixture(scope="session")
+def unsupported(scene):
+    """The run as an older version left it."""
+    folder = scene.run.path.parent / "older"
+    shutil.copytree(scene.run.path, folder)
+    (folder / "support.safetensors").unlink()
+    return Scene.open(folder, device="cpu")
 
 
 @pytest.fixture(scope="session")

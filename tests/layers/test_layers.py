@@ -91,6 +91,7 @@ def test_units_and_what_they_measure(scene, clip):
         "mask": "",
         "displacement": "mm",
         "warp": "px",
+        "support": "",
     }
     depth = LAYERS["depth"].image(scene, request()).values
     assert np.median(np.abs(depth - clip.depth(SIDE))) < 3
@@ -107,6 +108,44 @@ def test_displacement_is_zero_at_the_reference_frame_and_not_later(scene):
     means = [scene.splats(frame).means.numpy().astype(np.float64) for frame in (SIDE, reference)]
     np.testing.assert_allclose(layer.splats(scene, request()), np.linalg.norm(means[0] - means[1], axis=1), atol=1e-4)
     assert np.nanmax(layer.image(scene, request()).values) > 0.1
+
+
+def test_a_displacement_that_nothing_reveals_is_marked_as_a_guess(scene):
+    """Nothing but support decides, pixel by pixel and Gaussian by Gaussian; the value itself stays."""
+    layer, support = LAYERS["displacement"], LAYERS["support"]
+    image, share = layer.image(scene, request()), support.image(scene, request()).values
+    assert np.array_equal(image.uncertain, share < 0.5)
+    assert 0 < image.uncertain.mean() < 1
+    assert np.isfinite(image.values[image.uncertain]).all()
+    assert np.array_equal(layer.uncertain_splats(scene, request()), scene.support.numpy() < 0.5)
+    np.testing.assert_array_equal(support.splats(scene, request()), scene.support.numpy())
+    assert layer_range(scene, support, request(), "frame") == (0.0, 1.0)
+
+
+def test_at_the_reference_frame_nothing_is_a_guess(scene):
+    start = request(scene.reference_frame)
+    assert LAYERS["displacement"].image(scene, start).uncertain is None
+    assert LAYERS["displacement"].uncertain_splats(scene, start) is None
+
+
+def test_runs_without_support_still_open_and_mark_nothing(unsupported):
+    assert unsupported.support is None
+    assert LAYERS["displacement"].image(unsupported, request()).uncertain is None
+    for draw in (LAYERS["support"].image, LAYERS["support"].splats):
+        with pytest.raises(DegenseError, match="older version"):
+            draw(unsupported, request())
+
+
+def test_zero_that_is_known_and_zero_that_is_a_guess_look_different():
+    still, uncertain = np.zeros((48, 64), np.float32), np.zeros((48, 64), bool)
+    uncertain[:, 32:] = True
+    for cmap in ("viridis", "magma", "cividis"):
+        picture = colourise(LayerImage(still, "mm", "scalar", uncertain), 0.0, 1.0, cmap)
+        assert (picture[:, :32] == picture[0, 0]).all()
+        grey = picture[:, 32:].astype(float) @ [0.299, 0.587, 0.114]
+        assert np.ptp(grey) > 100  # a hatch that one can see without colours
+        marked = np.abs(grey - grey.min()) > 50
+        assert 0.1 < marked.mean() < 0.5
 
 
 def test_warp_is_zero_at_the_reference_and_unknown_before_evidence(scene, clip):
@@ -172,7 +211,7 @@ def test_the_threshold_decides_about_splats(scene):
     assert counts[-1] == 0
 
 
-def test_what_is_missing_is_said_in_one_sentence(scene, speechless, lonely):
+def test_what_is_missing_is_said_in_one_sentence(scene, speechless, lonely, unsupported):
     for name, layer in LAYERS.items():
         reasons = {
             "semantics": layer.missing(speechless, PROMPTS),
@@ -182,6 +221,7 @@ def test_what_is_missing_is_said_in_one_sentence(scene, speechless, lonely):
         assert bool(reasons["semantics"]) == (name in ("features", "similarity", "mask"))
         assert bool(reasons["clip"]) == (name == "warp")
         assert bool(reasons["prompt"]) == (name in ("similarity", "mask"))
+        assert bool(layer.missing(unsupported, PROMPTS)) == (name == "support")
         assert layer.missing(scene, PROMPTS) == ""
         for cause, (shown, prompts) in {"semantics": (speechless, PROMPTS), "clip": (lonely, PROMPTS), "prompt": (scene, ())}.items():
             for draw in (layer.image, layer.splats):

@@ -68,6 +68,7 @@ def test_one_pass_draws_what_single_passes_draw(fresh):
     together = fresh.render(5, what=CHANNELS)
     assert set(together) == {"alpha", *CHANNELS}
     shapes = {"rgb": (48, 64, 3), "depth": (48, 64), "displacement": (48, 64), "motion": (48, 64, 2), "alpha": (48, 64)}
+    shapes["support"] = (48, 64)
     shapes["latent"] = (48, 64, fresh.basis.rank)
     for name in CHANNELS:
         alone = fresh.draw(5, fresh.camera(5), (name,))[name]

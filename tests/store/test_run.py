@@ -9,6 +9,8 @@ import torch
 from engine.camera import Camera
 from engine.errors import RunError
 from engine.field import FieldConfig, SceneModel
+from engine.store import Run
+from engine.store.files import write_tensors
 from engine.store.run import build_model, cameras_from_json, cameras_to_json
 
 FILE = Path("run") / "run.json"
@@ -62,6 +64,32 @@ def small(rank=2):
     canonical |= {"logits": torch.randn(5, generator=generator), "tints": torch.randn(5, 2, 3, generator=generator)}
     config = FieldConfig(rank=rank, color_knots=2, channels=2, resolution=4, time_resolution=3, levels=(1,))
     return SceneModel(config, torch.tensor([[-1.0, -1, -1], [1, 1, 1]]), canonical)
+
+
+def test_support_comes_back(tmp_path):
+    run, support = Run(tmp_path, {}), torch.tensor([0.0, 0.25, 1.0])
+    assert run.load_support(3) is None
+    run.save_support(support)
+    assert torch.equal(run.load_support(3), support)
+
+
+@pytest.mark.parametrize(
+    "tensors",
+    [
+        {"support": torch.zeros(4)},
+        {"support": torch.zeros(3, 1)},
+        {"support": torch.zeros(3, dtype=torch.float64)},
+        {"support": torch.tensor([0.0, 0.5, 1.5])},
+        {"support": torch.tensor([0.0, -0.5, 1.0])},
+        {"support": torch.tensor([0.0, float("nan"), 1.0])},
+        {"weight": torch.zeros(3)},
+    ],
+    ids=["longer", "shape", "type", "above", "below", "nan", "name"],
+)
+def test_damaged_support_is_refused(tmp_path, tensors):
+    write_tensors(tmp_path / "support.safetensors", tensors)
+    with pytest.raises(RunError, match=r"support\.safetensors"):
+        Run(tmp_path, {}).load_support(3)
 
 
 @pytest.mark.parametrize("moving", [None, [1, 3]])

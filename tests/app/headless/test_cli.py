@@ -113,6 +113,25 @@ def test_segment_writes_what_the_engine_says(run, scene, tmp_path, capsys):
     assert np.array_equal(values == 2, both[1])
 
 
+def test_raw_displacement_says_how_much_of_it_is_a_guess(run, tmp_path, scene, capsys):
+    out = tmp_path / "d.npy"
+    assert main(["render", str(run), "--frame", "5", "--layer", "displacement", "--out", str(out)]) == 0
+    share = (scene.render(5, what=("support",))["support"] < 0.5).mean()
+    assert f"{share:.1%} of the pixels hold a guess" in capsys.readouterr().out
+    assert main(["render", str(run), "--frame", "5", "--layer", "depth", "--out", str(out)]) == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_eval_tells_what_was_skipped_and_why(run, tmp_path, capsys):
+    assert main(["eval", str(run), "--json", str(tmp_path / "scores.json")]) == 0
+    scores, text = json.loads((tmp_path / "scores.json").read_text()), capsys.readouterr().out
+    rank = scores["budget"]["chosen"]["rank"]
+    assert 0 < rank["chosen"] < rank["preset"]
+    assert rank["why"] in text
+    assert "max_gaussians" not in scores["budget"]["chosen"]  # it was given by hand
+    assert 0 < scores["uncertain_share"] < 1
+
+
 def test_eval_writes_the_promised_keys(run, tmp_path, capsys):
     assert main(["eval", str(run), "--json", str(tmp_path / "scores.json")]) == 0
     scores = json.loads((tmp_path / "scores.json").read_text())

@@ -62,3 +62,29 @@ def test_a_view_comes_first_without_and_then_with_masks(scene):
     assert np.array_equal(view.masks[..., 3] > 0, mask)
     assert np.array_equal(view.rgb, scene.picture(3))
     assert len(view.splats.colours) == len(scene.splats(3))
+
+
+def result_of(steps):
+    """What a generator returns in the end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def test_a_guess_is_called_one(scene):
+    """Under the cursor, in the legend's words and in the 3D view: only where the recording does not reveal the motion."""
+    maps = result_of(probe_maps(scene, 5))
+    guesses = scene.render(5, what=("support",))["support"] < 0.5
+    for wanted in (True, False):
+        y, x = np.argwhere(guesses == wanted)[0]
+        assert dict(maps.rows(int(x), int(y)))["displacement"].endswith("(a guess)") == wanted
+    request = ViewRequest(5, Look(layer="displacement"))
+    marked = result_of(draw_view(scene, request))
+    assert "guess" in marked.uncertain
+    scene.support = None
+    plain = result_of(draw_view(scene, request))
+    assert plain.uncertain == ""
+    assert not np.array_equal(marked.rgb, plain.rgb)
+    assert not np.array_equal(marked.splats.colours, plain.splats.colours)

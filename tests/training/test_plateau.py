@@ -1,0 +1,120 @@
+"""When training cools down early, and the arithmetic of the shortened schedule."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from engine.training.plateau import EarlyStop, Plateau, Schedule, validation_frames
+
+
+def curve(step, ceiling=30.0, speed=400.0):
+    """A score that rises ever more slowly."""
+    return ceiling - 12 * math.exp(-step / speed)
+
+
+def stops_at(scores, patience=300, every=50, gain=0.1):
+    plateau = Plateau(patience, gain)
+    return next((step for step in range(every, 10_000, every) if plateau.observe(step, scores(step))), None)
+
+
+def test_it_waits_while_there_is_gain_and_stops_when_there_is_none():
+    step = stops_at(curve)
+    gained = curve(step) - curve(step - 300)
+    assert gained < 0.1
+    assert curve(step - 50) - curve(step - 350) >= 0.1  # not later than it can be known
+    assert stops_at(lambda step: 20 + step * 0.001) is None  # 0.3 dB in the patience: worth going on
+
+
+def test_noise_neither_stops_a_rising_score_nor_keeps_a_flat_one():
+    stops = []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(0, 0.1, 10_000)
+        stops.append(stops_at(lambda step, noise=noise: curve(step) + noise[step], patience=600))
+    quiet = stops_at(curve, patience=600)
+    assert all(step is not None and 0.6 * quiet < step < 1.6 * quiet for step in stops), (quiet, stops)
+
+
+def test_nothing_is_known_before_the_patience_is_over():
+    plateau = Plateau(300)
+    assert not any(plateau.observe(step, 25.0) for step in range(50, 301, 50))
+    assert plateau.observe(350, 25.0)
+
+
+def test_scores_that_are_no_numbers_do_not_count():
+    plateau = Plateau(100)
+    assert not any(plateau.observe(step, value) for step, value in ((50, math.nan), (100, math.inf), (200, math.nan), (300, -math.inf)))
+    assert plateau.seen == []
+
+
+def test_the_schedule_without_an_early_stop():
+    schedule = Schedule(1000, 0.3)
+    assert (schedule.total, schedule.progress(0), schedule.progress(250), schedule.progress(1000)) == (1000, 0.0, 0.25, 1.0)
+    assert not schedule.cooling(699)
+    assert schedule.cooling(700)
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 7, 800, 6000])
+@pytest.mark.parametrize("cooldown", [0.05, 0.3, 1.0])
+def test_the_cool_down_is_whole_whenever_it_begins(iterations, cooldown):
+    whole = Schedule(iterations, cooldown)
+    begins = next(step for step in range(iterations) if whole.cooling(step))
+    for step in {0, iterations // 3, begins, iterations - 1}:
+        short = whole.cool_down(step)
+        assert short.cooling(step)
+        assert short.progress(short.total) == 1.0
+        assert short.progress(step) == max(whole.progress(begins), whole.progress(step))
+        assert short.total - step == min(iterations - begins, iterations - step)
+        assert short.total <= iterations
+        assert short.cool_down(step) == short
+        steps = [short.progress(later) for later in range(step, short.total + 1)]
+        assert np.allclose(np.diff(steps), 1 / iterations)
+
+
+@pytest.mark.parametrize("values", [(0, 0.3, 0), (10, 0.0, 0), (10, 1.1, 0), (10, 0.3, 10), (10, 0.3, -1)])
+def test_schedules_that_make_no_sense(values):
+    with pytest.raises(ValueError, match="no schedule"):
+        Schedule(*values)
+
+
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 56, 2000])
+def test_validation_frames_are_few_inner_training_frames(count):
+    train = list(range(0, 2 * count, 2))
+    chosen = validation_frames(train)
+    assert len(chosen) == (4 if count >= 16 else 0)
+    assert set(chosen) <= set(train[1:-1])
+    if chosen:
+        assert min(np.diff(chosen)) >= 2 * (count // 4 - 1)
+
+
+def test_frames_are_held_out_only_until_the_cool_down():
+    early = EarlyStop(1000, range(40), patience=200)
+    assert early.held(100) == frozenset(early.frames)
+    fired = [step for step in range(50, 500, 50) if early.observe(step, 25.0)]
+    assert fired == [250]  # once
+    assert early.held(250) == frozenset()
+    assert early.schedule.total == 250 + 300
+    assert early.to_json()["chosen"] == 550
+    assert "200 steps" in early.to_json()["why"]
+
+
+def test_a_resumed_early_stop_goes_on_as_the_same():
+    whole, first = EarlyStop(1000, range(40)), EarlyStop(1000, range(40))
+    scores = {step: curve(step, speed=60) for step in range(20, 700, 20)}
+    for step in range(20, 300, 20):
+        whole.observe(step, scores[step])
+        first.observe(step, scores[step])
+    second = EarlyStop(1000, range(40))
+    second.restore(**json.loads(json.dumps(first.state())))
+    for step in range(300, 700, 20):
+        assert whole.observe(step, scores[step]) == second.observe(step, scores[step])
+    assert whole.schedule == second.schedule
+    assert whole.schedule.skipped > 0
+
+
+def test_short_clips_train_to_the_end():
+    early = EarlyStop(1000, range(8))
+    assert early.held(0) == frozenset()
+    assert early.schedule.total == 1000
+    assert "too few" in early.to_json()["why"]
