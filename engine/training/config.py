@@ -55,6 +55,9 @@ class TrainConfig:
         Learning rates, and the factor that those of positions and field have decayed by at the end.
     densify_every, densify_until : int, float
         Densify and prune every so many steps, until this share of the iterations.
+    early_stop : bool
+        Watch a few training frames, and cool down as soon as they stop improving. It costs some of the colour of those frames' moments, so
+        only long trainings gain by it (docs/decisions/0011).
     checkpoint_seconds : float
     fit : bool
         Whether settings may become smaller where the clip needs less (`engine.training.budget`).
@@ -107,6 +110,7 @@ class TrainConfig:
     rate_final: float = 0.05
     densify_every: int = 200
     densify_until: float = 0.6
+    early_stop: bool = False
     checkpoint_seconds: float = 30.0
     fit: bool = True
     given: tuple[str, ...] = ()
@@ -148,5 +152,5 @@ PRESETS: dict[str, dict] = {
         "densify_every": 100,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
-    "best": {"iterations": 10_000, "coarse_iterations": 1000, "max_gaussians": 120_000, "levels": (1, 2, 4)},
+    "best": {"iterations": 10_000, "coarse_iterations": 1000, "max_gaussians": 120_000, "levels": (1, 2, 4), "early_stop": True},
 }

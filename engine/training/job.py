@@ -17,6 +17,7 @@ import torch
 from engine.clip import Clip
 from engine.errors import Cancelled, DegenseError
 from engine.field import FieldConfig, SceneModel
+from engine.field.still import find_moving
 from engine.files import replacing
 from engine.language.teachers import Teacher, teacher_by_name
 from engine.poses import find_cameras, with_cameras
@@ -39,6 +40,8 @@ from engine.training.trainer import Diverged, Trainer, draw, run_steps
 Events = Callable[[dict[str, Any]], None]
 REPORT_EVERY = 25
 PREVIEW_SECONDS = 5.0
+STILL_MOMENTS = 64  # at most, at which Gaussians are looked at for motion
+STILL_SHARE = 0.05  # still Gaussians that must be found before leaving them out is worth the bookkeeping
 
 
 def default_teacher(clip: Clip) -> str:
@@ -186,7 +189,7 @@ def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], 
         run.log(values)
         events({"event": "progress", **values})
         now = time.perf_counter()
-        if now - last_preview > PREVIEW_SECONDS or values["iteration"] == config.iterations:
+        if now - last_preview > PREVIEW_SECONDS or values["iteration"] == trainer.total:
             events({"event": "preview", **write_preview(run, trainer)})
             last_preview = now
         if now - last_checkpoint > config.checkpoint_seconds:
@@ -210,6 +213,10 @@ def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], 
         run.save()
         events({"event": "stopped", "iteration": trainer.iteration})
         return None
+    still = keep_still_out(trainer)
+    if run.info.get("budget") is not None:
+        record = {"still Gaussians": still, **({"early stop": trainer.early.to_json()} if config.early_stop else {})}
+        run.info["budget"]["chosen"] |= record
     run.save_model(trainer.model)
     if trainer.evidence is not None:
         run.save_support(motion_support(trainer.model, trainer.frames, trainer.evidence))
@@ -219,6 +226,18 @@ def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], 
         file.unlink()
     events({"event": "done", "run": str(run.path)})
     return run
+
+
+def keep_still_out(trainer: Trainer) -> dict[str, Any]:
+    """Let Gaussians that the field never changes visibly stay out of it for good; the record of it, as `Choice` has them."""
+    model, clip = trainer.model, trainer.frames.clip
+    watched = np.linspace(0, len(clip) - 1, min(len(clip), STILL_MOMENTS))
+    moving = find_moving(model, [clip.time(i) for i in watched], trainer.frames.cameras[0].fx)
+    left = len(model) - len(moving)
+    if left >= STILL_SHARE * len(model):
+        model.set_moving(moving)
+    why = f"the field changes {len(moving):,} of {len(model):,} visibly"
+    return {"preset": len(model), "chosen": len(model) if model.moving is None else len(moving), "why": why}
 
 
 @torch.no_grad()

@@ -23,12 +23,14 @@ from engine.training.frames import TrainingFrames
 from engine.training.neighbours import nearest_neighbours
 from engine.training.optimiser import make_optimiser, set_rates
 from engine.training.passes import CurvePass, FieldPass, PictureLoss, SemanticPass, motion_loss
+from engine.training.plateau import EarlyStop
 from engine.training.recording import recorded
 from engine.training.semantics import SemanticTargets
 
 GUARD_EVERY = 100  # steps between looks at whether all is finite
 NEIGHBOURS = 6
 ROLLBACKS = 5
+WATCH_EVERY = 50  # steps between looks at the validation frames
 CURVES_EVERY = 4  # steps between looks at the regularisers of planes and curves, which change slowly
 
 
@@ -67,11 +69,12 @@ class Trainer:
         self.generator = torch.Generator().manual_seed(config.seed)
         self.iteration = 0
         self.order: list[int] = []
-        self.unseen = set(frames.clip.train_frames)  # since the last pruning
         self.caution = 1.0  # every rollback halves all learning rates
         self.rollbacks = 0
         self.running = torch.zeros(2, device=self.device)  # sums of loss and squared error since the last report
         self.times = torch.tensor([frames.clip.time(i) for i in range(len(frames.clip))], device=self.device)
+        self.early = EarlyStop(config.iterations, frames.clip.train_frames if config.early_stop else ())
+        self.unseen = set(frames.clip.train_frames) - self._held  # since the last pruning
         self._neighbours: tuple[Tensor, Tensor] | None = None
         self._recordings: dict[str, Callable[..., Any]] = {}
         self._curves_every = torch.full((), float(CURVES_EVERY), device=self.device)
@@ -95,6 +98,7 @@ class Trainer:
             "caution": self.caution,
             "random": self.random.bit_generator.state,
             "rollbacks": self.rollbacks,
+            "early": self.early.state(),
         }
         return {
             "model": copied,
@@ -127,6 +131,7 @@ class Trainer:
             plain["rollbacks"],
         )
         self.unseen = set(plain["unseen"])
+        self.early.restore(**plain["early"])
         self.random.bit_generator.state = plain["random"]
         held = state["neighbours"]
         self._neighbours = (held["index"].to(self.device), held["weight"].to(self.device)) if held else None
@@ -165,6 +170,30 @@ class Trainer:
         self.iteration += 1
         self._edit()
         self._guard()
+        self._watch()
+
+    @property
+    def _held(self) -> frozenset[int]:
+        """Frames that are watched, not trained on, at this step."""
+        return self.early.held(self.iteration)
+
+    def _watch(self) -> None:
+        """Look at the validation frames from time to time; cool down when they have stopped improving."""
+        if self.iteration % WATCH_EVERY or not self._held or not self.deforms:
+            return
+        if self.early.observe(self.iteration, self.validation_psnr()):
+            self.event({"event": "plateau", "iteration": self.iteration, "iterations": self.total, "reason": self.early.plateau.words()})
+
+    @torch.no_grad()
+    def validation_psnr(self) -> float:
+        """Mean over the watched frames, valid pixels, dB."""
+        scores = []
+        for index in self.early.frames:
+            frame = self.frames[index]
+            splats = self.model.at(self.times[index], semantics=False).splats
+            error = (draw(splats, self.frames.cameras[index]).image[..., :3].clamp(0, 1) - frame.image.float() / 255).square()
+            scores.append(-10 * torch.log10(error[frame.valid].mean().clamp_min(1e-10)))
+        return float(torch.stack(scores).mean())
 
     def _record_model(self, asked: tuple[Tensor, ...]) -> None:
         """Record what reads the model, when the Gaussians or the stage have changed: before any gradient of this step is on its way."""
@@ -188,7 +217,12 @@ class Trainer:
     @property
     def progress(self) -> float:
         """How far the training has got, 0 to 1: what the learning rates and the weight of motion evidence follow."""
-        return self.iteration / self.config.iterations
+        return self.early.schedule.progress(self.iteration)
+
+    @property
+    def total(self) -> int:
+        """Steps that will be made: those of the configuration, or fewer once the validation frames have stopped improving."""
+        return self.early.schedule.total
 
     @property
     def deforms(self) -> bool:
@@ -198,7 +232,7 @@ class Trainer:
     @property
     def densifies(self) -> bool:
         """Whether Gaussians are still cloned, split and pruned."""
-        return self.iteration < self.config.densify_until * self.config.iterations
+        return self.progress < self.config.densify_until
 
     def _pair(self, frame: int) -> Pair | None:
         """One of the frames that the motion of this one is known to, at random."""
@@ -216,7 +250,7 @@ class Trainer:
         if not self.deforms:
             return self.frames.clip.train_frames[0]
         if not self.order:
-            self.order = [self.frames.clip.train_frames[i] for i in self.random.permutation(len(self.frames.clip.train_frames))]
+            self.order = [frame for frame in self.random.permutation(self.frames.clip.train_frames).tolist() if frame not in self._held]
         if semantic_step and self.semantics is not None:
             spoken = set(self.semantics.frames)
             for position in range(len(self.order) - 1, -1, -1):
@@ -238,12 +272,12 @@ class Trainer:
         config = self.config
         if self.iteration == config.coarse_iterations:
             self._forget_recordings()
-        if self.iteration % config.densify_every or self.iteration > config.densify_until * config.iterations:
+        if self.iteration % config.densify_every or self.progress > config.densify_until:
             return
         prune = not self.unseen
         self.density.step(self.optimizer, self.generator, prune=prune)
         if prune:
-            self.unseen = set(self.frames.clip.train_frames)
+            self.unseen = set(self.frames.clip.train_frames) - self._held
         self._neighbours = None
         self._forget_recordings()
 
@@ -298,11 +332,11 @@ def draw_latents(
 def run_steps(trainer: Trainer, stop: Callable[[], bool], every: int, progress: Progress, after: Callable[[dict[str, Any]], None]) -> bool:
     """Train to the end, or until `stop()`; call `after(report)` every `every` steps. True when it reached the end."""
     last, started, first = trainer.iteration, time.perf_counter(), trainer.iteration
-    total = trainer.config.iterations
-    while trainer.iteration < total:
+    while trainer.iteration < trainer.total:
         if stop():
             return False
         trainer.step()
+        total = trainer.total
         if trainer.iteration - last >= every or trainer.iteration == total:
             seconds = time.perf_counter() - started
             eta = seconds / max(1, trainer.iteration - first) * (total - trainer.iteration)
