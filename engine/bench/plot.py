@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,7 +102,11 @@ def _scales(axes: Axes, points: list[Point]) -> None:
         if len(errors) == len(points):
             axes.set_yscale("log")
         else:  # zero has its place, below the least error there is
-            axes.set_yscale("symlog", linthresh=min(errors), linscale=0.5)
+            least, most = math.floor(math.log10(min(errors))), math.ceil(math.log10(max(errors)))
+            axes.set_yscale("symlog", linthresh=10.0**least, linscale=0.5)
+            step = max(1, (most - least) // 8)
+            axes.set_yticks([0.0, *(10.0**power for power in range(least, most + 1, step))])
+            axes.set_ylim(bottom=-0.4 * 10.0**least)
 
 
 def _marks(axes: Axes, points: list[Point], colour: str, mark: str) -> None:
