@@ -130,7 +130,7 @@ def _errors(options: BenchOptions, progress: Progress) -> Table:
         "Error against the float64 reference, and time, on a small scene",
         f"{count} Gaussians, {width} × {height} pixels: the reference draws every Gaussian against every pixel in float64, which is "
         f"practical with gradients at such a size only. Random scenes of {len(options.seeds)} seeds. Image: greatest difference of any "
-        "pixel and channel, features in [0, 1]. Gradient: ‖g − g_ref‖ / ‖g_ref‖ of the input that is furthest off, for a random loss. float16: "
+        "pixel and channel, features in [0, 1]. Gradient: ‖g − g_ref‖ / ‖g_ref‖ of the input furthest off, for a random loss. float16: "
         f"these inputs are rounded to it, drawing stays in float32. Times: {options.repeats} repeats, of the reference at most 3.",
         [
             Column("name", "back end, inputs, channels"),

@@ -141,7 +141,7 @@ class Table:
 def _plain(column: Column, cell: Cell) -> Cell:
     if cell is None or isinstance(cell, str):
         return cell
-    numbers: Sequence[float] = cell if isinstance(cell, Sequence) else [cell]
+    numbers: list[float] = [*cell] if isinstance(cell, Sequence) else [cell]
     if not all(math.isfinite(number) for number in numbers):
         return column.text(cell)
     plain = [int(number) if isinstance(number, Integral) else float(number) for number in numbers]
