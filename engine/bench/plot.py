@@ -140,9 +140,9 @@ def _reach(spans: list[tuple[float, float, float]]) -> list[list[float]]:
 
 
 def _names(axes: Axes, points: list[Point], canvas: FigureCanvasAgg) -> None:
-    """Each name beside its mark, where it covers least of other names, of marks and of what lies outside the picture."""
+    """Each name beside its mark, where it covers least of other names, of marks and of what lies outside the axes."""
     renderer = canvas.get_renderer()
-    frame = axes.figure.bbox
+    frame = axes.bbox
     marks = [axes.transData.transform((p.time[0], p.error[0])) for p in points]
     taken: list[Bbox] = []
     for point in points:

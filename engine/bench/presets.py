@@ -44,11 +44,14 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     if not clip.exists():
         make_phantom(clip, story, lambda fraction, message: progress(0.02 * fraction, message))
     shape = f"a phantom of {story.frames} frames, {story.width} × {story.height}, seed 0, with exact depth and labels"
-    places = [(clip, "phantom", shape, noise_floor(story.noise))]
+    places: list[tuple[Path, str, str, float | None]] = [(clip, "phantom", shape, noise_floor(story.noise))]
     places += [(path, path.resolve().name, f"the clip `{path.resolve().name}`", None) for path in options.clips]
     for done, (path, name, words, floor) in enumerate(places):
-        first = 0.02 + 0.98 * done / len(places)
-        yield _table(path, name, words, floor, options, lambda f, message, first=first: progress(first + 0.98 * f / len(places), message))
+
+        def tell(fraction: float, message: str, done: int = done) -> None:
+            progress(0.02 + 0.98 * (done + fraction) / len(places), message)
+
+        yield _table(path, name, words, floor, options, tell)
 
 
 def noise_floor(noise: float) -> float:
@@ -63,10 +66,10 @@ def _table(clip: Path, name: str, words: str, floor: float | None, options: Benc
         f"presets-{name}",
         f"Presets on {'a phantom' if floor is not None else name}",
         f"{words[0].upper()}{words[1:]}. Each preset {'cut to a few steps ' * options.quick}is trained with seeds "
-        f"{', '.join(map(str, options.seeds))}, each training in a process of its own, like `degense train`, then scored like `degense eval`. "
+        f"{', '.join(map(str, options.seeds))}, each time in a process of its own, as by `degense train`, and scored as by `degense eval`. "
         "Wall: from the start of the process to the saved run. Training: without the start of the program. Memory: on a GPU the most that "
-        "tensors held on it, else the most that the process held. mIoU: decoder rnse, only where held-out frames have label maps. Shortfall: "
-        f"PSNR below {behind}" + (f", {floor:.1f} dB." if floor is not None else "."),
+        "tensors held on it, else the most that the process held. mIoU: decoder rnse, where held-out frames have label maps. "
+        f"Shortfall: PSNR below {behind}" + (f", {floor:.1f} dB." if floor is not None else "."),
         [
             Column("preset", "preset"),
             Column("wall", "wall, s", 1, "mean"),
@@ -101,7 +104,7 @@ def _table(clip: Path, name: str, words: str, floor: float | None, options: Benc
         row: dict[str, Cell] = {"preset": preset, "short": [best - scores["psnr_mask"] for scores in several]}
         for key, score in {**SCORES, "wall": "wall", "memory": "memory", "miou": "held_out_miou"}.items():
             values = [scores.get(score) for scores in several]
-            row[key] = None if None in values else values
+            row[key] = [value for value in values if value is not None] or None
         table.rows.append(row)
     return table
 

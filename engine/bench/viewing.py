@@ -41,9 +41,9 @@ def _playback(trained: Scene, stages: tuple[tuple[int, int, int], ...], words: s
         "viewing-playback",
         "Playing a scene",
         f"{words[0].upper()}{words[1:]}. Colour only, frame after frame, from the surgeon's view. Frames a second: {rounds} rounds in "
-        "which all rows take turns, the GPU's queue (if any) awaited at the end of a round only, as a player does; the middle round and, in "
-        f"brackets, the least and the greatest. Milliseconds: {options.repeats} single frames, each awaited. Raw drawing has the states of all "
-        "frames at hand and calls the back end alone.",
+        "which all rows take turns, the GPU's queue (if any) awaited at the end of a round only, as a player does; the middle round and, "
+        f"in brackets, the least and the greatest. Milliseconds: {options.repeats} single frames, each awaited. Raw drawing has the states "
+        "of all frames at hand and calls the back end alone.",
         [
             Column("scene", "scene"),
             Column("what", "what"),
@@ -115,9 +115,9 @@ def _prompts(trained: Scene, stages: tuple[tuple[int, int, int], ...], words: st
     table = Table(
         "viewing-prompts",
         "Asking in words",
-        f"{words[0].upper()}{words[1:]}. From the prompt's vector to the binary mask (decoder rnse); states are baked, everything else that "
-        f"a new frame needs is computed: drawing of colour and {trained.model.config.rank} semantic channels, superpixels, similarities, "
-        f"filter. {options.repeats} repeats after one that warms up.",
+        f"{words[0].upper()}{words[1:]}. From the prompt's vector to the binary mask (decoder rnse); states are baked, everything else "
+        f"that a new frame needs is computed: drawing of colour and {trained.model.config.rank} semantic channels, superpixels, "
+        f"similarities, filter. {options.repeats} repeats after one that warms up.",
         [
             Column("scene", "scene"),
             Column("what", "what"),
