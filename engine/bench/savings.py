@@ -13,8 +13,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from engine.bench.options import BenchOptions
-from engine.bench.table import Column, Table
-from engine.bench.timing import measure
+from engine.bench.table import Cell, Column, Table
+from engine.bench.timing import measure_in_turn
 from engine.field.hexplane import HexPlane, sample_level
 from engine.masks import MaskQuery
 from engine.metrics.image import psnr
@@ -34,15 +34,14 @@ class Saving:
     Attributes
     ----------
     name : str
-    off, on : callable or None
+    ways : (callable, callable) or None
         The work without and with it; None where the code cannot leave it out, so that there is no time to compare.
     error : str
         What it adds, in words with a number.
     """
 
     name: str
-    off: Callable[[], object] | None
-    on: Callable[[], object] | None
+    ways: tuple[Callable[[], object], Callable[[], object]] | None
     error: str
 
 
@@ -51,7 +50,7 @@ def savings_table(scene: Scene, words: str, options: BenchOptions, progress: Pro
     table = Table(
         "field-savings",
         "What the savings save, and what they cost",
-        f"{words}. Wall times, {options.repeats} repeats after 3 that warm up, without and with; the share saved is of medians. "
+        f"{words}. Wall times, {options.repeats} repeats after 3 that warm up, without and with in turn; the share saved is of medians. "
         f"Pictures have {scene.clip_size[0]} × {scene.clip_size[1]} pixels.",
         [
             Column("name", "saving"),
@@ -61,13 +60,14 @@ def savings_table(scene: Scene, words: str, options: BenchOptions, progress: Pro
             Column("error", "error added"),
         ],
     )
-    makers = (_baking, _semantic_channels, _lines, _early_termination, _kept_maps, _resolution)
-    for done, maker in enumerate(makers):
-        progress(done / len(makers), "savings")
+    for done, maker in enumerate(SAVINGS):
+        progress(done / len(SAVINGS), "savings, on and off")
         for saving in maker(scene):
-            times = [measure(work, options.repeats, options.device) if work else None for work in (saving.off, saving.on)]
-            saved = 100 * (1 - median(times[1]) / median(times[0])) if times[0] and times[1] else None
-            table.rows.append({"name": saving.name, "off": times[0], "on": times[1], "saved": saved, "error": saving.error})
+            row: dict[str, Cell] = {"name": saving.name, "error": saving.error}
+            if saving.ways is not None:
+                off, on = measure_in_turn(saving.ways, options.repeats, options.device)
+                row |= {"off": off, "on": on, "saved": 100 * (1 - median(on) / median(off))}
+            table.rows.append(row)
     return table
 
 
@@ -78,8 +78,7 @@ def _baking(scene: Scene) -> Iterator[Saving]:
     error = max((live.means / unit - baked.means).abs().max().item(), (live.colors - baked.colors).abs().max().item())
     yield Saving(
         "baked states instead of the field",
-        lambda: scene.model.at(scene.time(frame)),
-        lambda: scene.splats(frame),
+        (lambda: scene.model.at(scene.time(frame)), lambda: scene.splats(frame)),
         f"{error:.0e} of centres and colours",
     )
 
@@ -96,16 +95,14 @@ def _semantic_channels(scene: Scene) -> Iterator[Saving]:
     error = (drawn(everything)[..., :3] - drawn(splats.colors)).abs().max().item()
     yield Saving(
         f"no semantic channels in the picture ({splats.semantics.shape[1]} of them)",
-        lambda: drawn(everything),
-        lambda: drawn(splats.colors),
+        (lambda: drawn(everything), lambda: drawn(splats.colors)),
         f"{255 * error:.0e} of 255 in the colours",
     )
     with_, without = scene.model.at(t).splats, scene.model.at(t, semantics=False).splats
     error = max((getattr(with_, name) - getattr(without, name)).abs().max().item() for name in ("means", "opacities", "colors"))
     yield Saving(
         "no semantics in the field",
-        lambda: scene.model.at(t),
-        lambda: scene.model.at(t, semantics=False),
+        (lambda: scene.model.at(t), lambda: scene.model.at(t, semantics=False)),
         f"{error:.0e} of centres, opacities and colours",
     )
 
@@ -121,7 +118,8 @@ def _lines(scene: Scene) -> Iterator[Saving]:
 
     for name, on in (("in plain torch", lines), ("as the engine has it, fused", lambda: model.planes(points, t))):
         error = ((on() - truth).norm() / truth.norm()).item()
-        yield Saving(f"time planes as lines, {name}", lambda: bilinear_planes(model.planes, points, t), on, f"{error:.0e} of a feature")
+        ways = (lambda: bilinear_planes(model.planes, points, t), on)
+        yield Saving(f"time planes as lines, {name}", ways, f"{error:.0e} of a feature")
 
 
 def bilinear_planes(planes: HexPlane, points: Tensor, t: float) -> Tensor:
@@ -157,7 +155,7 @@ def _early_termination(scene: Scene) -> Iterator[Saving]:
         largest = max(largest, ((weights * beyond) @ colors).abs().max().item())
         pairs, skipped = pairs + int((alpha > 0).sum()), skipped + int(beyond.sum())
     error = f"{255 * largest:.1e} of 255 at most, for {skipped / max(pairs, 1):.0%} of the Gaussians that lie on a pixel"
-    yield Saving(f"pixels finished at transmittance {MIN_TRANSMITTANCE:g}", None, None, error)
+    yield Saving(f"pixels finished at transmittance {MIN_TRANSMITTANCE:g}", None, error)
 
 
 def _kept_maps(scene: Scene) -> Iterator[Saving]:
@@ -184,7 +182,7 @@ def _kept_maps(scene: Scene) -> Iterator[Saving]:
         ("similarities kept, another threshold", lambda: kept.mask(vectors[0], threshold=0.5)),
     ):
         differ = np.count_nonzero(on() != anew())
-        yield Saving(f"{name} on the same picture", anew, on, f"{differ} pixels of the mask")
+        yield Saving(f"{name} on the same picture", (anew, on), f"{differ} pixels of the mask")
 
 
 def _resolution(scene: Scene) -> Iterator[Saving]:
@@ -197,4 +195,15 @@ def _resolution(scene: Scene) -> Iterator[Saving]:
         return cv2.resize(small, (camera.width, camera.height), interpolation=cv2.INTER_LINEAR)
 
     error = f"{psnr(half(), full):.1f} dB against the full picture"
-    yield Saving("half the resolution, enlarged again", lambda: scene.draw(frame, camera, ("rgb",)), half, error)
+    yield Saving("half the resolution, enlarged again", (lambda: scene.draw(frame, camera, ("rgb",)), half), error)
+
+
+#: Everything that can be switched, in the order of the table. A new saving is one more function here.
+SAVINGS: tuple[Callable[[Scene], Iterator[Saving]], ...] = (
+    _baking,
+    _semantic_channels,
+    _lines,
+    _early_termination,
+    _kept_maps,
+    _resolution,
+)

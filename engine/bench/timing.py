@@ -24,6 +24,19 @@ def measure(work: Callable[[], object], repeats: int, device: torch.device | str
     return times
 
 
+def measure_in_turn(
+    works: Sequence[Callable[[], object]], repeats: int, device: torch.device | str = "cpu", warm: int = 3
+) -> list[list[float]]:
+    """As `measure` for several works, one call of each in turn: a machine that is busy for a while slows them alike."""
+    times: list[list[float]] = [[] for _ in works]
+    for i in range(warm + repeats):
+        for work, of_work in zip(works, times, strict=True):
+            [taken] = measure(work, 1, device, warm=0)
+            if i >= warm:
+                of_work.append(taken)
+    return times
+
+
 def throughput(work: Callable[[int], object], count: int, device: torch.device | str = "cpu", warm: int = 3) -> float:
     """Calls a second when `work(i)` is called `count` times back to back and the queue is drained once, at the end: a player's rate."""
     drain = _drain(device)

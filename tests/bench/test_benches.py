@@ -12,7 +12,7 @@ from engine.bench import field, presets, raster, savings, viewing
 from engine.bench.options import BenchOptions
 from engine.bench.run import BENCHES, command_line, run
 from engine.bench.scenes import with_count
-from engine.bench.timing import measure, percentile, thread_counts, threads, throughput
+from engine.bench.timing import measure, measure_in_turn, percentile, thread_counts, threads, throughput
 from engine.errors import DegenseError
 from engine.metrics.image import psnr
 from engine.phantom import PhantomOptions, make_phantom
@@ -153,6 +153,10 @@ def test_timing_counts_what_it_says():
     calls: list[int] = []
     assert len(measure(lambda: calls.append(0), 4, warm=2)) == 4
     assert len(calls) == 6
+    order: list[str] = []
+    times = measure_in_turn([lambda: order.append("a"), lambda: order.append("b")], 2, warm=1)
+    assert order == list("ababab")
+    assert [len(of_work) for of_work in times] == [2, 2]
     assert throughput(calls.append, 5, warm=1) > 0
     assert calls[6:] == [0, 0, 1, 2, 3, 4]
     assert percentile([1, 2, 3, 4, 5], 50) == 3
