@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from statistics import median
 
@@ -110,25 +110,31 @@ def _semantic_channels(scene: Scene) -> Iterator[Saving]:
 def _lines(scene: Scene) -> Iterator[Saving]:
     model, t = scene.model, scene.time(scene.frames // 2)
     points = model.normalised(model.canonical["means"]).clamp(-1, 1)
-    truth = bilinear_planes(model.planes, points, t)
+    planes = still_planes(model.planes, t)
 
-    def lines() -> Tensor:
-        sampled = [sample_level(points, space, line) for space, line in zip(model.planes.space, model.planes.lines(t), strict=True)]
-        return torch.cat(sampled, 1)
+    def sampled() -> Tensor:
+        levels = zip(model.planes.space, model.planes.lines(t), strict=True)
+        return torch.cat([sample_level(points, space, line) for space, line in levels], 1)
 
-    for name, on in (("in plain torch", lines), ("as the engine has it, fused", lambda: model.planes(points, t))):
+    truth = bilinear_planes(model.planes.space, planes, points, t)
+    for name, on in (("in plain torch", sampled), ("as the engine has it, fused", lambda: model.planes(points, t))):
         error = ((on() - truth).norm() / truth.norm()).item()
-        ways = (lambda: bilinear_planes(model.planes, points, t), on)
+        ways = (lambda: bilinear_planes(model.planes.space, planes, points, t), on)
         yield Saving(f"time planes as lines, {name}", ways, f"{error:.0e} of a feature")
 
 
-def bilinear_planes(planes: HexPlane, points: Tensor, t: float) -> Tensor:
+def still_planes(planes: HexPlane, t: float) -> list[Tensor]:
+    """Time planes [3, K, R, C], as large as the real ones, that hold at every time what those hold at `t`, however they interpolate."""
+    return [line[:, None].repeat(1, time.shape[1], 1, 1) for line, time in zip(planes.lines(t), planes.time, strict=True)]
+
+
+def bilinear_planes(space: Iterable[Tensor], time: Iterable[Tensor], points: Tensor, t: float) -> Tensor:
     """H(p, t) by six bilinear look-ups a level, as peers do it: features [N, channels × levels] of points [N, 3] in [-1, 1]."""
     spots = torch.cat([points, torch.full_like(points[:, :1], t)], 1)
     features = []
-    for space, time in zip(planes.space, planes.time, strict=True):
-        product = torch.ones_like(space[0, 0, 0]).expand(len(points), -1)
-        for plane, (column, row) in zip((*space, *time), ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3)), strict=True):
+    for of_space, of_time in zip(space, time, strict=True):
+        product = torch.ones_like(of_space[0, 0, 0]).expand(len(points), -1)
+        for plane, (column, row) in zip((*of_space, *of_time), ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3)), strict=True):
             grid = spots[:, [column, row]][None, :, None]
             product = product * F.grid_sample(plane.permute(2, 0, 1)[None], grid, padding_mode="border", align_corners=True)[0, ..., 0].T
         features.append(product)
