@@ -121,6 +121,17 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--layer", default="rgb", metavar="NAME", help="layer of a movie")
     _prompts(sub, required=False)
 
+    sub = command("bench", "benching:bench", "measure run time against error on this machine")
+    sub.add_argument(
+        "names", nargs="*", metavar="NAME", help="benchmarks, or all; none lists them; `report FOLDER` makes a page of saved tables"
+    )
+    sub.add_argument("--device", default="auto", metavar="NAME", help="auto (default), cpu or cuda")
+    sub.add_argument("--seeds", type=_positive, metavar="N", help="trainings and random scenes of each kind (default 3; with --quick 1)")
+    sub.add_argument("--repeats", type=_positive, metavar="N", help="of each timing (default 15; with --quick 5)")
+    sub.add_argument("--quick", action="store_true", help="small scenes, short trainings: to see that it runs, not to quote")
+    sub.add_argument("--clip", type=Path, action="append", default=[], metavar="CLIP", help="a real clip to measure on too; repeatable")
+    sub.add_argument("--out", type=Path, metavar="PATH", help="folder for tables (.json) and plots (.png); of a report, the file")
+
     command("doctor", "scoring:doctor", "say what this machine can do, and what is missing")
     return parser, set(commands.choices)
 

@@ -1,10 +1,11 @@
-"""Every benchmark by its name, and how one is run and kept."""
+"""Every benchmark by its name, and how one is run."""
 
 from __future__ import annotations
 
 import importlib
 import os
 import platform
+import shlex
 from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
@@ -32,19 +33,38 @@ BENCHES: dict[str, tuple[str, str]] = {
 
 def run(name: str, options: BenchOptions, progress: Progress = silent) -> Iterator[Table]:
     """The tables of one benchmark, as they are finished. Raises DegenseError for a name that is none."""
-    if name not in BENCHES:
-        raise DegenseError(f"there is no benchmark {name!r}; choose from {', '.join(BENCHES)}")
-    for table in importlib.import_module(BENCHES[name][0]).run(options, progress):
-        table.command = table.command or f"degense bench {name} --device {options.device}" + (" --quick" if options.quick else "")
-        table.hardware, table.date = hardware(options.device), date.today().isoformat()
+    check_names([name])
+    for number, table in enumerate(importlib.import_module(BENCHES[name][0]).run(options, progress)):
+        table.bench, table.device, table.number = name, options.device, number
+        table.command, table.hardware, table.date = command_line(name, options), hardware(options.device), date.today().isoformat()
         yield table
+
+
+def check_names(names: list[str]) -> None:
+    """DegenseError unless every name is one of BENCHES."""
+    if unknown := [name for name in names if name not in BENCHES]:
+        raise DegenseError(f"There is no benchmark {unknown[0]!r}; choose from {', '.join(BENCHES)}, or all.")
+
+
+def command_line(name: str, options: BenchOptions) -> str:
+    """What to type to measure this again, with everything that was chosen; of a clip only its folder's name, not where it lies."""
+    words = ["degense", "bench", name, "--device", options.device]
+    words += ["--seeds", str(len(options.seeds)), "--repeats", str(options.repeats)]
+    words += ["--quick"] * options.quick
+    for clip in options.clips:
+        words += ["--clip", clip.resolve().name]
+    return shlex.join(words)
 
 
 def hardware(device: str) -> str:
     """This machine in words."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    words = f"{cores} cores {platform.machine()}, torch {torch.__version__}"
+    words = f"{cores()} cores {platform.machine()}, torch {torch.__version__}"
     return f"{torch.cuda.get_device_name()}, {words}" if device == "cuda" else f"{_processor()}{words}"
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _processor() -> str:

@@ -1,104 +1,160 @@
-"""How fast a scene is looked at and asked on this machine: `python -m engine.bench.viewing`.
-
-The scene is the first state of a training on a phantom: 30,000 Gaussians at 640 × 512, each with the latent of the class it lies on.
-How well it was trained would change these times only through how far the Gaussians overlap.
-"""
+"""Looking and asking: how fast a scene plays, and how soon a prompt is answered."""
 
 from __future__ import annotations
 
-import os
-import platform
-import statistics
-import tempfile
-import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from statistics import median
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from engine.field import FieldConfig, SceneModel
-from engine.language.teachers import LabelTeacher, teacher_by_name
-from engine.masks import MaskQuery
-from engine.phantom import PhantomOptions, make_phantom
-from engine.progress import silent
-from engine.readers import open_clip
+from engine.bench.options import BenchOptions
+from engine.bench.raster import back_ends
+from engine.bench.scenes import trained_scene, with_count
+from engine.bench.table import Cell, Column, Table
+from engine.bench.timing import measure, percentile, throughput
+from engine.camera import Camera
+from engine.progress import Progress
+from engine.raster import rasterize
 from engine.scene import Scene
-from engine.store import Run
-from engine.training.frames import TrainingFrames
-from engine.training.initialise import initial_gaussians
-from engine.training.semantics import SemanticTargets
+from engine.splats import Splats
 
-GAUSSIANS, WIDTH, HEIGHT, FRAMES = 30_000, 640, 512, 9
-REPEATS = 15
+#: Gaussians and picture of what is played.
+STAGES = ((30_000, 640, 512), (100_000, 854, 480))
+QUICK_STAGES = ((3_000, 160, 128),)
+ROUNDS = 5  # of playing: raw drawing and the others take turns, so that a busy machine slows them alike
+SECONDS = {"cpu": 1.0, "cuda": 0.25}  # one round takes about so long
 
 
-def make_scene(folder: Path) -> Scene:
-    """An untrained scene of exactly `GAUSSIANS` Gaussians, written and opened as a run."""
-    make_phantom(folder / "clip", PhantomOptions(frames=FRAMES, width=WIDTH, height=HEIGHT), silent)
-    clip = open_clip(folder / "clip")
-    frames = TrainingFrames(clip, 1 << 30, torch.device("cpu"))
-    teacher = teacher_by_name("labels", clip)
-    assert isinstance(teacher, LabelTeacher)
-    semantics = SemanticTargets(teacher, frames)
-    canonical, bounds = initial_gaussians(frames, None, 2 * GAUSSIANS, semantics.basis.rank, np.random.default_rng(0))
-    canonical = {name: value[:GAUSSIANS].clone() for name, value in canonical.items()}
-    pixels, _ = frames.cameras[0].project(canonical["means"].double().numpy())
-    labels = clip.labels(0)
-    assert labels is not None
-    column, row = np.clip(pixels.astype(int), 0, [WIDTH - 1, HEIGHT - 1]).T
-    canonical["semantics"] = torch.from_numpy(semantics.basis.project(teacher.vectors)[labels[row, column]])
-    field = FieldConfig(rank=semantics.basis.rank)
-    info = {
-        "clip": {"path": "../clip", "name": clip.name, "fingerprint": ""},
-        "config": {},
-        "field": field.to_json(),
-        "unit": frames.unit,
-        "reference_frame": 0,
-        "encoder": teacher.encoder.name,
+def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
+    trained, words = trained_scene(options, lambda fraction, message: progress(0.5 * fraction, message))
+    stages = QUICK_STAGES if options.quick else STAGES
+    yield _playback(trained, stages, words, options, lambda fraction, message: progress(0.5 + 0.3 * fraction, message))
+    yield _prompts(trained, stages, words, options, lambda fraction, message: progress(0.8 + 0.2 * fraction, message))
+
+
+def _playback(trained: Scene, stages: tuple[tuple[int, int, int], ...], words: str, options: BenchOptions, progress: Progress) -> Table:
+    rounds = 2 if options.quick else ROUNDS
+    table = Table(
+        "viewing-playback",
+        "Playing a scene",
+        f"{words[0].upper()}{words[1:]}. Colour only, frame after frame, from the surgeon's view. Frames a second: {rounds} rounds in "
+        "which all rows take turns, the GPU's queue (if any) awaited at the end of a round only, as a player does; the middle round and, "
+        f"in brackets, the least and the greatest. Milliseconds: {options.repeats} single frames, each awaited. Raw drawing has the states "
+        "of all frames at hand and calls the back end alone.",
+        [
+            Column("scene", "scene"),
+            Column("what", "what"),
+            Column("rate", "frames a second", 0),
+            Column("share", "of the first row, %", 0),
+            Column("time", "one frame: median, ms", 2),
+            Column("late", "95th percentile, ms", 2),
+        ],
+    )
+    for done, (count, width, height) in enumerate(stages):
+        progress(done / len(stages), f"playing {count:,} Gaussians")
+        scene = with_count(trained, count)
+        works = _players(scene, _view(scene, width, height))
+        rates: dict[str, list[float]] = {what: [] for what in works}
+        for _ in range(rounds):
+            for what, work in works.items():
+                pace = throughput(work, 3, options.device)
+                rates[what].append(throughput(work, max(5, int(pace * SECONDS[options.device])), options.device, warm=0))
+        first = rates[next(iter(works))]
+        for what, work in works.items():
+            turn = iter(range(1_000_000))
+            times = measure(lambda work=work, turn=turn: work(next(turn)), options.repeats, options.device)  # type: ignore[misc]
+            row: dict[str, Cell] = {"scene": f"{count:,}, {width} × {height}", "what": what, "rate": rates[what]}
+            row |= {"share": 100 * median(rates[what]) / median(first), "time": median(times), "late": percentile(times, 95)}
+            table.rows.append(row)
+    return table
+
+
+def _players(scene: Scene, camera: Camera) -> dict[str, Callable[[int], object]]:
+    """Draws frame i, by name; raw drawing first."""
+    frames = scene.frames
+    states = [scene.splats(i) for i in range(frames)]
+
+    def splats_drawn(splats: Splats) -> Tensor:
+        return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, camera).image
+
+    def raw(i: int, name: str) -> Tensor:
+        s = states[i % frames]
+        return draws[name]([s.means, s.quats, s.scales, s.opacities, s.colors], camera)
+
+    draws = back_ends(scene.model.bounds.device.type)
+    works: dict[str, Callable[[int], object]] = {
+        f"raw: {name}": lambda i, name=name: raw(i, name)  # type: ignore[misc]
+        for name in reversed(draws)  # gsplat's own first, where there is one
     }
-    run = Run.create(folder / "run", clip, info)
-    run.save_basis(semantics.basis)
-    run.save_model(SceneModel(field, bounds, canonical))
-    return Scene.open(folder / "run", device="cpu", clip=clip)
+    return works | {
+        "baked states, drawn": lambda i: splats_drawn(scene.splats(i % frames)),
+        "baked states, drawn and fetched as an array": lambda i: scene.draw(i % frames, camera, ("rgb",)),
+        "live field, drawn": lambda i: splats_drawn(_live(scene, i % frames)),
+        "live field alone": lambda i: _live(scene, i % frames),
+    }
 
 
-def median_ms(work: Callable[[int], object]) -> float:
-    """Median wall time of `work(i)` over `REPEATS` calls after one that is not counted."""
-    work(0)
-    seconds = []
-    for i in range(REPEATS):
-        start = time.perf_counter()
-        work(i)
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds) * 1e3
+@torch.no_grad()
+def _live(scene: Scene, frame: int) -> Splats:
+    """The field's state now, in the clip's unit, without semantics."""
+    splats, unit = scene.model.at(scene.time(frame), semantics=False).splats, 1.0 / scene.run.info["unit"]
+    return replace(splats, means=splats.means * unit, scales=splats.scales * unit)
 
 
-def main() -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        scene = make_scene(Path(folder))
-        vectors = scene.vectors(scene.classes)
-        for i in range(FRAMES):
-            scene.splats(i)
-        queries: list[MaskQuery] = []
-
-        def first_prompt(i: int) -> None:
-            queries.append(scene.new_query(i % FRAMES, scene.camera(i % FRAMES)))
-            queries[-1].mask(vectors[0], negatives=vectors)
-
-        rows = [
-            ("field of one frame, not yet baked", median_ms(lambda i: scene.model.at(scene.time(i % FRAMES)))),
-            ("rgb frame from baked state, float", median_ms(lambda i: scene.draw(i % FRAMES, scene.camera(0), ("rgb",)))),
-            ("first prompt on a new frame, drawing included, to mask", median_ms(first_prompt)),
-            ("another prompt on that frame, to mask", median_ms(lambda i: queries[i].mask(vectors[1], negatives=vectors[:0]))),
-            ("another prompt, all other classes competing", median_ms(lambda i: queries[i].mask(vectors[2], negatives=vectors))),
-            ("another threshold", median_ms(lambda i: queries[0].mask(vectors[1], threshold=0.3 + 0.01 * i))),
-        ]
-    print(f"{platform.machine()}, {os.cpu_count()} cores; {GAUSSIANS:,} Gaussians, {WIDTH} × {HEIGHT}; median of {REPEATS}\n")
-    print("| what | ms | a second |\n|---|---|---|")
-    for what, milliseconds in rows:
-        print(f"| {what} | {milliseconds:.1f} | {1000 / milliseconds:.0f} |")
+def _view(scene: Scene, width: int, height: int) -> Camera:
+    """The surgeon's view with a picture of another size: as wide as before, cut or extended above and below."""
+    camera = scene.camera(0)
+    factor = width / camera.width
+    return Camera(width, height, camera.fx * factor, camera.fy * factor, width / 2, height / 2, camera.viewmat)
 
 
-if __name__ == "__main__":
-    main()
+def _prompts(trained: Scene, stages: tuple[tuple[int, int, int], ...], words: str, options: BenchOptions, progress: Progress) -> Table:
+    table = Table(
+        "viewing-prompts",
+        "Asking in words",
+        f"{words[0].upper()}{words[1:]}. From the prompt's vector to the binary mask (decoder rnse); states are baked, everything else "
+        f"that a new frame needs is computed: drawing of colour and {trained.model.config.rank} semantic channels, superpixels, "
+        f"similarities, filter. {options.repeats} repeats after one that warms up.",
+        [
+            Column("scene", "scene"),
+            Column("what", "what"),
+            Column("time", "median, ms", 1),
+            Column("late", "95th percentile, ms", 1),
+            Column("rate", "a second", 0),
+        ],
+    )
+    vectors = trained.vectors(trained.classes)
+    for done, (count, width, height) in enumerate(stages):
+        progress(done / len(stages), "asking")
+        scene = with_count(trained, count)
+        for what, work in _questions(scene, _view(scene, width, height), vectors).items():
+            turn = iter(range(1_000_000))
+            times = measure(lambda work=work, turn=turn: work(next(turn)), options.repeats, options.device, warm=1)  # type: ignore[misc]
+            row: dict[str, Cell] = {"scene": f"{count:,}, {width} × {height}", "what": what, "time": median(times)}
+            table.rows.append(row | {"late": percentile(times, 95), "rate": 1e3 / median(times)})
+    return table
+
+
+def _questions(scene: Scene, camera: Camera, vectors: np.ndarray) -> dict[str, Callable[[int], object]]:
+    """Answers prompt i, by name."""
+    for i in range(scene.frames):
+        scene.splats(i)
+    kept = scene.new_query(scene.frames // 2, camera)
+    kept.mask(vectors[0], negatives=vectors)
+    random = np.random.default_rng(0)
+
+    def fresh(row: int) -> np.ndarray:
+        # a direction near a class that was not asked before, so that nothing is answered from kept maps
+        return vectors[row] + random.normal(0, 1e-6, vectors.shape[1])
+
+    return {
+        "first prompt on a new frame, all other classes competing": lambda i: scene.new_query(i % scene.frames, camera).mask(
+            vectors[0], negatives=vectors
+        ),
+        "another prompt on that frame": lambda i: kept.mask(fresh(1)),
+        "another prompt, all other classes competing": lambda i: kept.mask(fresh(2), negatives=vectors),
+        "another threshold": lambda i: kept.mask(vectors[0], threshold=0.3 + 0.001 * (i % 400)),
+    }

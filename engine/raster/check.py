@@ -1,7 +1,7 @@
 """Do all back ends agree with the float64 reference?
 
-`python -m engine.raster.check` prints a table of values, gradients and hostile input, and the speed on a GPU if there is one. The
-exit status is 1 if a row fails. Where a Gaussian's alpha lies within rounding of 1/255 a pixel may be off by 1/255, so a few such
+`python -m engine.raster.check` prints a table of values, gradients and hostile input; the exit status is 1 if a row fails. How fast
+they are is for `degense bench raster`. Where a Gaussian's alpha lies within rounding of 1/255 a pixel may be off by 1/255, so a few such
 pixels are allowed.
 """
 
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from engine.camera import Camera
 from engine.raster.render import Backend, Render, rasterize
-from engine.raster.scenes import draw_scene, random_scene
+from engine.raster.scenes import random_scene
 
 INPUTS = ("means", "quats", "scales", "opacities", "features", "background", "offsets")
 IMAGE_TOLERANCE, OUTLIERS, OUTLIER_TOLERANCE, GRADIENT_TOLERANCE, RADII_TOLERANCE = 1e-3, 2e-3, 6e-3, 1e-2, 0.01
@@ -170,57 +170,6 @@ def hostile_cases(seed: int) -> Iterator[Case]:
     yield Case("not contiguous", [wide, tensors[1].flip(1), tensors[2].T.contiguous().T, tensors[3], tensors[4], None, None], camera)
 
 
-def _time(work: Callable[[], None], repeats: int = 60) -> float:
-    """Median milliseconds of GPU work, by events."""
-    for _ in range(10):
-        work()
-    times = []
-    for _ in range(repeats):
-        begin, end = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
-        begin.record()
-        work()
-        end.record()
-        end.synchronize()
-        times.append(begin.elapsed_time(end))
-    return sorted(times)[repeats // 2]
-
-
-def time_cuda(count: int = 100_000, width: int = 854, height: int = 480) -> None:
-    """Print the speed on the GPU, beside gsplat's own entry point."""
-    from gsplat import rasterization
-
-    from engine.raster.camera_tensors import intrinsic_matrix, view_matrix
-
-    print(f"\n{count} Gaussians, {width} × {height}, median of 60: forward / forward and backward / backward of features only, ms")
-    for channels in (4, 20):
-        tensors, camera = random_scene(count, width, height, channels, 0, footprint=2.0)
-        tensors = [tensor.cuda() for tensor in tensors]
-        leaves = [tensor.clone().requires_grad_() for tensor in tensors]
-        offsets = torch.zeros(count, 2, device="cuda", requires_grad=True)
-        pull = torch.randn(height, width, channels, device="cuda")
-        view, lens = view_matrix(camera, tensors[0].device)[None], intrinsic_matrix(camera, tensors[0].device)[None]
-
-        def ours(tensors=tensors, camera=camera) -> None:
-            with torch.no_grad():
-                draw_scene(tensors, camera)
-
-        def ours_backward(leaves=leaves, offsets=offsets, camera=camera, pull=pull) -> None:
-            draw_scene(leaves, camera, offsets).image.backward(pull)
-
-        def ours_features(tensors=tensors, leaves=leaves, camera=camera, pull=pull) -> None:
-            draw_scene([*tensors[:4], leaves[4]], camera).image.backward(pull)
-
-        def theirs(tensors=tensors, view=view, lens=lens) -> None:
-            with torch.no_grad():
-                rasterization(*tensors, view, lens, width, height, near_plane=0.01, packed=False)
-
-        def theirs_backward(leaves=leaves, view=view, lens=lens, pull=pull) -> None:
-            rasterization(*leaves, view, lens, width, height, near_plane=0.01, packed=False)[0][0].backward(pull)
-
-        print(f"{channels:3d} channels: ours {_time(ours):.3f} / {_time(ours_backward):.3f} / {_time(ours_features):.3f}", end="")
-        print(f"   gsplat.rasterization {_time(theirs):.3f} / {_time(theirs_backward):.3f}")
-
-
 def main() -> int:
     """Print the tables; 1 if anything fails."""
     torch.manual_seed(0)
@@ -241,8 +190,6 @@ def main() -> int:
                         f"{case.name:34s}{result.image:9.1e}{result.outliers:9.1e}{result.alpha:9.1e}{result.radii:9.1e}  {errors}{verdict}"
                     )
                     failures += not result.passes
-    if len(devices) > 1:
-        time_cuda()
     print(f"\n{failures} rows fail" if failures else "\nall rows pass")
     return min(failures, 1)
 
