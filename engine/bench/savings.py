@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from statistics import median
@@ -16,6 +17,7 @@ from engine.bench.options import BenchOptions
 from engine.bench.table import Cell, Column, Table
 from engine.bench.timing import measure_in_turn
 from engine.field.hexplane import HexPlane, sample_level
+from engine.field.still import find_moving
 from engine.masks import MaskQuery
 from engine.metrics.image import psnr
 from engine.progress import Progress
@@ -141,6 +143,23 @@ def bilinear_planes(space: Iterable[Tensor], time: Iterable[Tensor], points: Ten
     return torch.cat(features, 1)
 
 
+def _still_gaussians(scene: Scene) -> Iterator[Saving]:
+    model, frame = scene.model, scene.frames // 2
+    t, camera = scene.time(frame), scene.camera(frame)
+    lean = copy.copy(model)
+    lean._buffers = dict(model._buffers)
+    lean.moving = find_moving(model, [scene.time(i) for i in range(scene.frames)], camera.fx)
+    pictures = []
+    for states in (model.at(t).splats, lean.at(t).splats):
+        drawn = rasterize(
+            states.means, states.quats, states.scales, states.opacities, states.colors, camera.with_unit(scene.run.info["unit"])
+        )
+        pictures.append(drawn.image.clamp(0, 1).cpu().numpy())
+    share = 1 - len(lean.moving) / len(model)
+    error = f"{psnr(pictures[1], pictures[0]):.1f} dB against the picture with all of them"
+    yield Saving(f"still Gaussians out of the field ({share:.0%} of them)", (lambda: model.at(t), lambda: lean.at(t)), error)
+
+
 def _early_termination(scene: Scene) -> Iterator[Saving]:
     """The kernels cannot draw on, so what that would change is computed in float64, on some pixels of the scene."""
     frame = scene.frames // 2
@@ -209,6 +228,7 @@ SAVINGS: tuple[Callable[[Scene], Iterator[Saving]], ...] = (
     _baking,
     _semantic_channels,
     _lines,
+    _still_gaussians,
     _early_termination,
     _kept_maps,
     _resolution,

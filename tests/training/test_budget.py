@@ -130,7 +130,7 @@ def test_each_figure_decides_its_own_setting():
     assert differences(cells=10) == {"levels": (1,), "resolution": 16}
     assert differences(recolour=1.0) == {"appearance": False}
     assert differences(believed=0.0) == {"flow": 0.0}
-    assert differences(motion=0.0, recolour=1.0) == {"appearance": False, "iterations": 10_000}
+    assert differences(motion=0.0, recolour=1.0) == {"appearance": False, "iterations": 5_000}
 
 
 def test_short_clips_need_fewer_steps():
