@@ -101,4 +101,6 @@ def _typical_depth(clip: Clip) -> float:
         known = depth[depth > 0]
         if known.size:
             return float(np.median(known))
-    raise ClipError(f"{clip.path}: no training frame has a valid pixel with a depth, so there is nothing to start from; check the mask polarity")
+    raise ClipError(
+        f"{clip.path}: no training frame has a valid pixel with a depth, so there is nothing to start from; check the mask polarity"
+    )

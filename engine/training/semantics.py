@@ -51,7 +51,7 @@ class Target:
 
 
 class SemanticTargets:
-    """All supervision of a clip. A frame's is made when it is first needed and kept while there is room: a long clip's does not fit in memory.
+    """All supervision of a clip. That of a frame is made when it is needed and kept while there is room: a long clip's would not fit.
 
     Attributes
     ----------

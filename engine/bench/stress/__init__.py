@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from engine.bench.options import BenchOptions
-
+from engine.bench.stress import clips, features, long, scenes
 from engine.bench.table import Table
 from engine.progress import Progress, silent
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ class ClipCase:
     """
 
     name: str
-    spoil: Callable[[Path], None]
+    spoil: Callable[[Path], object]
     refused: bool = False
     frames: int = FRAMES
     width: int = WIDTH
@@ -54,18 +55,22 @@ def clip_cases() -> list[ClipCase]:
         ClipCase("32 × 32 pixels", lambda folder: None, width=32, height=32),
         ClipCase("black frames", lambda folder: paint(folder, lambda image: image * 0)),
         ClipCase("white frames", lambda folder: paint(folder, lambda image: image * 0 + 255)),
-        ClipCase("one colour", lambda folder: paint(folder, lambda image: image * 0 + np.uint8([150, 60, 50]))),
+        ClipCase("one colour", lambda folder: paint(folder, lambda image: image * 0 + np.array([150, 60, 50], np.uint8))),
         ClipCase("noise", lambda folder: paint(folder, lambda image: np.random.default_rng(0).integers(0, 256, image.shape, np.uint8))),
         ClipCase("one black frame", lambda folder: paint(folder, lambda image: image * 0, [MIDDLE])),
         ClipCase("first frame black", lambda folder: paint(folder, lambda image: image * 0, [FIRST])),
-        ClipCase("no depth files, black frames", lambda folder: (remove(folder, "depth"), paint(folder, lambda image: image * 0))[0]),
-        ClipCase("no depth files, one colour", lambda folder: (remove(folder, "depth"), paint(folder, lambda image: image * 0 + 99))[0]),
+        ClipCase("no depth files, black frames", lambda folder: without_depth(folder, lambda image: image * 0)),
+        ClipCase("no depth files, one colour", lambda folder: without_depth(folder, lambda image: image * 0 + 99)),
         ClipCase("one frame masked whole", lambda folder: mask(folder, lambda i: np.full((HEIGHT, WIDTH), i == MIDDLE))),
         ClipCase("first frame masked whole", lambda folder: mask(folder, lambda i: np.full((HEIGHT, WIDTH), i == FIRST))),
         ClipCase("held-out frames masked whole", lambda folder: mask(folder, lambda i: np.full((HEIGHT, WIDTH), i in HELD_OUT))),
         ClipCase("training frames masked whole", lambda folder: mask(folder, lambda i: np.full((HEIGHT, WIDTH), i not in HELD_OUT)), True),
         ClipCase("moving mask", lambda folder: mask(folder, lambda i: np.arange(WIDTH)[None] // 8 == np.full((HEIGHT, 1), i % 8))),
-        ClipCase("all but one pixel masked", lambda folder: mask(folder, lambda i: np.arange(HEIGHT * WIDTH).reshape(HEIGHT, WIDTH) != 1500), True),
+        ClipCase(
+            "all but one pixel masked",
+            lambda folder: mask(folder, lambda i: np.arange(HEIGHT * WIDTH).reshape(HEIGHT, WIDTH) != 1500),
+            True,
+        ),
         ClipCase("one class", lambda folder: relabel(folder, lambda labels, i: labels * 0, ["liver"])),
         ClipCase("classes that no frame shows", lambda folder: relabel(folder, lambda labels, i: np.minimum(labels, 1))),
         ClipCase("a class in held-out frames only", lambda folder: relabel(folder, lambda labels, i: labels * (i in HELD_OUT))),
@@ -73,7 +78,9 @@ def clip_cases() -> list[ClipCase]:
         ClipCase("a class that no word means", lambda folder: relabel(folder, lambda labels, i: labels * 0, ["zxqv"])),
         ClipCase("NaN, infinite and negative pixels in depth", lambda folder: reach(folder, dotted)),
         ClipCase("depth unknown in one frame", lambda folder: reach(folder, lambda depth, i: depth * np.nan if i == MIDDLE else depth)),
-        ClipCase("depth unknown in the first frame", lambda folder: reach(folder, lambda depth, i: depth * np.nan if i == FIRST else depth)),
+        ClipCase(
+            "depth unknown in the first frame", lambda folder: reach(folder, lambda depth, i: depth * np.nan if i == FIRST else depth)
+        ),
         ClipCase("depth unknown everywhere", lambda folder: reach(folder, lambda depth, i: depth * np.nan), True),
         ClipCase("depth of 1e30", lambda folder: reach(folder, lambda depth, i: depth * 0 + 1e30)),
         ClipCase("depth of 1e-30", lambda folder: reach(folder, lambda depth, i: depth * 0 + 1e-30)),
@@ -122,8 +129,7 @@ def reach(folder: Path, change: Callable[[np.ndarray, int], np.ndarray]) -> None
         np.save(file, change(np.load(file), i))
 
 
-def remove(folder: Path, name: str) -> None:
-    """Take away a folder of files."""
-    for file in (folder / name).iterdir():
-        file.unlink()
-    (folder / name).rmdir()
+def without_depth(folder: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Take the depth maps away and change the pictures, which depth must then be guessed from."""
+    shutil.rmtree(folder / "depth")
+    paint(folder, change)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 from engine.bench.options import BenchOptions
@@ -25,13 +26,13 @@ def table(options: BenchOptions, progress: Progress = silent) -> Table:
     steps = STEPS if not options.quick else 20
     for i, case in enumerate(cases):
         progress(i / len(cases), case.name)
-        rows.append(row(case.name, lambda case=case: clip_finding(case, options.scratch / "clip", options.device, steps)))
+        rows.append(row(case.name, partial(clip_finding, case, options.scratch / "clip", options.device, steps)))
     return Table(
         "stress-clips",
         "Hostile clips",
-        f"A phantom of 12 frames of 64 × 48 pixels, spoilt; opened, trained for {steps} steps (preset quick, 400 Gaussians, seed 0) and scored "
-        "as `degense eval` does. Counted as numbers out: all tensors of the model, every score, colour, alpha and latents drawn of the first "
-        "and the last frame. Refused: the sentence that the user reads.",
+        f"A phantom of 12 frames of 64 × 48 pixels, spoilt; opened, trained for {steps} steps (preset quick, 400 Gaussians, seed 0) "
+        "and scored as `degense eval` does. Counted as numbers out: all tensors of the model, every score, colour, alpha and latents "
+        "drawn of the first and the last frame. Refused: the sentence that the user reads.",
         [column for column in COLUMNS if column.key in ("case", "outcome", "bad", "seconds")],
         rows,
     )
@@ -57,7 +58,7 @@ def try_clip(case: ClipCase, folder: Path, device: str, steps: int) -> Finding:
     assert run is not None
     scene = Scene.open(run.path, device=device, clip=clip)
     what = ("rgb", "latent") if scene.has_semantics else ("rgb",)
-    out = [dict(scene.model.state_dict()), evaluate(scene, clip), *(scene.render(i, what=what) for i in {0, len(clip) - 1})]
+    out: list[object] = [dict(scene.model.state_dict()), evaluate(scene, clip), *(scene.render(i, what=what) for i in {0, len(clip) - 1})]
     out.append([event for event in events if event["event"] == "progress"])
     if case.refused:
         return Finding(non_finite(out), "TRAINED, THOUGH IT CANNOT HAVE LEARNT ANYTHING")

@@ -65,6 +65,12 @@ def row(case: str, work: Callable[[], Finding], hidden: str = "") -> dict[str, C
     return {"case": case, **vars(finding)}
 
 
+def verdict(**limits: tuple[float, float]) -> str:
+    """ "ok", or the names of the errors that exceed what is allowed: each an (error, allowed); NaN always exceeds."""
+    wrong = [name.upper() for name, (error, most) in limits.items() if not error <= most]
+    return f"{' AND '.join(wrong)} BEYOND TOLERANCE" if wrong else "ok"
+
+
 def sound(row: dict[str, Cell]) -> bool:
     """Whether a case passed."""
     return str(row["outcome"]).startswith(("ok", "refused")) and row["bad"] == 0
