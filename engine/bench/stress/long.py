@@ -29,13 +29,14 @@ ITERATIONS, QUICK_ITERATIONS = 30_000, 400
 def table(options: BenchOptions, progress: Progress = silent) -> Table:
     """Everything that takes long."""
     opened, stepped = (SMALL, SMALL) if options.quick else (OPENED, STEPPED)
+    frames = FRAMES // 4 if options.quick else FRAMES
     iterations = QUICK_ITERATIONS if options.quick else ITERATIONS
     folder = options.scratch / "long"
     work = {
         f"open {_words(FRAMES, opened)}, pictures with masks, labels and depth": partial(opening_finding, folder / "clip", opened),
         f"open {_words(FRAMES, opened)}, a video": partial(opening_finding, folder / "video.mp4", opened),
-        f"10 steps on {_words(FRAMES, stepped)}": partial(steps_finding, folder, stepped, FRAMES, options.device),
-        f"10 steps on {_words(FRAMES // 4, stepped)}": partial(steps_finding, folder, stepped, FRAMES // 4, options.device),
+        f"10 steps on {_words(frames, stepped)}": partial(steps_finding, folder, stepped, frames, options.device),
+        f"10 steps on {_words(frames // 4, stepped)}": partial(steps_finding, folder, stepped, frames // 4, options.device),
         f"{iterations:,} iterations": partial(long_finding, folder, iterations, options.device),
         "the same seed twice": partial(twice_finding, folder, options.device),
         "stopped and resumed": partial(resumed_finding, folder, options.device),
