@@ -32,8 +32,13 @@ def rasterize_reference(
     camera: Camera,
     background: Tensor | None,
     screen_offsets: Tensor | None,
+    *,
+    window: tuple[int, int, int, int] | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Image float64 [H, W, C], alpha float64 [H, W], radii int32 [N]; arguments as for `engine.raster.rasterize`, any float type."""
+    """Image float64 [H, W, C], alpha float64 [H, W], radii int32 [N]; arguments as for `engine.raster.rasterize`, any float type.
+
+    With a `window` (left, top, width, height; pixels) only that part of the picture is drawn, exactly as it is in the whole.
+    """
     means, quats, scales, opacities, features = (tensor.double() for tensor in (means, quats, scales, opacities, features))
     per_gaussian = [means, quats, scales, opacities[:, None], features]
     if screen_offsets is not None:
@@ -51,7 +56,8 @@ def rasterize_reference(
     radii = _radii(center, depth, covariance, opacities, camera)
     visible = (radii > 0).nonzero()[:, 0]
     visible = visible[torch.sort(depth[visible].float(), stable=True).indices]
-    image, alpha = _blend(center[visible], precision[visible], opacities[visible], features[visible], camera, background)
+    window = window or (0, 0, camera.width, camera.height)
+    image, alpha = _blend(center[visible], precision[visible], opacities[visible], features[visible], window, background)
     all_radii = torch.zeros(drawn.shape[0], dtype=torch.int32)
     all_radii[index] = radii
     return image, alpha, all_radii
@@ -117,10 +123,16 @@ def _radii(center: Tensor, depth: Tensor, covariance: Tensor, opacities: Tensor,
 
 
 def _blend(
-    center: Tensor, precision: Tensor, opacities: Tensor, features: Tensor, camera: Camera, background: Tensor | None
+    center: Tensor,
+    precision: Tensor,
+    opacities: Tensor,
+    features: Tensor,
+    window: tuple[int, int, int, int],
+    background: Tensor | None,
 ) -> tuple[Tensor, Tensor]:
-    """Alpha-blend Gaussians, nearest first, over all pixels, a chunk of pixels at a time."""
-    ys, xs = torch.meshgrid(torch.arange(camera.height) + 0.5, torch.arange(camera.width) + 0.5, indexing="ij")
+    """Alpha-blend Gaussians, nearest first, over the pixels of a window, a chunk of them at a time."""
+    left_edge, top, width, height = window
+    ys, xs = torch.meshgrid(torch.arange(height) + top + 0.5, torch.arange(width) + left_edge + 0.5, indexing="ij")
     pixels = torch.stack([xs.reshape(-1), ys.reshape(-1)], 1).double()
     images, alphas = [], []
     for chunk in pixels.split(max(1, PAIRS_AT_ONCE // max(1, center.shape[0]))):
@@ -137,5 +149,5 @@ def _blend(
             image = image + left[:, None] * background.double()
         images.append(image)
         alphas.append(1 - left)
-    shape = (camera.height, camera.width)
+    shape = (height, width)
     return torch.cat(images).reshape(*shape, features.shape[1]), torch.cat(alphas).reshape(shape)

@@ -48,7 +48,7 @@ class DepthFiles:
 
 
 def read_depth(path: Path, size: tuple[int, int]) -> np.ndarray:
-    """One depth map, float32 [H, W]; 0 where the file has 0, a negative value, NaN or infinity.
+    """One depth map, float32 [H, W]; 0 where the file has 0, a negative value, NaN, infinity or what float32 cannot hold.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def read_depth(path: Path, size: tuple[int, int]) -> np.ndarray:
                 raise ClipError(f"{shown(path)} is a colour picture, but depth needs one value a pixel.")
             raw = raw[..., 0]
         raw = checked(raw, path, size)
-    with np.errstate(over="ignore"):  # float64 beyond float32 becomes infinite, which is unknown
+    with np.errstate(over="ignore", under="ignore"):  # float64 beyond float32 becomes infinite, which is unknown
         depth = np.array(raw, np.float32)
-    depth[~(np.isfinite(depth) & (depth > 0))] = 0.0
+    depth[~(np.isfinite(depth) & (depth >= np.finfo(np.float32).tiny))] = 0.0  # the inverse of a subnormal number is infinite
     return depth

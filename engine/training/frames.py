@@ -15,6 +15,7 @@ from engine.clip import Clip
 from engine.errors import ClipError
 
 CACHE_BYTES = 2 << 30
+FARTHEST = 1e3  # times the median depth; what is farther, or nearer than its inverse, is a fault of the sensor and counts as unknown
 
 
 @dataclass
@@ -39,7 +40,7 @@ class TrainingFrames:
     Attributes
     ----------
     unit : float
-        Normalised length = clip length × `unit`; chosen so that the median depth of the first training frame is 1.
+        Normalised length = clip length × `unit`; chosen so that the median depth of the first training frame that shows any is 1.
     cameras : list of Camera
         At the working size, in the normalised unit.
     """
@@ -48,14 +49,7 @@ class TrainingFrames:
         self.clip, self.device = clip, device
         width, height = clip.size
         self.scale = min(1.0, (max_pixels / (width * height)) ** 0.5)
-        first = clip.train_frames[0]
-        depth = clip.depth(first)[clip.valid(first)]
-        known = depth[depth > 0]
-        if known.size == 0:
-            raise ClipError(
-                f"{clip.path}: frame {first} has no valid pixel with a depth, so there is nothing to start from; check the mask polarity"
-            )
-        self.unit = float(1.0 / np.median(known))
+        self.unit = 1.0 / _typical_depth(clip)
         self.cameras: list[Camera] = [camera.scaled(self.scale).with_unit(self.unit) for camera in clip.cameras]
         self._cache: OrderedDict[int, Frame] = OrderedDict()
         pixels = self.cameras[0].width * self.cameras[0].height
@@ -77,11 +71,13 @@ class TrainingFrames:
         return valid if self.scale == 1.0 else cv2.resize(valid.astype(np.float32), self.size, interpolation=cv2.INTER_AREA) > 0.999
 
     def depth(self, index: int) -> np.ndarray:
-        """float32 at the working size, normalised unit; nearest, since depths across an edge must not mix."""
+        """float32 at the working size, normalised unit, 0 where unknown or absurd; nearest, since depths across an edge must not mix."""
         depth = self.clip.depth(index)
         if self.scale != 1.0:
             depth = cv2.resize(depth, self.size, interpolation=cv2.INTER_NEAREST)
-        return depth * np.float32(self.unit)
+        depth = depth * np.float32(self.unit)
+        depth[(depth < 1 / FARTHEST) | (depth > FARTHEST)] = 0.0
+        return depth
 
     def __getitem__(self, index: int) -> Frame:
         if index in self._cache:
@@ -96,3 +92,15 @@ class TrainingFrames:
         if len(self._cache) > self._capacity:
             self._cache.popitem(last=False)
         return frame
+
+
+def _typical_depth(clip: Clip) -> float:
+    """Median depth of the first training frame that has a valid pixel with a depth, clip units. ClipError when none has."""
+    for i in clip.train_frames:
+        depth = clip.depth(i)[clip.valid(i)]
+        known = depth[depth > 0]
+        if known.size:
+            return float(np.median(known))
+    raise ClipError(
+        f"{clip.path}: no training frame has a valid pixel with a depth, so there is nothing to start from; check the mask polarity"
+    )

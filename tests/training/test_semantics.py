@@ -32,7 +32,7 @@ def prepared(clip, max_pixels=1 << 20, motion=False):
 
 def drawn(targets, frame, size):
     """The class of each pixel as a picture, −1 where nothing is said."""
-    target = targets._targets[frame]
+    target = targets.target(frame)
     picture = np.full(size[0] * size[1], -1)
     picture[target.pixels.numpy()] = target.index.numpy()
     return picture.reshape(size[::-1])
@@ -49,7 +49,7 @@ def test_targets_say_what_the_labels_say_at_the_working_size():
         expected[expected == UNLABELLED] = -1
         expected[~(clip.valid(frame)[::2, ::2] & clip.valid(frame)[1::2, ::2])] = -1
         assert np.array_equal(picture, expected)
-    target = targets._targets[0]
+    target = targets.target(0)
     assert target.regions.shape == (48 * 40,)
     assert target.region_count == int(target.regions.max()) + 1 == superpixels(frames.image(0)).max() + 1
     cosine = torch.nn.functional.normalize(target.latents, dim=1) @ torch.nn.functional.normalize(target.latents, dim=1).T
@@ -76,7 +76,7 @@ def test_what_is_invalid_or_unlabelled_carries_nothing(seed):
 def test_rare_classes_weigh_more_and_the_mean_weight_is_one():
     *_, targets = prepared(MemoryClip())
     for frame in targets.frames:
-        target = targets._targets[frame]
+        target = targets.target(frame)
         assert target.weight.mean() == pytest.approx(1, abs=1e-5)
         counts = np.bincount(target.index.numpy())
         assert counts[0] > 5 * counts[1]
@@ -87,7 +87,7 @@ def test_rare_classes_weigh_more_and_the_mean_weight_is_one():
 
 def test_the_loss_is_the_weighted_angle():
     *_, targets = prepared(MemoryClip())
-    target = targets._targets[3]
+    target = targets.target(3)
     latent = torch.randn((40, 48, targets.basis.rank), generator=torch.Generator().manual_seed(3))
     flat, total, counts = latent.view(-1, targets.basis.rank).numpy(), 0.0, np.bincount(target.index.numpy())
     weights = 1 / np.sqrt(counts[target.index.numpy()])
