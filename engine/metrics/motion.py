@@ -19,7 +19,8 @@ class MotionScores:
     - `displacement_correlation`: Pearson's correlation of ‖predicted‖ and ‖true‖ over the same pixels, all frames pooled.
     - `recovered_share`: Σ min(‖predicted‖, ‖true‖) / Σ ‖true‖ over the same pixels. Motion where there is none, and motion beyond the
       true one, earn nothing here; they show in the error.
-    - `spurious_displacement`: mean ‖predicted‖ in `cautery`, where tissue changes its look and stands still.
+    - `spurious_displacement`: mean of max(‖predicted‖ − ‖true‖, 0) in `cautery`, where tissue changes its look: motion made up to explain
+      a colour. Where charred tissue stands still, that is the mean ‖predicted‖.
     - `false_motion`: mean ‖predicted‖ on other tissue that stands still (‖true‖ ≤ `still`).
     - `true_displacement`: mean ‖true‖, which is the error of the answer "nothing moves".
 
@@ -59,7 +60,7 @@ class MotionScores:
         p, t, burnt = guess[counted], right[counted], cautery[counted]
         _add_mean(self._error, np.abs(p - t))
         _add_mean(self._true, t)
-        _add_mean(self._spurious, p[burnt])
+        _add_mean(self._spurious, np.maximum(p[burnt] - t[burnt], 0))
         _add_mean(self._false, p[~burnt & (t <= self.still)])
         self._shared += float(np.minimum(p, t).sum())
         self._pool(p, t)
