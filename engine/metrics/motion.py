@@ -22,6 +22,7 @@ class MotionScores:
     - `spurious_displacement`: mean of max(‖predicted‖ − ‖true‖, 0) in `cautery`, where tissue changes its look: motion made up to explain
       a colour. Where charred tissue stands still, that is the mean ‖predicted‖.
     - `false_motion`: mean ‖predicted‖ on other tissue that stands still (‖true‖ ≤ `still`).
+    - `largest_displacement`: the largest ‖true‖.
     - `true_displacement`: mean ‖true‖, which is the error of the answer "nothing moves".
 
     "Nothing moves" wins `spurious_displacement` and `false_motion`: never show these without correlation and recovered share.
@@ -36,7 +37,7 @@ class MotionScores:
     def __init__(self, still: float = 0.1):
         self.still = still
         self._error, self._spurious, self._false, self._true, self._covered = (Mean() for _ in range(5))
-        self._shared = 0.0
+        self._shared = self._largest = 0.0
         self._moments = np.zeros(6)  # n, mean p, mean t, Σ(p − p̄)², Σ(t − t̄)², Σ(p − p̄)(t − t̄)
 
     def add(self, predicted: np.ndarray, truth: np.ndarray, cautery: np.ndarray) -> None:
@@ -62,6 +63,7 @@ class MotionScores:
         _add_mean(self._true, t)
         _add_mean(self._spurious, np.maximum(p[burnt] - t[burnt], 0))
         _add_mean(self._false, p[~burnt & (t <= self.still)])
+        self._largest = max(self._largest, float(t.max(initial=0)))
         self._shared += float(np.minimum(p, t).sum())
         self._pool(p, t)
 
@@ -76,6 +78,7 @@ class MotionScores:
             "spurious_displacement": self._spurious.value,
             "false_motion": self._false.value,
             "true_displacement": self._true.value,
+            "largest_displacement": self._largest,
             "displacement_coverage": self._covered.value,
         }
 

@@ -36,6 +36,7 @@ def loop(data, still):
         "spurious_displacement": np.maximum(p[burnt] - t[burnt], 0).mean(),
         "false_motion": p[~burnt & (t <= still)].mean(),
         "true_displacement": t.mean(),
+        "largest_displacement": t.max(),
         "displacement_coverage": len(p) / tissue,
     }
 
