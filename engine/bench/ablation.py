@@ -66,7 +66,7 @@ NAMES = [Column("routing", "routing"), Column("loss", "loss"), Column("appearanc
 
 
 def teacher_words() -> str:
-    return f"Teacher: exact labels degraded like a VLM's features ({VLM_LIKE}; see engine/language/teachers/degraded.py), of training frames only."
+    return f"Teacher: exact labels degraded like a VLM ({VLM_LIKE}; engine/language/teachers/degraded.py), training frames only."
 
 
 def summary(kind: str, found: dict[Variant, list[dict[str, Any]]], options: BenchOptions) -> Table:

@@ -79,7 +79,7 @@ def table(kind: str, found: dict[str, list[dict[str, Any]]], options: BenchOptio
     nothing = {"recovered_share": 0.0, "relative": 1.0, "displacement_error": truth["true_displacement"], "spurious_displacement": 0.0}
     rows.append({"what": "floor: nothing moves"} | nothing | {"spurious_share": 0.0, "false_motion": 0.0})
     words = (
-        f"{protocol(options)} No teacher. Spurious: motion beyond the true one where tissue changes its look in place. False: on other tissue "
+        f"{protocol(options)} No teacher. Spurious: motion beyond the true one where tissue changes its look. False: on other tissue "
         f"that stands still. True motion: mean {truth['true_displacement']:.2f}, largest {truth['largest_displacement']:.1f} mm. "
         "“No lifetimes” leaves every lifetime as it was at the start."
     )

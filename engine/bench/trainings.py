@@ -75,8 +75,12 @@ def phantoms(options: BenchOptions, progress: Progress) -> dict[str, Path]:
     for number, kind in enumerate(KINDS):
         found[kind] = options.scratch / f"{kind}-{size.frames}-{size.width}x{size.height}"
         if not found[kind].exists():
+
+            def tell(fraction: float, words: str, n: int = number) -> None:
+                progress((n + fraction) / len(KINDS), words)
+
             shape = PhantomOptions(frames=size.frames, width=size.width, height=size.height, kind=kind)
-            make_phantom(found[kind], shape, lambda fraction, words, n=number: progress((n + fraction) / len(KINDS), words))
+            make_phantom(found[kind], shape, tell)
     return found
 
 
@@ -97,8 +101,8 @@ def protocol(options: BenchOptions) -> str:
     """The words that the tables of such benchmarks share."""
     size = size_of(options)
     return (
-        f"Phantoms of {size.frames} frames, {size.width} × {size.height}, seed 0, sensor noise 1.5 grey levels (floor 44.5 dB), exact depth. "
-        f"Each training: preset quick with {size.iterations:,} iterations and at most {size.gaussians:,} Gaussians, one process and thread, "
+        f"Phantoms of {size.frames} frames, {size.width} × {size.height}, seed 0, noise floor 44.5 dB, exact depth. "
+        f"Each training: preset quick with {size.iterations:,} iterations and at most {size.gaussians:,} Gaussians, one thread, "
         f"{worker_count(options.device)} at once. Training seeds {', '.join(map(str, options.seeds))}: mean (least–greatest). "
         "Scores on held-out frames, (i − 1) % 8 == 0; motion on all frames, mm."
     )

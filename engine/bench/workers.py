@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 from engine.progress import Progress
 
-Job, Outcome = TypeVar("Job"), TypeVar("Outcome")
+Job = TypeVar("Job")
+Outcome = TypeVar("Outcome")
 GPU_BYTES = 4 << 30  # of memory that a small training may take on a GPU, its context included
 MOST = 12  # more trainings than this only wait for the GPU
 

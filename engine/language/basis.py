@@ -92,9 +92,9 @@ def fit_basis(
     max_rank : int
         Never more columns than this.
     anchors : float [m, D], optional
-        What prompts will ask for, when the vectors themselves are noisy. Then nobody wants every vector kept: directions no stronger than noise
-        are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as long
-        as the anchors keep `KEPT_BY_EACH` of what all directions hold of them.
+        What prompts will ask for, when the vectors themselves are noisy. Then not every vector is kept: directions no stronger than
+        noise are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as
+        long as the anchors keep `KEPT_BY_EACH` of what all directions hold of them.
 
     Returns
     -------

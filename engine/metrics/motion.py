@@ -78,7 +78,7 @@ class MotionScores:
             "spurious_displacement": self._spurious.value,
             "false_motion": self._false.value,
             "true_displacement": self._true.value,
-            "largest_displacement": self._largest,
+            "largest_displacement": self._largest if moved > 0 else None,
             "displacement_coverage": self._covered.value,
         }
 

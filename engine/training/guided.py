@@ -1,19 +1,25 @@
-"""What a coarse teacher means in the picture's own regions: its patches' vectors, shared out by place and colour."""
+"""What a coarse teacher means in the picture's own regions: its patches' vectors, unmixed by place and colour."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-COLOUR = 6.0  # CIELAB units: how alike the colours of a patch and a region must be for the patch to speak for it
+REACH = 2.0  # patch sides: how far around a region patches are heard
+RIDGE = 6.0  # CIELAB units²: variance of colour below which colour does not explain vectors
+FIELD = 0.5  # patch sides: blur of the colours that a patch is taken to see
 
 
 def refined_by_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarray, regions: np.ndarray) -> np.ndarray:
-    """A vector for each superpixel of a frame from vectors that describe patches (joint bilateral upsampling, Kopf et al. 2007).
+    """A vector for each superpixel of a frame from vectors that describe patches.
 
-    v_r ∝ Σ_p n_p exp(−‖x_r − x_p‖² / 2σ² − ‖c_r − c_p‖² / 2τ²) v_p over patches p with n_p pixels, centre x_p and mean colour c_p; σ is the side
-    of a patch, τ is `COLOUR`. A patch that lies half on an instrument has a mixed colour and speaks for neither side; those
-    of like colour around it do. Errors of single patches average out.
+    Around each region r the patches' vectors are explained by their mean colours, and the line is read at the region's own colour:
+
+        v_r ∝ v̄ + (c_r − c̄)ᵀ (Σ_cc + λI)⁻¹ Σ_cv        weights n_p exp(−‖x_r − x_p‖² / 2σ²)
+
+    with n_p pixels, centre x_p and mean colour c_p of patch p, and weighted means, covariances and σ around r (the idea of guided
+    filtering, He et al. 2013). Where a patch sees a third of an instrument, its vector and its colour are both mixed by a third; the line
+    leads on to what is purely of the instrument's colour. Errors of single patches average out.
 
     Parameters
     ----------
@@ -29,24 +35,31 @@ def refined_by_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarray
     float32 [K, D], unit rows; rows of zeros for regions too far from any patch that says something
     """
     height, width = index.shape
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    place = np.stack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)), -1)
     lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
     spoken = index >= 0
-    patch, size = _means(index[spoken], np.stack([x, y], -1)[spoken], lab[spoken], len(vectors))
-    region, _ = _means(regions.ravel(), np.stack([x, y], -1).reshape(-1, 2), lab.reshape(-1, 3), int(regions.max()) + 1)
+    size = np.bincount(index[spoken], minlength=len(vectors))
+    side = float(np.sqrt(np.count_nonzero(spoken) / max(int(np.count_nonzero(size)), 1)))
+    seen = np.concatenate([place, cv2.GaussianBlur(lab, (0, 0), FIELD * side)], -1)
     used = size > 0
-    side = np.sqrt(np.count_nonzero(spoken) / max(np.count_nonzero(used), 1))
-    scale = np.array([side, side, COLOUR, COLOUR, COLOUR], np.float32)
-    a, b = region / scale, patch[used] / scale
-    square = (a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T
-    mixed = (np.exp(-0.5 * np.maximum(square, 0)) * size[used]) @ vectors[used]
+    patch = _means(index[spoken], seen[spoken], len(vectors))[used]
+    region = _means(regions.ravel(), np.concatenate([place, lab], -1).reshape(-1, 5), int(regions.max()) + 1)
+    a, b = region[:, :2] / (REACH * side), patch[:, :2] / (REACH * side)
+    weight = np.exp(-0.5 * np.maximum((a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T, 0)) * size[used]
+    total = weight.sum(1, keepdims=True)
+    weight = weight / np.maximum(total, 1e-9)
+    colour, said = patch[:, 2:], vectors[used].astype(np.float64)
+    colour_mean, said_mean = weight @ colour, weight @ said
+    pairs = np.concatenate([colour[:, :, None] * colour[:, None], colour[:, :, None] * said[:, None]], 2)
+    moments = (weight @ pairs.reshape(len(colour), -1)).reshape(len(weight), 3, -1)
+    moments -= colour_mean[:, :, None] * np.concatenate([colour_mean, said_mean], 1)[:, None]
+    slope = np.linalg.solve(moments[..., :3] + RIDGE * np.eye(3), moments[..., 3:])
+    mixed = said_mean + np.einsum("ri,rid->rd", region[:, 2:] - colour_mean, slope)
     length = np.linalg.norm(mixed, axis=1, keepdims=True)
-    return np.where(length > 1e-6, mixed / np.maximum(length, 1e-6), 0).astype(np.float32)
+    return np.where((total > 1e-6) & (length > 1e-6), mixed / np.maximum(length, 1e-6), 0).astype(np.float32)
 
 
-def _means(owner: np.ndarray, place: np.ndarray, colour: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean place and colour, float32 [count, 5], and number of pixels, float32 [count], of each owner."""
-    size = np.bincount(owner, minlength=count).astype(np.float32)
-    values = np.concatenate([place, colour], -1)
-    sums = np.stack([np.bincount(owner, values[:, i], count) for i in range(5)], -1)
-    return (sums / np.maximum(size, 1)[:, None]).astype(np.float32), size
+def _means(owner: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Mean of the values [P, c] of each owner, float64 [count, c]."""
+    size = np.bincount(owner, minlength=count)
+    return np.stack([np.bincount(owner, column, count) for column in values.T], -1) / np.maximum(size, 1)[:, None]

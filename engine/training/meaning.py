@@ -23,6 +23,9 @@ from engine.training.semantics import SemanticTargets
 from engine.training.trainer import draw_latents
 
 TELL_EVERY = 25  # steps
+#: What is left of the learning rates after a lift: canonical latents, planes, networks. A teacher's frames contradict each other; steps
+#: as large as from nothing would follow each of them in turn and lose what their mean says.
+GENTLE = (0.1, 0.25, 0.3)
 
 
 def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> Tensor:
@@ -91,17 +94,16 @@ def _only_meaning(model: SceneModel, config: TrainConfig) -> Iterator[torch.opti
     """An optimiser of the semantic parameters; all others need no gradient meanwhile."""
     assert model.semantic is not None
     assert model.semantic_planes is not None
-    groups = {
-        config.rate_semantics: [model.canonical["semantics"]],
-        config.rate_planes: list(model.semantic_planes.parameters()),
-        config.rate_field: list(model.semantic.parameters()),
-    }
-    meaning = {id(parameter) for parameters in groups.values() for parameter in parameters}
+    slower = GENTLE if config.lift else (1.0, 1.0, 1.0)
+    rates = (config.rate_semantics, config.rate_planes, config.rate_field)
+    parts = ([model.canonical["semantics"]], list(model.semantic_planes.parameters()), list(model.semantic.parameters()))
+    groups = [{"params": part, "lr": rate * s, "first": rate * s} for part, rate, s in zip(parts, rates, slower, strict=True)]
+    meaning = {id(parameter) for part in parts for parameter in part}
     others = [parameter for parameter in model.parameters() if id(parameter) not in meaning and parameter.requires_grad]
     for parameter in others:
         parameter.requires_grad_(False)
     try:
-        yield torch.optim.Adam([{"params": parameters, "lr": rate, "first": rate} for rate, parameters in groups.items()], eps=1e-15)
+        yield torch.optim.Adam(groups, eps=1e-15)
     finally:
         for parameter in others:
             parameter.requires_grad_(True)
