@@ -18,6 +18,12 @@ from engine.training.config import TrainConfig
 Variant = tuple[str, bool, bool]  # routing, angular loss, appearance branch
 VARIANTS: list[Variant] = [*product(ROUTINGS, (True, False), (True, False))]
 BASELINE: Variant = ("coupled", False, False)
+#: Beside the grid: other parts of the default, taken away alone, and the baseline as peers train it, on the teacher's patches as they are.
+OTHERS: dict[str, dict[str, Any]] = {
+    "meaning from nothing, not lifted": {"lift": False},
+    "teacher's patches as they are": {"guided": False},
+    "baseline: coupled, L1, no Ψ_app, patches as they are": {"routing": "coupled", "angular": False, "appearance": False, "guided": False},
+}
 SCENE = {
     "spurious_displacement": ("spurious, mm", 3),
     "displacement_error": ("motion error, mm", 3),
@@ -32,7 +38,7 @@ SCENE = {
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     """For each phantom: what each variant reaches, and each class's IoU; at last, single parts taken from the default."""
     clips = phantoms(options, lambda fraction, words: progress(0.03 * fraction, words))
-    found: dict[tuple[str, Variant], list[dict[str, Any]]] = {}
+    found: dict[tuple[str, Variant | str], list[dict[str, Any]]] = {}
     for number, (kind, clip) in enumerate(clips.items()):
         trainings = [
             Training(
@@ -44,6 +50,16 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
             for i, variant in enumerate(VARIANTS)
             for seed in options.seeds
         ]
+        trainings += [
+            Training(
+                clip,
+                options.scratch / f"ablation-{kind}-other-{i}-{seed}",
+                base_config(options, seed=seed, **changes),
+                f"degraded:{VLM_LIKE}",
+            )
+            for i, changes in enumerate(OTHERS.values())
+            for seed in options.seeds
+        ]
 
         def tell(fraction: float, words: str, n: int = number) -> None:
             progress(0.03 + 0.97 * (n + fraction) / len(clips), words)
@@ -52,6 +68,8 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         count = len(options.seeds)
         for i, variant in enumerate(VARIANTS):
             found[kind, variant] = scores[i * count : (i + 1) * count]
+        for i, name in enumerate(OTHERS, len(VARIANTS)):
+            found[kind, name] = scores[i * count : (i + 1) * count]
         yield summary(kind, {variant: found[kind, variant] for variant in VARIANTS}, options)
         yield per_class(kind, {variant: found[kind, variant] for variant in VARIANTS}, options)
     yield parts(found, list(clips), options)
@@ -106,17 +124,18 @@ def per_class(kind: str, found: dict[Variant, list[dict[str, Any]]], options: Be
     return Table(f"ablation-{kind}-classes", title, f"{protocol(options)} {teacher_words()}", columns, rows)
 
 
-def parts(found: dict[tuple[str, Variant], list[dict[str, Any]]], kinds: list[str], options: BenchOptions) -> Table:
+def parts(found: dict[tuple[str, Variant | str], list[dict[str, Any]]], kinds: list[str], options: BenchOptions) -> Table:
     """The default, the default less one part at a time, and the baseline."""
     config = TrainConfig()
     default: Variant = (config.routing, config.angular, config.appearance)
     others = [routing for routing in ROUTINGS if routing != config.routing]
-    chosen: list[tuple[str, Variant, str]] = [("default", default, DEFAULT_DECODER)]
+    chosen: list[tuple[str, Variant | str, str]] = [("default", default, DEFAULT_DECODER)]
     chosen += [(f"routing {routing}", (routing, *default[1:]), DEFAULT_DECODER) for routing in others]
     chosen.append((f"{'L1' if default[1] else 'angular'} loss", (default[0], not default[1], default[2]), DEFAULT_DECODER))
     chosen.append((f"Ψ_app {'off' if default[2] else 'on'}", (*default[:2], not default[2]), DEFAULT_DECODER))
     chosen += [(f"decoder {d}", default, d) for d in DECODERS if d != DEFAULT_DECODER]
-    chosen.append(("baseline: coupled, L1, no Ψ_app, threshold", BASELINE, "threshold"))
+    chosen += [(name, name, "threshold" if name.startswith("baseline") else DEFAULT_DECODER) for name in OTHERS]
+    chosen.append(("coupled, L1, no Ψ_app, threshold", BASELINE, "threshold"))
     columns = [Column("part", "what is changed")]
     rows: list[dict[str, Cell]] = [{"part": name} for name, _, _ in chosen]
     for kind in kinds:

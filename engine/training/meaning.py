@@ -67,13 +67,13 @@ def fit_meaning(
     random = np.random.default_rng(config.seed)
     if config.lift:
         model.canonical["semantics"].data.copy_(lift(model, targets, frames, lambda f, words: progress(0.2 * f, words)))
-    order: list[int] = []
+    steps, order = min(config.semantic_steps, config.iterations), list[int]()  # a training cut short is cut short here too
     with _only_meaning(model, config) as optimizer:
-        for step in range(config.semantic_steps):
+        for step in range(steps):
             if stop():
                 return False
             for group in optimizer.param_groups:
-                group["lr"] = group["first"] * config.rate_final ** (step / config.semantic_steps)
+                group["lr"] = group["first"] * config.rate_final ** (step / steps)
             order = order or [targets.frames[k] for k in random.permutation(len(targets.frames))]
             frame = order.pop()
             state = model.at(frames.clip.time(frame))
@@ -85,7 +85,7 @@ def fit_meaning(
             loss.backward()
             optimizer.step()
             if step % TELL_EVERY == 0:
-                progress(0.2 + 0.8 * step / config.semantic_steps, "refining meaning")
+                progress(0.2 + 0.8 * step / steps, "refining meaning")
     return True
 
 
