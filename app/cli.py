@@ -63,6 +63,8 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--seed", type=int, metavar="S", help="another seed, another scene")
     sub.add_argument("--camera-motion", type=float, metavar="A", help="amplitude of the camera's motion; 0 stands still")
     sub.add_argument("--noise", type=float, metavar="S", help="standard deviation of the sensor noise, in grey levels")
+    sub.add_argument("--kind", metavar="NAME", help="cautery (default) or bleeding: what happens in it")
+    sub.add_argument("--tool-masks", action="store_true", help="write masks/ too (255 = tool): instruments are then left out of everything")
 
     sub = command("info", "scoring:info", "say what is found in a clip")
     sub.add_argument("clip", type=Path, metavar="CLIP")

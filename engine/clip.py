@@ -23,7 +23,8 @@ class Truth:
     displacement : float32 [T, H, W, 3]
         Offset of the material point seen in a pixel from its place at frame 0; scene units, camera frame; NaN where no tissue is seen.
     cautery : bool [T, H, W]
-        Pixels whose tissue is charred in place.
+        Pixels whose tissue has changed its look in place: charred tissue, which stands still, or bled tissue, which moves as it would
+        without the blood. Any motion shown there beyond `displacement` is spurious.
     """
 
     displacement: np.ndarray
@@ -115,5 +116,5 @@ class Clip(ABC):
         return None
 
     def truth(self) -> Truth | None:
-        """Exact displacement and cautery when the clip brings them."""
+        """Exact displacement and change of look when the clip brings them."""
         return None

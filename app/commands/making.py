@@ -30,6 +30,8 @@ def phantom(options: argparse.Namespace) -> None:
         "seed": options.seed,
         "camera_motion": options.camera_motion,
         "noise": options.noise,
+        "kind": options.kind,
+        "tool_masks": options.tool_masks,
     }
     _refuse_non_empty(options.out)
     bar = Bar()

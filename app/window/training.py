@@ -25,6 +25,7 @@ STAGES = {
     "flow": "Measuring motion",
     "coarse": "Coarse: still Gaussians",
     "joint": "Joint: motion, colour and meaning",
+    "meaning": "Meaning: what is where",
     "bake": "Saving",
     "done": "Done",
 }

@@ -22,11 +22,12 @@ BENCHES: dict[str, tuple[str, str]] = {
     "raster": ("engine.bench.raster", "what a picture and its gradient cost on each back end, and how wrong they are"),
     "field": ("engine.bench.field", "what a state in time costs: exact, baked, half precision, with and without the savings"),
     "viewing": ("engine.bench.viewing", "how fast a scene plays and answers prompts"),
-    "masks": ("engine.bench.masks", "superpixels, decoders, latent rank and feature resolution: time against mask quality"),
+    "masks": ("engine.bench.masks", "superpixels and decoders: time against mask quality"),
     "presets": ("engine.bench.presets", "what the presets cost and reach on a phantom, and on real clips with --clip"),
     "motion": ("engine.bench.motion", "each ingredient of motion on and off, against exact displacement"),
     "cameras": ("engine.bench.cameras", "camera poses from the frames: how far off they are, and what they do to a reconstruction"),
     "ablation": ("engine.bench.ablation", "the paper's ablation with degraded teachers, against exact masks and motion"),
+    "latent": ("engine.bench.latent", "resolution of the teacher's features and rank of the latents: time against mask quality"),
     "stress": ("engine.bench.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }
 

@@ -76,7 +76,9 @@ class Basis:
         return cls(matrix, float(energy[0]))
 
 
-def fit_basis(vectors: np.ndarray, weights: np.ndarray, energy: float = 0.999, max_rank: int = 32) -> Basis:
+def fit_basis(
+    vectors: np.ndarray, weights: np.ndarray, energy: float = 0.999, max_rank: int = 32, anchors: np.ndarray | None = None
+) -> Basis:
     """Truncated singular value decomposition of weighted feature vectors, not centred: the origin stays where angles are measured from.
 
     Parameters
@@ -89,6 +91,10 @@ def fit_basis(vectors: np.ndarray, weights: np.ndarray, energy: float = 0.999, m
         Weighted share of the squared lengths to keep, in (0, 1].
     max_rank : int
         Never more columns than this.
+    anchors : float [m, D], optional
+        What prompts will ask for, when the vectors themselves are noisy. Then not every vector is kept: directions no stronger than
+        noise are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as
+        long as the anchors keep `KEPT_BY_EACH` of what all directions hold of them.
 
     Returns
     -------
@@ -115,10 +121,22 @@ def fit_basis(vectors: np.ndarray, weights: np.ndarray, energy: float = 0.999, m
     values, directions = np.linalg.eigh((vectors * weights[:, None]).T @ vectors)
     values, directions = np.maximum(values[::-1], 0.0), directions[:, ::-1]
     kept = np.cumsum(values) / values.sum()
-    own = np.cumsum((vectors @ directions) ** 2, axis=1)
-    enough = (kept >= energy - 1e-12) & (own / own[:, -1:] >= KEPT_BY_EACH).all(0)
+    own = np.cumsum(((vectors if anchors is None else anchors) @ directions) ** 2, axis=1)
+    own = own[own[:, -1] > 1e-12]
+    enough = kept >= energy - 1e-12
+    if anchors is not None:
+        enough |= np.arange(1, len(values) + 1) >= _above_noise(values, len(vectors))
+    enough &= (own >= KEPT_BY_EACH * own[:, -1:]).all(0)
     rank = min(int(np.argmax(enough)) + 1, max_rank)
     matrix = directions[:, :rank]
     # an eigenvector has no sign of its own: the largest entry is made positive so that runs compare
     matrix = matrix * np.sign(matrix[np.abs(matrix).argmax(0), np.arange(rank)])
     return Basis(matrix.astype(np.float32), float(min(kept[rank - 1], 1.0)))
+
+
+def _above_noise(values: np.ndarray, count: int) -> int:
+    """How many eigenvalues (descending, of the second moment of `count` vectors) are more than noise."""
+    beta = min(len(values), count) / max(len(values), count)
+    factor = 0.56 * beta**3 - 0.95 * beta**2 + 1.82 * beta + 1.43
+    strengths = np.sqrt(values[: min(len(values), count)])
+    return max(1, int(np.count_nonzero(strengths > factor * np.median(strengths))))

@@ -19,8 +19,10 @@ class MotionScores:
     - `displacement_correlation`: Pearson's correlation of ‖predicted‖ and ‖true‖ over the same pixels, all frames pooled.
     - `recovered_share`: Σ min(‖predicted‖, ‖true‖) / Σ ‖true‖ over the same pixels. Motion where there is none, and motion beyond the
       true one, earn nothing here; they show in the error.
-    - `spurious_displacement`: mean ‖predicted‖ in `cautery`, where tissue changes its look and stands still.
+    - `spurious_displacement`: mean of max(‖predicted‖ − ‖true‖, 0) in `cautery`, where tissue changes its look: motion made up to explain
+      a colour. Where charred tissue stands still, that is the mean ‖predicted‖.
     - `false_motion`: mean ‖predicted‖ on other tissue that stands still (‖true‖ ≤ `still`).
+    - `largest_displacement`: the largest ‖true‖.
     - `true_displacement`: mean ‖true‖, which is the error of the answer "nothing moves".
     - `displacement_error_revealed`, `displacement_error_uncertain`: the error over pixels whose displacement the recording reveals, and
       over those that are marked as a guess.
@@ -38,7 +40,7 @@ class MotionScores:
         self.still = still
         self._error, self._spurious, self._false, self._true, self._covered = (Mean() for _ in range(5))
         self._revealed, self._guessed = Mean(), Mean()
-        self._shared = 0.0
+        self._shared = self._largest = 0.0
         self._moments = np.zeros(6)  # n, mean p, mean t, Σ(p − p̄)², Σ(t − t̄)², Σ(p − p̄)(t − t̄)
 
     def add(self, predicted: np.ndarray, truth: np.ndarray, cautery: np.ndarray, uncertain: np.ndarray | None = None) -> None:
@@ -67,8 +69,9 @@ class MotionScores:
             _add_mean(self._revealed, np.abs(p - t)[~uncertain[counted]])
             _add_mean(self._guessed, np.abs(p - t)[uncertain[counted]])
         _add_mean(self._true, t)
-        _add_mean(self._spurious, p[burnt])
+        _add_mean(self._spurious, np.maximum(p[burnt] - t[burnt], 0))
         _add_mean(self._false, p[~burnt & (t <= self.still)])
+        self._largest = max(self._largest, float(t.max(initial=0)))
         self._shared += float(np.minimum(p, t).sum())
         self._pool(p, t)
 
@@ -83,6 +86,7 @@ class MotionScores:
             "spurious_displacement": self._spurious.value,
             "false_motion": self._false.value,
             "true_displacement": self._true.value,
+            "largest_displacement": self._largest if moved > 0 else None,
             "displacement_coverage": self._covered.value,
             "displacement_error_revealed": self._revealed.value,
             "displacement_error_uncertain": self._guessed.value,

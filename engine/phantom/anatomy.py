@@ -11,6 +11,18 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from engine.phantom.paint import (
+    CHANGE_START,
+    CHANGE_STRENGTH,
+    SLOPE_X,
+    SLOPE_Y,
+    WETNESS,
+    distance_to_path,
+    finer_grid,
+    linear,
+    shade_creases,
+    smoothstep,
+)
 from engine.phantom.texture import Sheet, fractal, noise, slope, vessels
 
 REFERENCE_DEPTH = 90.0  # mm: there, one unit of material coordinates is one mm across the view
@@ -35,9 +47,6 @@ LOOKS = {
     FAT: ((242, 196, 112), (222, 156, 78), (184, 70, 54), 0.40, 0.20, 0.60),
     CONNECTIVE: ((228, 180, 166), (198, 122, 112), (160, 52, 54), 0.50, 0.10, 0.80),
 }
-
-# Channels of `Anatomy.texture`
-RED, GREEN, BLUE, SLOPE_X, SLOPE_Y, WETNESS, CHAR_START, CHAR_STRENGTH = range(8)
 
 
 @dataclass(frozen=True)
@@ -82,26 +91,6 @@ class Anatomy:
         return np.stack([cv2.remap(np.ascontiguousarray(self.rest[..., i]), maps[None], None, cv2.INTER_LINEAR)[0] for i in range(3)], -1)
 
 
-def distance_to_path(x: np.ndarray, y: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance to a polyline [k, 2] and the place of the nearest point along it in [0, 1]; both shaped like `x`."""
-    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    before = np.concatenate([[0], np.cumsum(lengths)])
-    best, along = np.full(x.shape, np.inf), np.zeros(x.shape)
-    for start, end, length, travelled in zip(path[:-1], path[1:], lengths, before, strict=False):
-        direction = (end - start) / length
-        s = np.clip((x - start[0]) * direction[0] + (y - start[1]) * direction[1], 0, length)
-        distance = np.hypot(x - start[0] - s * direction[0], y - start[1] - s * direction[1])
-        nearer = distance < best
-        best, along = np.where(nearer, distance, best), np.where(nearer, (travelled + s) / before[-1], along)
-    return best, along
-
-
-def smoothstep(x: np.ndarray | float) -> np.ndarray:
-    """0 below 0, 1 above 1, with continuous slope."""
-    x = np.clip(x, 0, 1)
-    return x * x * (3 - 2 * x)
-
-
 def build_anatomy(rng: np.random.Generator, half: tuple[float, float], cells: int, finer: int, burning: tuple[float, float]) -> Anatomy:
     """A gallbladder between liver, fat and abdominal wall; `rng` varies shapes, places and texture.
 
@@ -138,10 +127,10 @@ def build_anatomy(rng: np.random.Generator, half: tuple[float, float], cells: in
     rest = np.stack([x / REFERENCE_DEPTH * depth, y / REFERENCE_DEPTH * depth, depth], -1)
 
     size = sheet.shape[::-1]
-    upsampled = np.stack([_finer(h.astype(np.float32), finer, size) for h in heights])
+    upsampled = np.stack([finer_grid(h.astype(np.float32), finer, size) for h in heights])
     labels = np.argmin(upsampled, axis=0).astype(np.uint8)
-    texture = _paint(sheet, rng, upsampled, labels, _finer(depth.astype(np.float32), finer, size))
-    texture[..., CHAR_START], texture[..., CHAR_STRENGTH] = _char(sheet, rng, burn, burning)
+    texture = _paint(sheet, rng, upsampled, labels, finer_grid(depth.astype(np.float32), finer, size))
+    texture[..., CHANGE_START], texture[..., CHANGE_STRENGTH] = _char(sheet, rng, burn, burning)
     return Anatomy(mesh, rest, sheet, finer, texture, labels, axis[1], burn, axis)
 
 
@@ -171,12 +160,6 @@ def _organ_depths(mesh: Sheet, axis: np.ndarray, warp: list[np.ndarray], swell: 
     return np.stack([wall, liver, gallbladder, fat, connective]).astype(np.float64)
 
 
-def _finer(values: np.ndarray, finer: int, size: tuple[int, int]) -> np.ndarray:
-    """Mesh values [Hm, Wm] on the texture's grid: bilinear, with mesh points on texture points."""
-    x, y = np.meshgrid(np.arange(size[0], dtype=np.float32) / finer, np.arange(size[1], dtype=np.float32) / finer)
-    return cv2.remap(values, x, y, cv2.INTER_LINEAR)
-
-
 def _paint(sheet: Sheet, rng: np.random.Generator, depths: np.ndarray, labels: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Texture channels RED to WETNESS, float32 [H, W, 8]; the two of charring stay 0."""
     blend = np.exp(-(depths - depths.min(0)) / 0.5)
@@ -195,7 +178,7 @@ def _paint(sheet: Sheet, rng: np.random.Generator, depths: np.ndarray, labels: n
     relief = np.zeros(sheet.shape, np.float32)
     for tissue, (main, second, vessel, strength, rough, wet) in LOOKS.items():
         tone = smoothstep(0.5 + 0.4 * patches + 0.16 * grain)[..., None]
-        colour = _linear(main) * (1 - tone) + _linear(second) * tone
+        colour = linear(main) * (1 - tone) + linear(second) * tone
         colour = colour * np.exp(0.06 * grain + 0.03 * speckle)[..., None]
         bumps = 0.9 * grain + 0.4 * speckle
         if tissue == LIVER:
@@ -207,13 +190,11 @@ def _paint(sheet: Sheet, rng: np.random.Generator, depths: np.ndarray, labels: n
             colour = colour * np.exp((0.20 if tissue == CONNECTIVE else 0.08) * fibres)[..., None]
             bumps = bumps + 0.6 * fibres
         net = strength * nets[tissue][..., None]
-        colour = colour * (1 - net) + _linear(vessel) * net
+        colour = colour * (1 - net) + linear(vessel) * net
         out[..., :3] += blend[tissue][..., None] * colour
         out[..., WETNESS] += blend[tissue] * wet
         relief += blend[tissue] * rough * bumps
-    # Creases between organs lie in the shade of their neighbours and collect a little blood.
-    hollow = np.clip((depth - cv2.GaussianBlur(depth, (0, 0), 2.2 / sheet.step)) / 1.6, 0, 1)[..., None]
-    out[..., :3] *= 1 - hollow * np.array([0.45, 0.68, 0.66], np.float32)
+    shade_creases(out, depth, sheet.step)
     out[..., SLOPE_X : SLOPE_Y + 1] = slope(relief, sheet.step)
     return out
 
@@ -228,8 +209,3 @@ def _char(sheet: Sheet, rng: np.random.Generator, burn: np.ndarray, burning: tup
 
 
 CHAR_RADIUS = 4.2  # mm of material; charring ends within it
-
-
-def _linear(srgb: tuple[int, int, int]) -> np.ndarray:
-    """Linear RGB of an 8-bit sRGB colour, by the power law that the phantom's camera uses."""
-    return (np.array(srgb, np.float32) / 255) ** 2.2

@@ -6,6 +6,7 @@ import json
 import shutil
 import tempfile
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +15,8 @@ import numpy as np
 from PIL import Image
 
 from engine.errors import DegenseError
-from engine.phantom.anatomy import CLASSES
-from engine.phantom.scene import PhantomScene, View
+from engine.phantom.scene import KINDS, PhantomScene, View
 from engine.progress import Progress, silent
-
-KINDS = ("cautery",)
-PALETTE = ((214, 140, 116), (126, 46, 44), (120, 178, 104), (240, 200, 96), (196, 132, 190), (40, 30, 28), (70, 150, 220), (90, 220, 220))
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,7 @@ class PhantomOptions:
     Attributes
     ----------
     frames : int
-        The story (grasp, pull, burn, withdraw) always fills the clip: fewer frames play it faster.
+        The story (of the kind) always fills the clip: fewer frames play it faster.
     width, height : int
         Pixels.
     seed : int
@@ -41,6 +38,9 @@ class PhantomOptions:
         reconstruction scores no more.
     kind : str
         "cautery": a grasper pulls the gallbladder while an electrocautery hook chars tissue that stands still.
+        "bleeding": scissors part the cover of a kidney, blood wells up and spreads over tissue that breathes, a thin tube sucks it away.
+    tool_masks : bool
+        Write `masks/NNNNNN.png` too, 255 = tool, so that the tools are neither reconstructed nor scored.
     """
 
     frames: int = 40
@@ -50,6 +50,7 @@ class PhantomOptions:
     camera_motion: float = 0.0
     noise: float = 1.5
     kind: str = "cautery"
+    tool_masks: bool = False
 
     def __post_init__(self) -> None:
         limits = {
@@ -78,7 +79,9 @@ def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress
     `images/NNNNNN.png`; `labels/NNNNNN.png` (8-bit index with a palette) and `classes.json`; `depth/NNNNNN.npy` (float32 camera z, mm);
     `camera.json` (intrinsics, `viewmats` world → camera); `gt.npz` with `displacement` float32 [T, H, W, 3], mm, and `cautery` bool
     [T, H, W], see `engine.clip.Truth`. Displacement is a property of the tissue: it is in the axes of the camera at frame 0, which are
-    the world's, even when the camera moves. Charring counts from its first visible change of colour.
+    the world's, even when the camera moves. `cautery` marks tissue from its first visible change of
+    colour on: charred tissue stands still, bled tissue moves as it would without the blood. What a cut lays open was hidden at frame 0;
+    its place there is exact too.
 
     Parameters
     ----------
@@ -114,11 +117,11 @@ def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress
 
 def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
     progress(0.0, "growing tissue")
-    for name in ("images", "labels", "depth"):
+    for name in ("images", "labels", "depth", *(["masks"] if options.tool_masks else [])):
         (folder / name).mkdir()
-    scene = PhantomScene(options.width, options.height, options.seed, options.camera_motion)
+    scene = PhantomScene(options.kind, options.width, options.height, options.seed, options.camera_motion)
     times = np.linspace(0.0, 1.0, options.frames) if options.frames > 1 else np.zeros(1)
-    (folder / "classes.json").write_text(json.dumps({"classes": list(CLASSES)}, indent=1) + "\n", encoding="utf-8")
+    (folder / "classes.json").write_text(json.dumps({"classes": list(scene.stage.classes)}, indent=1) + "\n", encoding="utf-8")
     (folder / "camera.json").write_text(json.dumps(_cameras(scene, times), indent=1) + "\n", encoding="utf-8")
 
     shape = (options.frames, options.height, options.width)
@@ -130,7 +133,10 @@ def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
             for i, s in enumerate(times):
                 view = scene.view(float(s))
                 rng = np.random.default_rng([options.seed, i])
-                _write_frame(folder, i, view, options.noise * rng.standard_normal(view.rgb.shape))
+                _write_frame(folder, i, view, options.noise * rng.standard_normal(view.rgb.shape), scene.stage.palette)
+                if options.tool_masks:
+                    tool = np.where(np.isnan(view.displacement[..., 0]), 255, 0).astype(np.uint8)
+                    Image.fromarray(tool).save(folder / "masks" / f"{i:06d}.png")
                 file.write(view.displacement.tobytes())
                 cautery[i] = view.cautery
                 progress((i + 1) / options.frames, f"photographed frame {i + 1} of {options.frames}")
@@ -138,13 +144,13 @@ def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
             np.lib.format.write_array(file, cautery)
 
 
-def _write_frame(folder: Path, index: int, view: View, noise: np.ndarray) -> None:
+def _write_frame(folder: Path, index: int, view: View, noise: np.ndarray, palette: Sequence[tuple[int, int, int]]) -> None:
     stem = f"{index:06d}"
     image = np.clip(np.rint(view.rgb * 255 + noise), 0, 255).astype(np.uint8)
     if not cv2.imwrite(str(folder / "images" / f"{stem}.png"), image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 3]):
         raise OSError(f"images/{stem}.png could not be encoded")
     labels = Image.fromarray(view.labels)
-    labels.putpalette(np.array(PALETTE, np.uint8).tobytes())
+    labels.putpalette(np.array(palette, np.uint8).tobytes())
     labels.save(folder / "labels" / f"{stem}.png")
     np.save(folder / "depth" / f"{stem}.npy", view.depth)
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from engine.phantom.anatomy import CHAR_RADIUS, Anatomy, distance_to_path, smoothstep
+from engine.phantom.anatomy import CHAR_RADIUS, Anatomy
+from engine.phantom.paint import distance_to_path, smoothstep
 
 GRASP = (0.14, 0.20)  # jaws close
 PULL = (0.20, 0.58)
@@ -26,14 +27,11 @@ class Script:
         Displacement of every mesh vertex at full inspiration and at full traction, mm.
     sway : float
         Phase of the slow sway of the pulling hand.
-    camera : float
-        Amplitude of the camera's path, mm.
     """
 
     breath: np.ndarray
     pull: np.ndarray
     sway: float
-    camera: float
 
     def displacement(self, s: float) -> np.ndarray:
         """Offset of every mesh vertex from its place at s = 0, mm, float64 [Hm, Wm, 3]."""
@@ -44,18 +42,19 @@ class Script:
         amount = smoothstep((s - PULL[0]) / (PULL[1] - PULL[0]))
         return float(amount * (1 + 0.07 * np.sin(2 * np.pi * 2.3 * s + self.sway)))
 
-    def viewmat(self, s: float) -> np.ndarray:
-        """World to camera, float64 [4, 4]; the identity at s = 0."""
-        turn = 2 * np.pi * s
-        centre = self.camera * np.array([np.sin(turn), 0.6 * np.sin(2 * turn), 0.35 * (1 - np.cos(turn))])
-        forward = np.array([0.35 * centre[0], 0.35 * centre[1], 90.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross([0.0, 1.0, 0.0], forward)
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(forward, right), forward])
-        viewmat = np.eye(4)
-        viewmat[:3, :3], viewmat[:3, 3] = rotation, -rotation @ centre
-        return viewmat
+
+def camera_path(amplitude: float, s: float) -> np.ndarray:
+    """World to camera, float64 [4, 4], of a camera that sways by `amplitude` mm; the identity at s = 0."""
+    turn = 2 * np.pi * s
+    centre = amplitude * np.array([np.sin(turn), 0.6 * np.sin(2 * turn), 0.35 * (1 - np.cos(turn))])
+    forward = np.array([0.35 * centre[0], 0.35 * centre[1], 90.0]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross([0.0, 1.0, 0.0], forward)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    viewmat = np.eye(4)
+    viewmat[:3, :3], viewmat[:3, 3] = rotation, -rotation @ centre
+    return viewmat
 
 
 def breathing(s: float) -> float:
@@ -63,7 +62,7 @@ def breathing(s: float) -> float:
     return float(0.5 - 0.5 * np.cos(2 * np.pi * BREATHS * s))
 
 
-def write_script(anatomy: Anatomy, rng: np.random.Generator, camera: float) -> Script:
+def write_script(anatomy: Anatomy, rng: np.random.Generator) -> Script:
     """Motion that suits an anatomy; `rng` varies amplitudes and directions."""
     x, y = anatomy.mesh.points
     still = smoothstep((distance_to_path(x, y, anatomy.burn)[0] - STILL[0]) / (STILL[1] - STILL[0]))[..., None]
@@ -74,7 +73,7 @@ def write_script(anatomy: Anatomy, rng: np.random.Generator, camera: float) -> S
     support = (1 - near) ** 4 * (4 * near + 1)  # Wendland's C² function: compact, smooth
     towards = np.array([0.66, -0.60, -0.45]) + rng.uniform(-0.1, 0.1, 3)
     pull = still * support[..., None] * towards / np.linalg.norm(towards) * rng.uniform(9.5, 11.5)
-    return Script(breath, pull, float(rng.uniform(0, 2 * np.pi)), camera)
+    return Script(breath, pull, float(rng.uniform(0, 2 * np.pi)))
 
 
 def approach(s: float, arrive: tuple[float, float], leave: tuple[float, float] | None = None) -> float:

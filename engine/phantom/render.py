@@ -1,6 +1,6 @@
 """Draws triangle meshes with a z-buffer and shades them as an endoscope sees them: one light, at the camera.
 
-Every pixel is cut into 3 × 3 samples. Colour is their mean; depth, label, displacement and char are those of the middle sample,
+Every pixel is cut into 3 × 3 samples. Colour is their mean; depth, label, displacement and change are those of the middle sample,
 which lies exactly on the pixel's centre. All of them are interpolated on the same triangle, so they agree with each other to rounding.
 """
 
@@ -11,23 +11,16 @@ import math
 import numpy as np
 from numba import njit
 
-from engine.phantom.anatomy import (
-    BLUE,
-    CHAR_START,
-    CHAR_STRENGTH,
-    CHARRED,
-    GREEN,
-    RED,
-    SLOPE_X,
-    SLOPE_Y,
-    WETNESS,
-)
+from engine.phantom.paint import BLUE, CHANGE_START, CHANGE_STRENGTH, GREEN, RED, SLOPE_X, SLOPE_Y, WETNESS, WIPED
+
+CHARS, BLEEDS = 0, 1  # how tissue changes its look
 
 SAMPLES = 3
 NEAREST = 8.0  # mm: triangles that come nearer to the camera are not drawn
 LIT_DEPTH = 80.0  # mm: a white surface that faces the camera from here is drawn just white
-CHAR_BEGUN = 0.05
-CHAR_CLASS = 0.5  # tissue charred further than this is called charred
+CHANGE_BEGUN = 0.05
+CHANGE_CLASS = 0.5  # tissue that has changed further than this bears the name of the change
+WIPE_TIME, STAIN = 0.06, 0.2  # clip time that wiping a place takes, and the share of the blood that is left there
 
 
 @njit(cache=True, nogil=True)
@@ -86,7 +79,9 @@ def shade(
     axes: np.ndarray,
     intrinsics: np.ndarray,
     s: float,
-    char_rise: float,
+    rise_time: float,
+    kind: int,
+    changed_label: int,
 ):
     """Colour and truth of every pixel.
 
@@ -100,26 +95,32 @@ def shade(
         Of tissue: texture x, y (in texels) and displacement; of tools: linear RGB.
     tool_labels : uint8 [F]
         Label of each triangle of a tool.
-    texture, organs
-        `Anatomy.texture` and `Anatomy.labels`.
+    texture : float32 [Ht, Wt, 8 or 9]
+        See `engine.phantom.paint`.
+    organs : uint8 [Ht, Wt]
+        Label of each texture point, as if nothing had changed.
     axes : float64 [2, 3]
         World x and y in the camera's frame: along them the relief tilts the normals.
     intrinsics : float64 [4]
         fx, fy, cx, cy, in samples.
-    s, char_rise : float
-        Clip time, and how long charring takes.
+    s, rise_time : float
+        Clip time, and how long the change of look takes.
+    kind : int
+        `CHARS` or `BLEEDS`.
+    changed_label : int
+        Label of tissue that has changed.
 
     Returns
     -------
     colour float64 [H, W, 3] (linear), depth float64 [H, W] (0: nothing), label uint8 [H, W] (255: nothing),
-    displacement float64 [H, W, 3] (NaN: no tissue), char float64 [H, W]
+    displacement float64 [H, W, 3] (NaN: no tissue), change float64 [H, W] in [0, 1]
     """
     height, width = owner.shape[0] // SAMPLES, owner.shape[1] // SAMPLES
     colour = np.zeros((height, width, 3))
     depth = np.zeros((height, width))
     label = np.full((height, width), 255, np.uint8)
     displacement = np.full((height, width, 3), np.nan)
-    char = np.zeros((height, width))
+    change = np.zeros((height, width))
     weight = 1.0 / SAMPLES**2
     rows, columns = organs.shape
     t = np.zeros(texture.shape[2])
@@ -146,7 +147,6 @@ def shade(
                 n[i] = wa * normals[a, i] + wb * normals[b, i] + wc * normals[c, i]
             centre = u % SAMPLES == SAMPLES // 2 and v % SAMPLES == SAMPLES // 2
             y, x = v // SAMPLES, u // SAMPLES
-            charred = 0.0
             if f < tissue_triangles:
                 tx, ty = min(max(values[0], 0.0), columns - 1.001), min(max(values[1], 0.0), rows - 1.001)
                 ix, iy = int(tx), int(ty)
@@ -155,17 +155,24 @@ def shade(
                     top = texture[iy, ix, i] * (1 - wx) + texture[iy, ix + 1, i] * wx
                     bottom = texture[iy + 1, ix, i] * (1 - wx) + texture[iy + 1, ix + 1, i] * wx
                     t[i] = top * (1 - wy) + bottom * wy
-                rise = min(max((s - t[CHAR_START]) / char_rise, 0.0), 1.0)
-                charred = t[CHAR_STRENGTH] * rise * rise * (3 - 2 * rise)
-                _burn(t, charred, rgb)
-                wet, tight = t[WETNESS] * (1 - 0.8 * charred), 70.0
+                rise = min(max((s - t[CHANGE_START]) / rise_time, 0.0), 1.0)
+                changed = t[CHANGE_STRENGTH] * rise * rise * (3 - 2 * rise)
+                relief, tight = 0.9, 70.0
+                if kind == CHARS:
+                    _burn(t, changed, rgb)
+                    wet = t[WETNESS] * (1 - 0.8 * changed)
+                else:
+                    gone = min(max((s - t[WIPED]) / WIPE_TIME, 0.0), 1.0)
+                    changed *= 1 - (1 - STAIN) * gone * gone * (3 - 2 * gone)
+                    _bleed(t, changed, rgb)
+                    wet, relief = t[WETNESS] + changed * (1.3 - t[WETNESS]), 0.9 - 0.75 * changed
                 for i in range(3):
-                    n[i] -= (t[SLOPE_X] * axes[0, i] + t[SLOPE_Y] * axes[1, i]) * 0.9
+                    n[i] -= (t[SLOPE_X] * axes[0, i] + t[SLOPE_Y] * axes[1, i]) * relief
                 if centre:
-                    label[y, x] = CHARRED if charred > CHAR_CLASS else organs[int(ty + 0.5), int(tx + 0.5)]
+                    label[y, x] = changed_label if changed > CHANGE_CLASS else organs[int(ty + 0.5), int(tx + 0.5)]
                     for i in range(3):
                         displacement[y, x, i] = values[2 + i]
-                    char[y, x] = charred
+                    change[y, x] = changed
             else:
                 for i in range(3):
                     rgb[i] = values[i]
@@ -182,7 +189,7 @@ def shade(
             gleam = wet * (0.85 * facing ** (4 * tight) + 0.10 * facing**tight)
             for i in range(3):
                 colour[y, x, i] += weight * min(light * (rgb[i] * facing + gleam), 1.0)
-    return colour, depth, label, displacement, char
+    return colour, depth, label, displacement, change
 
 
 @njit(cache=True, nogil=True)
@@ -198,3 +205,11 @@ def _burn(t: np.ndarray, charred: float, rgb: np.ndarray) -> None:
         value = t[i] + 0.75 * pale * (coagulated - t[i])
         value += brown * (toasted - value)
         rgb[i] = value + black * (burnt - value)
+
+
+@njit(cache=True, nogil=True)
+def _bleed(t: np.ndarray, thickness: float, rgb: np.ndarray) -> None:
+    """Colour of tissue under a film of blood, by Beer and Lambert: it swallows green and blue first and shines dark red when thick."""
+    for i in range(3):
+        through = math.exp(-(0.9, 5.5, 6.0)[i] * thickness)
+        rgb[i] = t[i] * through + (0.13, 0.007, 0.006)[i] * (1 - through)

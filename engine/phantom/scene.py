@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from engine.camera import Camera
-from engine.phantom.anatomy import REFERENCE_DEPTH, Anatomy, build_anatomy
-from engine.phantom.motion import BURN, CHAR_RISE, Script, write_script
-from engine.phantom.render import CHAR_BEGUN, SAMPLES, cover, shade
-from engine.phantom.tools import grasper, hook
+from engine.phantom.anatomy import REFERENCE_DEPTH
+from engine.phantom.bleeding import Bleeding
+from engine.phantom.cautery import Cautery
+from engine.phantom.motion import camera_path
+from engine.phantom.render import CHANGE_BEGUN, SAMPLES, cover, shade
+from engine.phantom.stage import Stage
 
+KINDS: dict[str, Callable[[tuple[float, float], int, np.random.Generator], Stage]] = {"cautery": Cautery, "bleeding": Bleeding}
 FOCAL = 0.9  # of the width: 58° across
 MESH_CELLS = (96, 480)  # across the view
 
@@ -44,6 +48,8 @@ class PhantomScene:
 
     Parameters
     ----------
+    kind : str
+        One of `KINDS`.
     width, height : int
         Pixels.
     seed : int
@@ -51,42 +57,36 @@ class PhantomScene:
         Amplitude of the camera's path, mm.
     """
 
-    def __init__(self, width: int, height: int, seed: int, camera_motion: float):
-        self.width, self.height = width, height
+    def __init__(self, kind: str, width: int, height: int, seed: int, camera_motion: float):
+        self.width, self.height, self.camera_motion = width, height, camera_motion
         self.focal = FOCAL * width
         margin = 1.12 + 0.022 * camera_motion
         half_x = 0.5 * width / self.focal * REFERENCE_DEPTH * margin
         half_y = 0.5 * height / self.focal * REFERENCE_DEPTH * margin + 2.0
         cells = int(np.clip(width, *MESH_CELLS) * margin)
-        rng = np.random.default_rng(seed)
-        self.anatomy: Anatomy = build_anatomy(rng, (half_x, half_y), cells, 3, BURN)
-        self.script: Script = write_script(self.anatomy, rng, camera_motion)
-        rows, columns = self.anatomy.mesh.shape
-        corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-        right, below = corner + 1, corner + columns
-        self._triangles = np.stack([corner, right, below, right, below + 1, below], -1).reshape(-1, 3).astype(np.int32)
-        x, y = np.meshgrid(np.arange(columns), np.arange(rows))
-        self._texels = np.stack([x, y], -1).reshape(-1, 2) * float(self.anatomy.finer)
+        self.stage: Stage = KINDS[kind]((half_x, half_y), cells, np.random.default_rng(seed))
+        self._triangles = _grid_triangles([patch.rest.shape[:2] for patch in self.stage.patches])
+        self._texels = np.concatenate([patch.texels.reshape(-1, 2) for patch in self.stage.patches])
 
     def camera(self, s: float) -> Camera:
         """The camera at clip time s."""
-        return Camera(self.width, self.height, self.focal, self.focal, self.width / 2, self.height / 2, self.script.viewmat(s))
+        viewmat = camera_path(self.camera_motion, s)
+        return Camera(self.width, self.height, self.focal, self.focal, self.width / 2, self.height / 2, viewmat)
 
     def view(self, s: float) -> View:
         """Photograph at clip time s in [0, 1]."""
-        camera = self.camera(s)
+        stage, camera = self.stage, self.camera(s)
         rotation, translation = camera.viewmat[:3, :3], camera.viewmat[:3, 3]
-        displacement = self.script.displacement(s)
-        surface = self.anatomy.rest + displacement
-        normals = np.cross(np.gradient(surface, axis=1), np.gradient(surface, axis=0)).reshape(-1, 3)
-        normals *= -1 / np.linalg.norm(normals, axis=1, keepdims=True)  # towards the camera
-        tools = [grasper(self.anatomy, self.script, s), hook(self.anatomy, s)]
+        displacements = stage.displacements(s)
+        surfaces = [patch.rest + moved for patch, moved in zip(stage.patches, displacements, strict=True)]
+        tools = stage.tools(s)
 
-        vertices = np.concatenate([surface.reshape(-1, 3), *(tool.vertices for tool in tools)]) @ rotation.T + translation
-        normals = np.concatenate([normals, *(tool.normals for tool in tools)]) @ rotation.T
+        vertices = np.concatenate([*(surface.reshape(-1, 3) for surface in surfaces), *(tool.vertices for tool in tools)])
+        vertices = vertices @ rotation.T + translation
+        normals = np.concatenate([*(_normals(surface) for surface in surfaces), *(tool.normals for tool in tools)]) @ rotation.T
         attributes = np.zeros((len(vertices), 5))
         tissue = len(self._texels)
-        attributes[:tissue, :2], attributes[:tissue, 2:] = self._texels, displacement.reshape(-1, 3)
+        attributes[:tissue, :2], attributes[:tissue, 2:] = self._texels, np.concatenate([d.reshape(-1, 3) for d in displacements])
         attributes[tissue:, :3] = np.concatenate([tool.colours for tool in tools])
         offsets = tissue + np.cumsum([0] + [len(tool.vertices) for tool in tools])
         triangles = np.concatenate([self._triangles, *(tool.triangles + np.int32(o) for tool, o in zip(tools, offsets, strict=False))])
@@ -97,7 +97,7 @@ class PhantomScene:
         pixels = vertices[:, :2] / np.where(np.abs(z) < 1e-9, 1e-9, z)[:, None] * focal + centre
         owner = np.full((self.height * SAMPLES, self.width * SAMPLES), -1, np.int32)
         cover(pixels, z, triangles, np.zeros(owner.shape), owner, 0)
-        colour, depth, labels, moved, char = shade(
+        colour, depth, labels, moved, change = shade(
             owner,
             pixels,
             z,
@@ -106,12 +106,32 @@ class PhantomScene:
             attributes,
             tool_labels,
             len(self._triangles),
-            self.anatomy.texture,
-            self.anatomy.labels,
+            stage.texture,
+            stage.organs,
             np.ascontiguousarray(rotation.T[:2]),
             np.array([focal, focal, *centre]),
             s,
-            CHAR_RISE,
+            stage.change_time,
+            stage.change,
+            stage.changed_label,
         )
         rgb = np.clip(colour, 0, 1) ** (1 / 2.2)
-        return View(rgb, depth.astype(np.float32), labels, moved.astype(np.float32), char > CHAR_BEGUN)
+        return View(rgb, depth.astype(np.float32), labels, moved.astype(np.float32), change > CHANGE_BEGUN)
+
+
+def _normals(surface: np.ndarray) -> np.ndarray:
+    """Unit normals [h · w, 3] of a grid of vertices, towards the camera."""
+    normals = np.cross(np.gradient(surface, axis=1), np.gradient(surface, axis=0)).reshape(-1, 3)
+    normals *= -1 / np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals
+
+
+def _grid_triangles(shapes: list[tuple[int, int]]) -> np.ndarray:
+    """Two triangles for each cell of each grid (rows, columns), int32 [F, 3]; vertices are counted through all grids."""
+    found, first = [], 0
+    for rows, columns in shapes:
+        corner = first + (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+        right, below = corner + 1, corner + columns
+        found.append(np.stack([corner, right, below, right, below + 1, below], -1).reshape(-1, 3).astype(np.int32))
+        first += rows * columns
+    return np.concatenate(found)

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from engine.phantom.anatomy import GRASPER, HOOK, Anatomy
-from engine.phantom.motion import BURN, GRASP, Script, approach, burn_point, smoothstep
+from engine.phantom.motion import BURN, GRASP, Script, approach, burn_point
+from engine.phantom.paint import smoothstep
 
 METAL = (0.34, 0.34, 0.36)
 DARK = (0.035, 0.035, 0.04)
@@ -75,28 +76,28 @@ def grasper(anatomy: Anatomy, script: Script, s: float) -> Tool:
     """The grasper at clip time s: it enters open, closes on the gallbladder and follows the tissue it holds."""
     cell = np.rint((anatomy.grasp - [anatomy.mesh.x[0], anatomy.mesh.y[0]]) / anatomy.mesh.step).astype(int)
     tip = anatomy.rest[cell[1], cell[0]] + script.displacement(s)[cell[1], cell[0]]
-    back = _unit(0.80, -0.42, -0.44)
+    back = direction(0.80, -0.42, -0.44)
     tip = tip + back * (OUT_OF_VIEW * approach(s, (0.0, GRASP[0])) - 1.5)
     wrist = tip + 15.0 * back
     opening = 0.10 + 0.42 * (1 - smoothstep((s - GRASP[0]) / (GRASP[1] - GRASP[0])))
-    spread = np.cross(back, _unit(0.2, 0.7, -0.7))
+    spread = np.cross(back, direction(0.2, 0.7, -0.7))
     spread /= np.linalg.norm(spread)
-    parts = [_shaft(wrist + 4 * back, back, 2.5)]
+    parts = [shaft(wrist + 4 * back, back, 2.5)]
     parts.append(tube(np.stack([wrist - 1.0 * back, wrist + 1 * back, wrist + 5 * back]), np.array([1.5, 2.1, 2.3]), METAL))
     for sign in (-1.0, 1.0):
         u = np.linspace(0, 1, 7)[:, None]
         bow = np.sin(np.pi * u) * 0.9 + u * np.tan(opening) * 7.5
         line = wrist - 15.0 * u * back + sign * bow * spread
         parts.append(tube(line, np.linspace(1.5, 1.05, 7), METAL, flat=spread))
-    return _join(parts, GRASPER)
+    return join(parts, GRASPER)
 
 
 def hook(anatomy: Anatomy, s: float) -> Tool:
     """The L-hook at clip time s: it enters, draws its tip over the tissue that chars, and leaves."""
-    back = _unit(-0.12, 0.80, -0.55)
+    back = direction(-0.12, 0.80, -0.55)
     drawn = approach(s, (BURN[0] - 0.14, BURN[0]), (BURN[1] + 0.01, BURN[1] + 0.13))
     tip = burn_point(anatomy, s) + back * OUT_OF_VIEW * drawn
-    foot = _unit(0.25, -0.35, 0.90)
+    foot = direction(0.25, -0.35, 0.90)
     heel = tip - 3.6 * foot
     t = np.linspace(0, 1, 6)[:, None]
     bend = (1 - t) ** 2 * heel + 2 * t * (1 - t) * (heel - 0.8 * foot) + t**2 * (heel + 1.6 * back)
@@ -104,21 +105,21 @@ def hook(anatomy: Anatomy, s: float) -> Tool:
     parts = [
         tube(line, np.linspace(0.62, 0.8, len(line)), METAL),
         tube(np.stack([heel + 10 * back, heel + 14 * back]), np.array([1.6, 2.0]), CERAMIC),
-        _shaft(heel + 13.5 * back, back, 2.4),
+        shaft(heel + 13.5 * back, back, 2.4),
     ]
-    return _join(parts, HOOK)
+    return join(parts, HOOK)
 
 
-def _shaft(start: np.ndarray, back: np.ndarray, radius: float) -> Part:
+def shaft(start: np.ndarray, back: np.ndarray, radius: float) -> Part:
     """A straight dark tube of 100 mm, in short pieces because the renderer leaves out triangles that reach behind the camera."""
     return tube(start + np.linspace(0, 100, 41)[:, None] * back, np.full(41, radius), DARK)
 
 
-def _unit(x: float, y: float, z: float) -> np.ndarray:
+def direction(x: float, y: float, z: float) -> np.ndarray:
     return np.array([x, y, z]) / np.sqrt(x * x + y * y + z * z)
 
 
-def _join(parts: list[Part], label: int) -> Tool:
+def join(parts: list[Part], label: int) -> Tool:
     offsets = np.cumsum([0] + [len(p[0]) for p in parts[:-1]])
     triangles = np.concatenate([p[2] + o for p, o in zip(parts, offsets, strict=True)]).astype(np.int32)
     vertices, normals, colours = (np.concatenate([p[i] for p in parts]) for i in (0, 1, 3))

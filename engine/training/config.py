@@ -32,7 +32,15 @@ class TrainConfig:
     ssim, depth, semantic, region : float
         Weights of 1 − SSIM, |1/z| error (measured depth only), semantic loss and L_smooth.
     semantic_every : int
-        A semantic pass every so many steps.
+        A semantic pass every so many steps, where meaning is trained together with geometry (`paper`, `coupled`).
+    semantic_steps : int
+        Steps that refine meaning after geometry is finished (`isolated`; see `engine.training.meaning`).
+    lift : bool
+        Whether these start from the mean of all that the teacher says about a Gaussian, instead of from nothing.
+    guided : bool
+        Whether the vectors of a coarse teacher are shared out over superpixels of the frames.
+    max_rank : int
+        Most dimensions of the latents.
     plane_space, plane_time, plane_still : float
         Weights of the planes' total variation, acceleration in time, and distance of the time planes from 1.
     displacement, rigidity, shape : float
@@ -79,6 +87,10 @@ class TrainConfig:
     semantic: float = 0.5
     region: float = 0.02
     semantic_every: int = 2
+    semantic_steps: int = 600
+    lift: bool = True
+    guided: bool = True
+    max_rank: int = 32
     plane_space: float = 1e-3
     plane_time: float = 1e-2
     plane_still: float = 1e-4
@@ -150,6 +162,7 @@ PRESETS: dict[str, dict] = {
         "resolution": 48,
         "semantic_every": 3,
         "densify_every": 100,
+        "semantic_steps": 200,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
     "best": {"iterations": 10_000, "coarse_iterations": 1000, "max_gaussians": 120_000, "levels": (1, 2, 4), "early_stop": True},

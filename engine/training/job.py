@@ -33,6 +33,7 @@ from engine.training.estimate import estimate
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.initialise import initial_gaussians
+from engine.training.meaning import fit_meaning
 from engine.training.semantics import SemanticTargets
 from engine.training.support import motion_support
 from engine.training.trainer import Diverged, Trainer, draw, run_steps
@@ -109,7 +110,10 @@ def train(
         chosen = None if teacher == "none" else teacher_by_name(teacher, clip)
         tell(0.5, "reading the clip")
         evidence = MotionEvidence(frames, progress("flow")) if config.flow > 0 and len(clip.train_frames) > 1 else None
-        semantics = SemanticTargets(chosen, frames, evidence, progress("teacher")) if chosen is not None else None
+        semantics = None
+        if chosen is not None:
+            tell = progress("teacher")
+            semantics = SemanticTargets(chosen, frames, evidence, tell, guided=config.guided, max_rank=config.max_rank)
     except Cancelled:
         return None
 
@@ -139,12 +143,13 @@ def train(
         run = Run.create(out, clip, info)
         if semantics is not None:
             run.save_basis(semantics.basis)
-    trainer = Trainer(model, frames, semantics, evidence, config, events)
+    afterwards = semantics if config.routing == "isolated" else None  # there, no semantic gradient reaches geometry: it need not wait
+    trainer = Trainer(model, frames, None if afterwards is not None else semantics, evidence, config, events)
     if checkpoint is not None:
         trainer.restore(checkpoint)
     run.info |= {"state": "training", "hardware": hardware()}
     run.save()
-    return _loop(run, trainer, events, stop, started)
+    return _loop(run, trainer, afterwards, events, stop, started)
 
 
 def field_config(config: TrainConfig, frames: int, rank: int) -> FieldConfig:
@@ -174,7 +179,9 @@ def semantic_provenance(teacher: Teacher | None, semantics: SemanticTargets | No
     return teacher.provenance + (f"; carried along the optical flow to {carried} other frames" if carried else "")
 
 
-def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], started: float) -> Run | None:
+def _loop(
+    run: Run, trainer: Trainer, afterwards: SemanticTargets | None, events: Events, stop: Callable[[], bool], started: float
+) -> Run | None:
     spent = float(run.info["train_seconds"])
     config = trainer.config
     last_checkpoint = last_preview = time.perf_counter()
@@ -204,6 +211,13 @@ def _loop(run: Run, trainer: Trainer, events: Events, stop: Callable[[], bool], 
         run.info |= {"state": "diverged"}
         run.save()
         raise DegenseError(f"{error}; {run.path} keeps it. Try a smaller preset or check the clip's depth and masks") from error
+    if finished and afterwards is not None:
+        events({"event": "stage", "stage": "meaning"})
+
+        def tell(fraction: float, message: str) -> None:
+            events({"event": "step", "stage": "meaning", "fraction": round(fraction, 4), "message": message})
+
+        finished = fit_meaning(trainer.model, afterwards, trainer.frames, config, stop, tell)
     if trainer.device.type == "cuda":
         torch.cuda.synchronize()
     run.info |= {"train_seconds": spent + time.perf_counter() - started, "iteration": trainer.iteration, "gaussians": len(trainer.model)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -16,12 +17,19 @@ from engine.masks.superpixels import superpixels
 from engine.progress import Progress, silent
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
+from engine.training.guided import refined_by_regions
 from engine.training.losses import angular, region_smoothness
 
 SPARSE = 0.25  # a teacher that speaks about a smaller share of the training frames has its words carried to the others
-
+LIKE = 8  # power of the cosine with which vectors count as saying the same
+BASIS_VECTORS = 20_000  # of all frames' vectors, that the basis is fitted to
 TARGET_BYTES = 1 << 30  # of supervision kept
 PIXEL_BYTES = 16  # of one pixel's
+
+Words = tuple[np.ndarray, np.ndarray]
+
+
+Kept = TypeVar("Kept")
 
 
 @dataclass
@@ -37,7 +45,7 @@ class Target:
     pixels : int32 [P]
         Flat positions of those pixels.
     weight : float [P]
-        Rare vectors weigh more, with the square root of their rarity, so that thin instruments are not drowned by tissue. Mean 1.
+        What is rarely said weighs more, with the square root of its rarity, so that thin instruments are not drowned by tissue. Mean 1.
     regions : int32 [H × W]
     region_count : int
     """
@@ -53,6 +61,18 @@ class Target:
 class SemanticTargets:
     """All supervision of a clip. That of a frame is made when it is needed and kept while there is room: a long clip's would not fit.
 
+    Parameters
+    ----------
+    teacher : Teacher
+        Asked about its own frames only, so held-out frames stay held out.
+    frames : TrainingFrames
+    evidence : MotionEvidence, optional
+        Carries the words of a teacher that speaks about few frames to the others.
+    progress : Progress
+    guided : bool
+        Whether the vectors of a coarse teacher are shared out over the picture's superpixels (`refined_by_regions`).
+    max_rank : int
+
     Attributes
     ----------
     basis : Basis
@@ -62,15 +82,27 @@ class SemanticTargets:
         Those the teacher itself speaks about; the others got its words along the optical flow.
     """
 
-    def __init__(self, teacher: Teacher, frames: TrainingFrames, evidence: MotionEvidence | None = None, progress: Progress = silent):
-        self._teacher, self._working, self._evidence = teacher, frames, evidence
+    def __init__(
+        self,
+        teacher: Teacher,
+        frames: TrainingFrames,
+        evidence: MotionEvidence | None = None,
+        progress: Progress = silent,
+        *,
+        guided: bool = True,
+        max_rank: int = 32,
+    ):
+        self._teacher, self._working, self._evidence, self._guided = teacher, frames, evidence, guided
         clip = frames.clip
-        candidates = sorted(set(clip.train_frames) | set(clip.labelled_frames))
+        width, height = frames.size
+        self._capacity = max(2, TARGET_BYTES // (width * height * PIXEL_BYTES))
+        self._words: OrderedDict[int, Words] = OrderedDict()
+        self._targets: OrderedDict[int, Target] = OrderedDict()
         self.spoken: list[int] = []
         vectors, counts = [], []
-        for done, i in enumerate(candidates):
-            progress(0.5 * done / len(candidates), "asking the teacher")
-            if (answer := self._words(i)) is not None:
+        for done, i in enumerate(teacher.frames):
+            progress(0.7 * done / len(teacher.frames), "asking the teacher")
+            if (answer := self._asked(i)) is not None:
                 self.spoken.append(i)
                 vectors.append(answer[0])
                 counts.append(np.bincount(answer[1][answer[1] >= 0], minlength=len(answer[0])))
@@ -79,61 +111,66 @@ class SemanticTargets:
                 f"{clip.path}: the teacher {teacher.name!r} says nothing about any training frame; "
                 "train with --teacher none or add label maps"
             )
-        self.basis: Basis = fit_basis(np.concatenate(vectors), np.concatenate(counts).astype(np.float64))
+        anchors = None if teacher.pixelwise or not clip.classes else teacher.encoder.encode(clip.classes)
+        self.basis: Basis = _basis(np.concatenate(vectors), np.concatenate(counts), anchors, max_rank)
         self._source = {i: i for i in self.spoken}
         if evidence is not None and len(self.spoken) < SPARSE * len(clip.train_frames):
             for done, i in enumerate(clip.train_frames):
-                progress(0.5 + 0.5 * done / len(clip.train_frames), "carrying labels along with the tissue")
+                progress(0.7 + 0.3 * done / len(clip.train_frames), "carrying labels along with the tissue")
                 source = min(self.spoken, key=lambda s: abs(s - i))
                 if i not in self._source and (self._said(i, source)[1] >= 0).any():
                     self._source[i] = source
         self.frames = sorted(self._source)
-        self._kept: OrderedDict[int, Target] = OrderedDict()
-        width, height = frames.size
-        self._capacity = max(2, TARGET_BYTES // (width * height * PIXEL_BYTES))
 
-    def _words(self, frame: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """What the teacher itself says of a frame, if anything."""
+    def _asked(self, frame: int) -> Words | None:
+        """What the teacher itself says of a frame, if anything: unit vectors, and which of them each pixel has, int32 at the working size.
+
+        −1 where nothing is said or the frame is not valid.
+        """
+        if frame in self._words:
+            self._words.move_to_end(frame)
+            return self._words[frame]
         answer = self._teacher.targets(frame)
         if answer is None:
             return None
+        frames = self._working
         vectors, index = _directed(*answer)
-        return (vectors, index) if (index >= 0).any() else None
+        index = cv2.resize(index.astype(np.float32), frames.size, interpolation=cv2.INTER_NEAREST).astype(np.int32)
+        index = np.where(frames.valid(frame), index, -1).astype(np.int32)
+        if not (index >= 0).any():
+            return None
+        if self._guided and not self._teacher.pixelwise:
+            regions = superpixels(frames.image(frame))
+            vectors = refined_by_regions(vectors, index, frames.image(frame), regions)
+            index = np.where((index >= 0) & (np.linalg.norm(vectors, axis=1)[regions] > 0), regions, -1).astype(np.int32)
+        return _keep(self._words, frame, (vectors, index), self._capacity)
 
-    def _said(self, frame: int, source: int) -> tuple[np.ndarray, np.ndarray]:
+    def _said(self, frame: int, source: int) -> Words:
         """The vectors that `source` has, and which of them each pixel of `frame` should have, int32 at the working size, −1 where none.
 
         Words of another frame are moved with the tissue, where flow knows how it moved.
         """
-        answer = self._words(source)
+        answer = self._asked(source)
         assert answer is not None
         vectors, index = answer
-        frames = self._working
-        small = cv2.resize(index.astype(np.float32), frames.size, interpolation=cv2.INTER_NEAREST).astype(np.int32)
-        small = np.where(frames.valid(source), small, -1)
         if source != frame:
             assert self._evidence is not None
-            moved, known = self._evidence.carried(small, source, frame)
-            small = np.where(known & frames.valid(frame), moved, -1)
-        return vectors, small.astype(np.int32)
+            moved, known = self._evidence.carried(index, source, frame)
+            index = np.where(known & self._working.valid(frame), moved, -1).astype(np.int32)
+        return vectors, index
 
     def target(self, frame: int) -> Target:
         """The supervision of one of `frames`."""
-        if frame in self._kept:
-            self._kept.move_to_end(frame)
-            return self._kept[frame]
-        target = self._target(frame, *self._said(frame, self._source[frame]))
-        self._kept[frame] = target
-        if len(self._kept) > self._capacity:
-            self._kept.popitem(last=False)
-        return target
+        if frame in self._targets:
+            self._targets.move_to_end(frame)
+            return self._targets[frame]
+        return _keep(self._targets, frame, self._target(frame, *self._said(frame, self._source[frame])), self._capacity)
 
     def _target(self, frame: int, vectors: np.ndarray, index: np.ndarray) -> Target:
         flat = index.ravel()
         pixels = np.flatnonzero(flat >= 0).astype(np.int32)
         chosen = flat[pixels]
-        counts = np.bincount(chosen, minlength=len(vectors)).astype(np.float64)
-        weight = 1 / np.sqrt(np.maximum(counts[chosen], 1))
+        weight = 1 / np.sqrt(np.maximum(_likes(vectors, np.bincount(chosen, minlength=len(vectors))), 1))[chosen]
         weight /= max(weight.mean(), 1e-12) if len(weight) else 1
         regions = superpixels(self._working.image(frame))
         device = self._working.device
@@ -156,6 +193,26 @@ class SemanticTargets:
         if region_weight > 0:
             loss = loss + region_weight * region_smoothness(flat, target.regions, target.region_count)
         return loss
+
+
+def _keep(kept: OrderedDict[int, Kept], frame: int, value: Kept, capacity: int) -> Kept:
+    """Store what a frame has; the frame least recently asked for makes room."""
+    kept[frame] = value
+    if len(kept) > capacity:
+        kept.popitem(last=False)
+    return value
+
+
+def _basis(vectors: np.ndarray, counts: np.ndarray, anchors: np.ndarray | None, max_rank: int) -> Basis:
+    """The basis of all vectors, weighted by how many pixels have them."""
+    some = slice(None, None, -(-len(vectors) // BASIS_VECTORS))
+    return fit_basis(vectors[some], counts[some].astype(np.float64), max_rank=max_rank, anchors=anchors)
+
+
+def _likes(vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """How many pixels say about the same as each vector, float64 [k]: Σ_j counts_j · max(cos_ij, 0)^`LIKE`."""
+    unit = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+    return np.maximum(unit @ unit.T, 0) ** LIKE @ counts.astype(np.float64)
 
 
 def _directed(vectors: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -33,9 +33,10 @@ def loop(data, still):
         "displacement_error": np.abs(p - t).mean(),
         "displacement_correlation": np.corrcoef(p, t)[0, 1],
         "recovered_share": np.minimum(p, t).sum() / t.sum(),
-        "spurious_displacement": p[burnt].mean(),
+        "spurious_displacement": np.maximum(p[burnt] - t[burnt], 0).mean(),
         "false_motion": p[~burnt & (t <= still)].mean(),
         "true_displacement": t.mean(),
+        "largest_displacement": t.max(),
         "displacement_coverage": len(p) / tissue,
     }
 

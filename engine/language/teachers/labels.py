@@ -30,6 +30,7 @@ class LabelTeacher:
     """
 
     name = "labels"
+    pixelwise = True
 
     def __init__(self, clip: Clip, encoder: TextEncoder):
         labelled = clip.labelled_frames

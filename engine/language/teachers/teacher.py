@@ -25,12 +25,15 @@ class Teacher(Protocol):
         Frames that have targets, ascending; never a held-out frame, unless the clip has no other.
     encoder : TextEncoder
         Turns prompts into vectors that compare with the targets; the run keeps it.
+    pixelwise : bool
+        True: each pixel has its vector. False: a vector describes the area of its pixels as a whole, as a coarse feature map does.
     """
 
     name: str
     provenance: str
     frames: list[int]
     encoder: TextEncoder
+    pixelwise: bool
 
     def targets(self, frame: int) -> Targets | None:
         """Vectors and index map of a frame, or None when the teacher says nothing about it."""

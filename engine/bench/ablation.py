@@ -1,0 +1,159 @@
+"""The paper's ablation against exact truth: routing × angular loss × appearance branch × decoder, with a teacher like a VLM."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
+
+from engine.bench.options import BenchOptions
+from engine.bench.table import Cell, Column, Table
+from engine.bench.trainings import Training, base_config, phantoms, protocol, score_all
+from engine.field import ROUTINGS
+from engine.language.teachers import VLM_LIKE
+from engine.masks import DECODERS, DEFAULT_DECODER
+from engine.progress import Progress
+from engine.training.config import TrainConfig
+
+Variant = tuple[str, bool, bool]  # routing, angular loss, appearance branch
+VARIANTS: list[Variant] = [*product(ROUTINGS, (True, False), (True, False))]
+BASELINE: Variant = ("coupled", False, False)
+#: Beside the grid: other parts of the default, taken away alone, and the baseline as peers train it, on the teacher's patches as they are.
+OTHERS: dict[str, dict[str, Any]] = {
+    "meaning from nothing, not lifted": {"lift": False},
+    "teacher's patches as they are": {"guided": False},
+    "baseline: coupled, L1, no Ψ_app, patches as they are": {"routing": "coupled", "angular": False, "appearance": False, "guided": False},
+}
+SCENE = {
+    "spurious_displacement": ("spurious, mm", 3),
+    "displacement_error": ("motion error, mm", 3),
+    "displacement_correlation": ("correlation", 3),
+    "recovered_share": ("recovered share", 3),
+    "psnr_mask": ("PSNR, dB", 2),
+    "ssim": ("SSIM", 3),
+    "train_seconds": ("training, s", 0),
+}
+
+
+def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
+    """For each phantom: what each variant reaches, and each class's IoU; at last, single parts taken from the default."""
+    clips = phantoms(options, lambda fraction, words: progress(0.03 * fraction, words))
+    found: dict[tuple[str, Variant | str], list[dict[str, Any]]] = {}
+    for number, (kind, clip) in enumerate(clips.items()):
+        trainings = [
+            Training(
+                clip,
+                options.scratch / f"ablation-{kind}-{i}-{seed}",
+                base_config(options, seed=seed, routing=variant[0], angular=variant[1], appearance=variant[2]),
+                f"degraded:{VLM_LIKE}",
+            )
+            for i, variant in enumerate(VARIANTS)
+            for seed in options.seeds
+        ]
+        trainings += [
+            Training(
+                clip,
+                options.scratch / f"ablation-{kind}-other-{i}-{seed}",
+                base_config(options, seed=seed, **changes),
+                f"degraded:{VLM_LIKE}",
+            )
+            for i, changes in enumerate(OTHERS.values())
+            for seed in options.seeds
+        ]
+
+        def tell(fraction: float, words: str, n: int = number) -> None:
+            progress(0.03 + 0.97 * (n + fraction) / len(clips), words)
+
+        scores = score_all(trainings, options, tell, f"{kind}: trainings")
+        count = len(options.seeds)
+        for i, variant in enumerate(VARIANTS):
+            found[kind, variant] = scores[i * count : (i + 1) * count]
+        for i, name in enumerate(OTHERS, len(VARIANTS)):
+            found[kind, name] = scores[i * count : (i + 1) * count]
+        yield summary(kind, {variant: found[kind, variant] for variant in VARIANTS}, options)
+        yield per_class(kind, {variant: found[kind, variant] for variant in VARIANTS}, options)
+    yield parts(found, list(clips), options)
+
+
+def words_of(variant: Variant) -> dict[str, Cell]:
+    routing, angular, appearance = variant
+    return {"routing": routing, "loss": "angular" if angular else "L1", "appearance": "on" if appearance else "off"}
+
+
+NAMES = [Column("routing", "routing"), Column("loss", "loss"), Column("appearance", "Ψ_app")]
+
+
+def teacher_words() -> str:
+    return f"Teacher: exact labels degraded like a VLM ({VLM_LIKE}; engine/language/teachers/degraded.py), training frames only."
+
+
+def summary(kind: str, found: dict[Variant, list[dict[str, Any]]], options: BenchOptions) -> Table:
+    """One row a training: masks by every decoder, false motion, motion, pictures."""
+    columns = [*NAMES, *(Column(f"miou {d}", f"mIoU {d}", 3, "mean") for d in DECODERS)]
+    columns += [Column(f"boundary {d}", f"boundary F {d}", 3, "mean") for d in DECODERS]
+    columns += [Column(key, heading, digits, "mean") for key, (heading, digits) in SCENE.items()]
+    rows: list[dict[str, Cell]] = []
+    for variant, runs in found.items():
+        row = words_of(variant)
+        for d in DECODERS:
+            row[f"miou {d}"] = [r["miou"][d] for r in runs]
+            row[f"boundary {d}"] = [r["masks"][d]["boundary_f"] for r in runs]
+        row |= {key: [r[key] for r in runs if r[key] is not None] for key in SCENE}
+        rows.append(row)
+    any_run = found[BASELINE][0]
+    floor = [value for value in any_run["masks"][DECODERS[0]]["floor"].values() if value is not None]
+    rows.append(
+        {"routing": "floor: one class everywhere, nothing moves", "psnr_mask": None}
+        | {f"miou {d}": sum(floor) / len(floor) for d in DECODERS}
+        | {"displacement_error": any_run["true_displacement"], "spurious_displacement": 0.0, "recovered_share": 0.0}
+    )
+    return Table(f"ablation-{kind}", f"Ablation, phantom “{kind}”", f"{protocol(options)} {teacher_words()}", columns, rows)
+
+
+def per_class(kind: str, found: dict[Variant, list[dict[str, Any]]], options: BenchOptions) -> Table:
+    """IoU of every class by every variant and decoder; instruments last."""
+    classes = list(found[BASELINE][0]["masks"][DECODERS[0]]["iou"])
+    rows: list[dict[str, Cell]] = []
+    for variant, runs in found.items():
+        for d in DECODERS:
+            ious = {c: [r["masks"][d]["iou"][c] for r in runs if r["masks"][d]["iou"][c] is not None] for c in classes}
+            rows.append(words_of(variant) | {"decoder": d, "miou": [r["miou"][d] for r in runs]} | ious)
+    rows.append({"routing": "floor: everywhere"} | {c: found[BASELINE][0]["masks"][DECODERS[0]]["floor"][c] for c in classes})
+    columns = [*NAMES, Column("decoder", "decoder"), Column("miou", "mIoU", 3, "mean"), *(Column(c, c, 3, "mean") for c in classes)]
+    title = f"IoU of each class, phantom “{kind}”"
+    return Table(f"ablation-{kind}-classes", title, f"{protocol(options)} {teacher_words()}", columns, rows)
+
+
+def parts(found: dict[tuple[str, Variant | str], list[dict[str, Any]]], kinds: list[str], options: BenchOptions) -> Table:
+    """The default, the default less one part at a time, and the baseline."""
+    config = TrainConfig()
+    default: Variant = (config.routing, config.angular, config.appearance)
+    others = [routing for routing in ROUTINGS if routing != config.routing]
+    chosen: list[tuple[str, Variant | str, str]] = [("default", default, DEFAULT_DECODER)]
+    chosen += [(f"routing {routing}", (routing, *default[1:]), DEFAULT_DECODER) for routing in others]
+    chosen.append((f"{'L1' if default[1] else 'angular'} loss", (default[0], not default[1], default[2]), DEFAULT_DECODER))
+    chosen.append((f"Ψ_app {'off' if default[2] else 'on'}", (*default[:2], not default[2]), DEFAULT_DECODER))
+    chosen += [(f"decoder {d}", default, d) for d in DECODERS if d != DEFAULT_DECODER]
+    chosen += [(name, name, "threshold" if name.startswith("baseline") else DEFAULT_DECODER) for name in OTHERS]
+    chosen.append(("coupled, L1, no Ψ_app, threshold", BASELINE, "threshold"))
+    columns = [Column("part", "what is changed")]
+    rows: list[dict[str, Cell]] = [{"part": name} for name, _, _ in chosen]
+    for kind in kinds:
+        columns += [
+            Column(f"miou {kind}", f"mIoU, {kind}", 3, "mean"),
+            Column(f"gap {kind}", "points below the default", 1, "mean"),
+            Column(f"spurious {kind}", "spurious, mm", 3, "mean"),
+        ]
+        for row, (_, variant, d) in zip(rows, chosen, strict=True):
+            runs = found[kind, variant]
+            row[f"miou {kind}"] = [r["miou"][d] for r in runs]
+            row[f"spurious {kind}"] = [r["spurious_displacement"] for r in runs]
+            best = [r["miou"][DEFAULT_DECODER] for r in found[kind, default]]
+            row[f"gap {kind}"] = [100 * (b - r["miou"][d]) for b, r in zip(best, runs, strict=True)]
+    return Table(
+        "ablation-parts",
+        "The default less one part at a time",
+        f"{protocol(options)} {teacher_words()} Gaps are seed by seed.",
+        columns,
+        rows,
+    )

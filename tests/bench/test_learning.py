@@ -1,0 +1,80 @@
+"""The benchmarks about learning make their tables from scores as `evaluate` gives them; what they train is tried elsewhere."""
+
+import pytest
+
+from engine.bench import ablation, latent, motion, trainings
+from engine.bench.options import BenchOptions
+from engine.bench.workers import run_jobs
+from engine.masks import DECODERS
+from engine.progress import silent
+from engine.training.config import TrainConfig
+
+
+@pytest.fixture
+def asked(monkeypatch, tmp_path):
+    """Benchmarks on made-up scores: mIoU falls with everything that differs from the default, and a bit with the seed."""
+    seen = []
+
+    def score_all(jobs, options, progress, words):
+        seen.extend(jobs)
+        default = TrainConfig()
+        found = []
+        for job in jobs:
+            c = job.config
+            miou = 0.9 - 0.1 * sum(getattr(c, k) != getattr(default, k) for k in ("routing", "angular", "appearance", "guided"))
+            miou -= 0.01 * c.seed
+            iou = {"liver": miou, "grasper": None}
+            masks = {d: {"boundary_f": 0.5, "iou": iou, "floor": {"liver": 0.2, "grasper": None}} for d in DECODERS}
+            scores = {"miou": {d: miou - 0.05 * (d == "threshold") for d in DECODERS}, "masks": masks, "rank": 8}
+            scores |= {"displacement_error": 0.1, "displacement_correlation": 0.9, "recovered_share": 0.8, "spurious_displacement": 0.05}
+            scores |= {"true_displacement": 1.0, "largest_displacement": 10.0, "false_motion": 0.01, "psnr_mask": 33.0, "ssim": 0.9}
+            found.append(scores | {"train_seconds": 5.0, "query_ms": 4.0, "query_new_frame_ms": 60.0})
+        return found
+
+    for module in (ablation, latent, motion):
+        monkeypatch.setattr(module, "score_all", score_all)
+        monkeypatch.setattr(module, "phantoms", lambda options, progress: {kind: tmp_path / kind for kind in trainings.KINDS})
+    return seen, BenchOptions("cpu", (0, 1), 1, True, tmp_path)
+
+
+def test_ablation_is_a_full_grid_with_one_budget(asked):
+    jobs, options = asked
+    tables = {table.name: table for table in ablation.run(options, silent)}
+    budgets = {(j.config.iterations, j.config.max_gaussians, j.teacher) for j in jobs}
+    assert len(budgets) == 1
+    for kind in trainings.KINDS:
+        grid = {(j.config.routing, j.config.angular, j.config.appearance, j.config.seed) for j in jobs if j.clip.name == kind}
+        assert len(grid) == 3 * 2 * 2 * 2
+        assert len(tables[f"ablation-{kind}-classes"].rows) >= 12 * len(DECODERS)
+    assert len({j.out for j in jobs}) == len(jobs)
+    parts = {row["part"]: row for row in tables["ablation-parts"].rows}
+    assert parts["default"]["gap cautery"] == [0, 0]
+    assert parts["routing paper"]["gap bleeding"] == pytest.approx([10, 10])
+    assert parts["decoder threshold"]["gap cautery"] == pytest.approx([5, 5])
+    assert all(table.markdown() for table in tables.values())
+
+
+def test_motion_takes_one_thing_away_at_a_time(asked):
+    jobs, options = asked
+    tables = list(motion.run(options, silent))
+    assert len(jobs) == 2 * 2 * len(motion.INGREDIENTS)
+    assert {j.teacher for j in jobs} == {"none"}
+    rows = {row["what"]: row for row in tables[0].rows}
+    assert rows["default"]["relative"] == [0.1, 0.1]
+    assert rows["default"]["spurious_share"] == [0.005, 0.005]
+    assert rows["floor: nothing moves"]["relative"] == 1.0
+
+
+def test_latent_names_its_axes(asked):
+    jobs, options = asked
+    tables = list(latent.run(options, silent))
+    assert len(tables) == 4
+    assert {j.config.max_rank for j in jobs} == set(latent.RANKS)
+    assert tables[0].pareto == ("train_seconds", "error")
+    assert all(table.markdown() for table in tables)
+
+
+def test_workers_answer_every_job_and_raise_what_fails():
+    assert dict(run_jobs(abs, [-1, 2, -3], 2, silent, "jobs")) == {0: 1, 1: 2, 2: 3}
+    with pytest.raises(TypeError):
+        dict(run_jobs(abs, [1, "x"], 1, silent, "jobs"))
