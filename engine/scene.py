@@ -264,12 +264,19 @@ class Scene:
         weight = width * height * 4 * (rank + 32)
         return self._pictures.get(("query", float(frame)), lambda: self.new_query(frame, self.camera(frame)), lambda _: weight)
 
+    @torch.no_grad()
     def new_query(self, frame: float, camera: Camera) -> MaskQuery:
-        """`query` without the cache. DegenseError without semantics."""
+        """`query` without the cache; on a GPU the picture stays there. DegenseError without semantics."""
         if self.basis is None:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
-        drawn = self.draw(frame, camera, ("rgb", "latent"))
-        return MaskQuery((drawn["rgb"] * 255 + 0.5).astype(np.uint8), drawn["latent"], self.basis, drawn["alpha"])
+        splats = self.splats(frame)
+        features = torch.cat([splats.colors, splats.semantics], 1)
+        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera)
+        rgb = (drawn.image[..., :3].clamp(0, 1) * 255 + 0.5).byte()
+        latent = drawn.image[..., 3:]
+        if rgb.is_cuda:
+            return MaskQuery(rgb, latent, self.basis, drawn.alpha)
+        return MaskQuery(rgb.numpy(), latent.numpy(), self.basis, drawn.alpha.numpy())
 
     @cached_property
     def observed_motion(self) -> ObservedMotion:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.clip import UNLABELLED
+from engine.clip import UNLABELLED
 from engine.masks.cleaning import without_holes, without_specks
 
 #: threshold: pixelwise cosine above the threshold. argmax: pixelwise, the best of the session's classes.
@@ -46,11 +47,9 @@ def decode_mask(similarity: np.ndarray, rivals: np.ndarray | None, decoder: str,
     return without_holes(without_specks(mask), similarity, threshold, rivals)
 
 
-def decode_labels(similarities: np.ndarray, decoder: str) -> np.ndarray:
-    """A label map, uint8 [H, W], of similarities float32 [n, H, W]: the index of the best class.
+def decode_labels(best: np.ndarray, similarity: np.ndarray, decoder: str) -> np.ndarray:
+    """A label map, uint8 [H, W], of the best class, uint8 [H, W], and its similarity, float32 [H, W].
 
     `UNLABELLED` where no similarity is positive, and for "threshold" where none exceeds `DEFAULT_THRESHOLD`.
     """
-    labels = similarities.argmax(0).astype(np.uint8)
-    labels[similarities.max(0) <= (DEFAULT_THRESHOLD if decoder == "threshold" else 0.0)] = UNLABELLED
-    return labels
+    return np.where(similarity > (DEFAULT_THRESHOLD if decoder == "threshold" else 0.0), best, np.uint8(UNLABELLED))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from torch import Tensor
 
 from engine.clip import UNLABELLED
 from engine.language.basis import Basis
 from engine.masks.decoders import DEFAULT_DECODER, DEFAULT_THRESHOLD, decode_labels, decode_mask, reads_regions
-from engine.masks.rnse import RegionAggregation
-from engine.masks.similarity import cosine, normalised
+from engine.masks.rnse import Aggregation
+from engine.masks.rnse_cpu import CpuAggregation
+from engine.masks.rnse_torch import TorchAggregation
 
 #: Similarity maps kept per frame, one a text vector and kind: the classes of a session, so that a moved threshold computes none anew.
 KEPT_MAPS = 32
@@ -21,12 +24,13 @@ INCLUDED = 0.6
 class MaskQuery:
     """Answers prompts on one frame. Superpixels, normalised latents, filter statistics and similarity maps are computed once and kept.
 
+    What is handed over as tensors stays on their device until a mask is read.
     Prompts are text vectors: [D], or [m, D] for a prompt that covers m classes; the best of them counts in each pixel.
 
     Parameters
     ----------
     rgb : uint8 [H, W, 3]
-        The rendered colour.
+        The rendered colour: an array, or a tensor when the latent is one.
     latent : float32 [H, W, d]
         The rendered latent; zero and non-finite pixels have similarity 0.
     basis : Basis
@@ -35,17 +39,21 @@ class MaskQuery:
         Rendered opacity; weighs the similarity.
     """
 
-    def __init__(self, rgb: np.ndarray, latent: np.ndarray, basis: Basis, alpha: np.ndarray | None = None):
-        if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8 or rgb.size == 0:
-            raise ValueError(f"rgb must be uint8 [H, W, 3] and not empty, not {rgb.dtype} {rgb.shape}")
-        if latent.shape != (*rgb.shape[:2], basis.rank):
-            raise ValueError(f"latent must be {(*rgb.shape[:2], basis.rank)}, not {latent.shape}")
-        if alpha is not None and alpha.shape != rgb.shape[:2]:
-            raise ValueError(f"alpha must be {rgb.shape[:2]}, not {alpha.shape}")
+    def __init__(self, rgb: np.ndarray | Tensor, latent: np.ndarray | Tensor, basis: Basis, alpha: np.ndarray | Tensor | None = None):
+        if rgb.ndim != 3 or rgb.shape[2] != 3 or str(rgb.dtype).rpartition(".")[2] != "uint8" or 0 in rgb.shape:
+            raise ValueError(f"rgb must be uint8 [H, W, 3] and not empty, not {rgb.dtype} {tuple(rgb.shape)}")
+        size = tuple(rgb.shape[:2])
+        if tuple(latent.shape) != (*size, basis.rank):
+            raise ValueError(f"latent must be {(*size, basis.rank)}, not {tuple(latent.shape)}")
+        if alpha is not None and tuple(alpha.shape) != size:
+            raise ValueError(f"alpha must be {size}, not {tuple(alpha.shape)}")
         self.basis = basis
-        self._rgb = rgb
-        self._unit = normalised(latent, alpha)
-        self._maps: dict[tuple[bool, bytes], np.ndarray] = {}
+        self._aggregation: Aggregation[Any]
+        if isinstance(latent, Tensor):
+            self._aggregation = TorchAggregation(rgb, latent, alpha)
+        else:
+            self._aggregation = CpuAggregation(rgb, latent, alpha)
+        self._maps: dict[tuple[bool, bytes], Any] = {}
 
     @property
     def superpixels(self) -> np.ndarray:
@@ -54,11 +62,11 @@ class MaskQuery:
 
     def similarity(self, vectors: np.ndarray) -> np.ndarray:
         """Cosine with the prompt, pixelwise, float32 [H, W] in [−1, 1]."""
-        return self._best(vectors, refined=False)
+        return self._aggregation.numpy(self._best(vectors, refined=False))
 
     def refined(self, vectors: np.ndarray) -> np.ndarray:
         """Region-aggregated, guided similarity (M_final, Eq. 4), float32 [H, W]; the guided filter may overshoot [−1, 1] a little."""
-        return self._best(vectors, refined=True)
+        return self._aggregation.numpy(self._best(vectors, refined=True))
 
     def mask(
         self,
@@ -85,8 +93,10 @@ class MaskQuery:
             For an unknown decoder or vectors of another length than the basis takes.
         """
         refined = reads_regions(decoder)
+        read = self._aggregation.numpy
+        similarity = read(self._best(vectors, refined))
         rivals = None if decoder == "threshold" else self._rivals(vectors, negatives, refined)
-        return decode_mask(self._best(vectors, refined), rivals, decoder, threshold)
+        return decode_mask(similarity, None if rivals is None else read(rivals), decoder, threshold)
 
     def label_map(self, vectors: np.ndarray, decoder: str = DEFAULT_DECODER) -> np.ndarray:
         """Index of the best class in each pixel, uint8 [H, W], of class vectors [n, D], n ≤ 255; `UNLABELLED` where nothing is similar."""
@@ -94,7 +104,7 @@ class MaskQuery:
         if not 1 <= len(vectors) <= UNLABELLED:
             raise ValueError(f"a label map takes 1 to {UNLABELLED} classes, not {len(vectors)}")
         refined = reads_regions(decoder)
-        return decode_labels(np.stack([self._map(vector, refined) for vector in vectors]), decoder)
+        return decode_labels(*self._aggregation.winners(self._found(vectors, refined)), decoder)
 
     def confidence(self, vectors: np.ndarray, mask: np.ndarray, negatives: np.ndarray | None = None) -> float:
         """How sure a mask is, in [0, 1]: mean refined similarity in it, less that of the best negative; 0 for an empty mask."""
@@ -103,31 +113,28 @@ class MaskQuery:
         margin = self.refined(vectors)[mask]
         rivals = self._rivals(vectors, negatives, refined=True)
         if rivals is not None:
-            margin = margin - np.maximum(rivals[mask], 0.0)
+            margin = margin - np.maximum(self._aggregation.numpy(rivals)[mask], 0.0)
         return float(np.clip(margin, 0.0, 1.0).mean())
 
-    @cached_property
-    def _aggregation(self) -> RegionAggregation:
-        return RegionAggregation(self._rgb, self._unit)
+    def _best(self, vectors: np.ndarray, refined: bool) -> Any:
+        return self._aggregation.largest(self._found(np.atleast_2d(vectors), refined))
 
-    def _best(self, vectors: np.ndarray, refined: bool) -> np.ndarray:
-        maps = [self._map(vector, refined) for vector in np.atleast_2d(vectors)]
-        return maps[0] if len(maps) == 1 else np.maximum.reduce(maps)
-
-    def _map(self, vector: np.ndarray, refined: bool) -> np.ndarray:
-        """The kept map of one text vector. Maps are read-only: callers share them."""
-        vector = np.asarray(vector, np.float32)
-        key = refined, vector.tobytes()
-        if (found := self._maps.get(key)) is None:
-            projected = self.basis.project(vector) / max(float(np.linalg.norm(vector)), 1e-12)
-            found = self._aggregation.refined(projected) if refined else cosine(self._unit, projected)
-            found.flags.writeable = False
-            self._maps[key] = found
+    def _found(self, vectors: np.ndarray, refined: bool) -> Sequence[Any]:
+        """The maps of text vectors [n, D]. They are kept: callers share them, and only new ones are computed, all at once."""
+        vectors = np.asarray(vectors, np.float32)
+        keys = [(refined, vector.tobytes()) for vector in vectors]
+        new = {key: vector for key, vector in zip(keys, vectors, strict=True) if key not in self._maps}
+        found = {key: self._maps[key] for key in keys if key in self._maps}
+        if new:
+            rows = self.basis.project(_unit_rows(np.stack(list(new.values()))))
+            compute = self._aggregation.refined if refined else self._aggregation.similarity
+            found |= zip(new, compute(rows), strict=True)
+            self._maps |= {key: found[key] for key in new}
             while len(self._maps) > KEPT_MAPS:
                 del self._maps[next(iter(self._maps))]
-        return found
+        return [found[key] for key in keys]
 
-    def _rivals(self, vectors: np.ndarray, negatives: np.ndarray | None, refined: bool) -> np.ndarray | None:
+    def _rivals(self, vectors: np.ndarray, negatives: np.ndarray | None, refined: bool) -> Any:
         if negatives is None or len(negatives) == 0:
             return None
         prompt, others = (_unit_rows(np.atleast_2d(rows)) for rows in (vectors, negatives))

@@ -1,114 +1,76 @@
-"""Region-aware similarity aggregation (Eq. 4 of the paper) with regions that give way where the features are sure.
+"""Region-aware similarity aggregation (Eq. 4 of the paper) that acts where the features are in doubt, and nowhere else.
 
 The paper averages the cosine over each superpixel and filters the result under the guidance of the picture:
 
     S(R_k, T) = 1 / |R_k| Σ_{p ∈ R_k} ⟨F(p)/‖F(p)‖, v/‖v‖⟩        M_final = G(M_coarse, I_rgb)
 
 The mean of cosines is the product with the mean of the normalised latents: means are taken once a frame, and a new prompt costs a product.
-Averaging loses instruments thinner than a superpixel. Here a pixel keeps its own similarity where its neighbourhood disagrees with the
-region: with m the 3 × 3 mean of the normalised latents and M_k the region's mean,
+Averaging loses instruments thinner than a superpixel, and the filter those as pale as the tissue. Here four quantities in [0, 1] decide,
+with z the normalised latents, ramp(x; a, b) = clip((x − a) / (b − a), 0, 1) and box_n the mean of n × n pixels:
 
-    w(p) = clip((cos(m(p), M_k) − 0.75) / 0.15, 0, 1)        coarse(p) = w S(R_k) + (1 − w) s(p)
+    doubt       λ = box_7(ramp(ν_k; 0.03, 0.1))     ν_k the noise of region k: geometric mean over it of the least, over four directions e,
+                                                    of ‖z(p − 2e) − 2 z(p) + z(p + 2e)‖ / √6. A straight edge has none along itself, and
+                                                    edges are few in a region: only noise counts.
+    agreement   a = ramp(cos(z̃, M_k); 0.75, 0.9)    z̃ = z + λ (box_3 z − z); M_k the region's mean, pixels unlike its plain mean left out
+    continuity  c = min(1, Σ_q ramp(cos(z̃(p), z̃(q)); 0.5, 0.8))    q on the square 6 pixels around p: instruments, however thin, and
+                                                    edges go on that far; a speck does not
+    speck       k = (1 − a) (1 − c)                 unlike its region and alone
 
-A lone wrong pixel is outvoted in its own 3 × 3 (w = 1: cleaned), an instrument three pixels wide is not (w = 0: kept).
+    coarse(p) = w S(M_k) + (1 − w) s(p),   w = λ' a + k,   λ' = max(λ, min(1, 3 box_9 k))
+    final(p) = coarse + g (G − coarse),    g = max(λ', ramp(R²; 0.6, 0.9)),   G the guided filter of coarse
+
+R² is the share of the variance of `coarse` that the colours explain around a pixel: where the picture shows the edge, it sharpens it.
+Exact latents pass unchanged; noise is averaged over regions; specks are outvoted; an instrument one pixel wide stays.
 """
 
 from __future__ import annotations
 
-import cv2
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Generic, TypeVar
+
 import numpy as np
-from numba import njit, prange
 
-from engine.masks.similarity import cosine
-from engine.masks.superpixels import superpixels
-from engine.threads import KERNEL_LOCK
-
-#: Cosine of neighbourhood and region below which the pixel is trusted, and above which the region is.
-TRUST_PIXEL, TRUST_REGION = 0.75, 0.9
+#: Ramps: noise of a region that raises doubt; cosine with the region; cosine with a pixel further on; explained variance.
+NOISE, AGREEMENT, ALIKE, EXPLAINED = (0.03, 0.1), (0.75, 0.9), (0.5, 0.8), (0.6, 0.9)
+#: Cosine with the plain mean from which a pixel counts in the region's mean, and from which fully.
+MAJORITY = (0.5, 0.9)
+#: Pixels: stride of the second differences, distance at which a structure must go on, windows of doubt and specks.
+STRIDE, REACH, DOUBT_WINDOW, SPECK_WINDOW = 2, 6, 7, 9
+#: Noise below this is rounding; and how many times its share in the window a speck raises doubt.
+QUIET, SPECK_GAIN = 1e-3, 3.0
 #: Guided filter: window radius in pixels, and the variance of a colour in [0, 1] that counts as flat.
 RADIUS, FLAT = 3, 1e-3
+#: Variance of a similarity below which there is no edge to explain.
+LEVEL = 1e-4
+
+Map = TypeVar("Map")
 
 
-class RegionAggregation:
-    """What region aggregation needs of one frame, computed once.
+class Aggregation(ABC, Generic[Map]):
+    """One frame's normalised latents and regions, where they lie: in memory or on a GPU. Regions are found when first needed."""
 
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3]
-    unit : float32 [H, W, d]
-        Normalised latents.
+    @property
+    @abstractmethod
+    def regions(self) -> np.ndarray:
+        """Superpixels, int32 [H, W], 0 … K − 1."""
 
-    Attributes
-    ----------
-    regions : int32 [H, W]
-        Superpixels, 0 … K − 1.
-    means : float32 [K, d]
-        Mean normalised latent of each.
-    trust : float32 [H, W]
-        w above: 1 where the region speaks, 0 where the pixel does.
-    """
+    @abstractmethod
+    def similarity(self, vectors: np.ndarray) -> Sequence[Map]:
+        """Pixelwise cosines, n maps float32 [H, W], for rows q = Bᵀv / ‖v‖ [n, d]."""
 
-    def __init__(self, rgb: np.ndarray, unit: np.ndarray):
-        self._unit = unit
-        self.regions = superpixels(rgb)
-        count = int(self.regions.max()) + 1
-        local = cv2.blur(unit, (3, 3), borderType=cv2.BORDER_REPLICATE).reshape(unit.shape)
-        with KERNEL_LOCK:
-            self.means = _means(unit, self.regions, count)
-            self.trust = _trust(local, self.regions, self.means)
-        # OpenCV 5 gives up on nearly singular windows of a float guide in [0, 1] (thin structures vanish); with bytes it is exact
-        self._filter = cv2.ximgproc.createGuidedFilter(np.ascontiguousarray(rgb), RADIUS, FLAT * 255.0**2)
+    @abstractmethod
+    def refined(self, vectors: np.ndarray) -> Sequence[Map]:
+        """`final` above, n maps float32 [H, W]; the guided filter may overshoot [−1, 1] a little."""
 
-    def coarse(self, vector: np.ndarray) -> np.ndarray:
-        """M_coarse, float32 [H, W], for q = Bᵀv / ‖v‖ [d]."""
-        pixel = cosine(self._unit, vector)
-        with KERNEL_LOCK:
-            return _blend(pixel, self.regions, self.means @ vector.astype(np.float32), self.trust)
+    @abstractmethod
+    def largest(self, maps: Sequence[Map]) -> Map:
+        """The greatest of one or more maps in each pixel."""
 
-    def refined(self, vector: np.ndarray) -> np.ndarray:
-        """M_final, float32 [H, W], for q = Bᵀv / ‖v‖ [d]."""
-        return self._filter.filter(self.coarse(vector)).reshape(self.regions.shape)
+    @abstractmethod
+    def numpy(self, values: Map) -> np.ndarray:
+        """A map as a read-only array in memory."""
 
-
-@njit(cache=True)
-def _means(unit, regions, count):
-    sums = np.zeros((count, unit.shape[2]), np.float64)
-    sizes = np.zeros(count, np.float64)
-    for y in range(unit.shape[0]):
-        for x in range(unit.shape[1]):
-            k = regions[y, x]
-            sizes[k] += 1.0
-            for c in range(unit.shape[2]):
-                sums[k, c] += unit[y, x, c]
-    for k in range(count):
-        for c in range(unit.shape[2]):
-            sums[k, c] /= sizes[k]
-    return sums.astype(np.float32)
-
-
-@njit(parallel=True, cache=True)
-def _trust(local, regions, means):
-    height, width, channels = local.shape
-    out = np.empty((height, width), np.float32)
-    for y in prange(height):
-        for x in range(width):
-            product, own, region = 0.0, 0.0, 0.0
-            for c in range(channels):
-                a, b = local[y, x, c], means[regions[y, x], c]
-                product += a * b
-                own += a * a
-                region += b * b
-            length = np.sqrt(own * region)
-            agreement = product / length if length > 1e-12 else 1.0
-            out[y, x] = min(max((agreement - TRUST_PIXEL) / (TRUST_REGION - TRUST_PIXEL), 0.0), 1.0)
-    return out
-
-
-@njit(parallel=True, cache=True)
-def _blend(pixel, regions, means, trust):
-    out = np.empty(pixel.shape, np.float32)
-    for y in prange(pixel.shape[0]):
-        for x in range(pixel.shape[1]):
-            w = trust[y, x]
-            out[y, x] = w * means[regions[y, x]] + (np.float32(1.0) - w) * pixel[y, x]
-    return out
+    @abstractmethod
+    def winners(self, maps: Sequence[Map]) -> tuple[np.ndarray, np.ndarray]:
+        """Index of the greatest map in each pixel, uint8 [H, W], and its value, float32 [H, W]; the first of equals wins."""

@@ -31,9 +31,9 @@ def normalised(latent: np.ndarray, alpha: np.ndarray | None = None) -> np.ndarra
     return out
 
 
-def cosine(unit: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """⟨ẑ, q⟩, float32 [H, W], of normalised latents [H, W, d] with q = Bᵀv / ‖v‖ [d]."""
-    return (unit.reshape(-1, unit.shape[2]) @ vector.astype(np.float32)).reshape(unit.shape[:2])
+def cosines(unit: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """⟨ẑ, q⟩, float32 [n, H, W], of normalised latents [H, W, d] with rows q = Bᵀv / ‖v‖ [n, d]."""
+    return (vectors.astype(np.float32) @ unit.reshape(-1, unit.shape[2]).T).reshape(-1, *unit.shape[:2])
 
 
 @njit(parallel=True, cache=True)
