@@ -7,6 +7,7 @@ colour and motion by motion.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import tee
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from engine.raster.camera_tensors import view_and_lens
 from engine.training.frames import TrainingFrames
 
 FLOW_PIXELS = 100_000
+PAIR_BYTES, BYTES_A_PIXEL = 1 << 30, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
 DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
 SOFTNESS = 0.003  # scene units (median depth 1) below which the robust norm is quadratic
 
@@ -59,21 +61,19 @@ class MotionEvidence:
     def __init__(self, frames: TrainingFrames, progress: Progress = silent):
         self.frames = frames
         width, height = frames.size
-        shrink = min(1.0, (FLOW_PIXELS / (width * height)) ** 0.5)
-        self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
         train = frames.clip.train_frames
+        pixels = min(FLOW_PIXELS, PAIR_BYTES // (BYTES_A_PIXEL * len(train)))
+        shrink = min(1.0, (pixels / (width * height)) ** 0.5)
+        self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
         pictures = [cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train]
         tissue = [self._inside(tissue_pixels(frames, i)) for i in train]
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
 
-        steps = []
-        for k, step in enumerate(steps_between(pictures)):
-            progress(0.5 * k / len(train), "matching neighbouring frames")
-            steps.append(step)
+        neighbours, steps = tee(steps_between(pictures))
+        for k, (step, (forward, backward)) in enumerate(zip(neighbours, follow(pictures, steps), strict=True)):
+            progress(k / len(train), "following tissue through the clip")
             self._add(train[k], train[k + 1], *step, tissue[k], tissue[k + 1])
             self._add(train[k + 1], train[k], *step[::-1], tissue[k + 1], tissue[k])
-        for k, (forward, backward) in enumerate(follow(pictures, steps)):
-            progress(0.5 + 0.5 * k / len(train), "following tissue through the clip")
             if k:  # the second frame is the first one's neighbour
                 self._add(train[0], train[k + 1], forward, backward, tissue[0], tissue[k + 1])
                 self._add(train[k + 1], train[0], backward, forward, tissue[k + 1], tissue[0])
@@ -175,6 +175,7 @@ def motion_error(
     else:
         lateral = ((end - start) - way) / other[4, :2] * z.detach()[:, None]
         error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
+    error = torch.where(believed[:, None] > 0, error, 0.0)  # elsewhere it may be beyond all numbers, which no weight would undo
     distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
     return (distance * believed).sum() / believed.sum().clamp_min(1)
 

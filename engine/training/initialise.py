@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from engine.errors import ClipError
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 
@@ -67,6 +68,8 @@ def initial_gaussians(
         known |= valid
     means = torch.from_numpy(np.concatenate(points)).float()
     count = len(means)
+    if count == 0:
+        raise ClipError(f"{frames.clip.path}: hardly a pixel is valid, so there is nothing to start from; check the mask polarity")
     scales = torch.from_numpy(np.concatenate(pitches)).float() * 0.6
     low, high = torch.from_numpy(np.percentile(means.numpy(), [0.5, 99.5], axis=0)).float()
     margin = 0.1 * (high - low).clamp_min(0.05)

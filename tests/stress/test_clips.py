@@ -43,7 +43,6 @@ def test_hostile_clips(tmp_path, name):
     assert "\n" not in finding.outcome
 
 
-@pytest.mark.xfail(strict=True, raises=IndexError, reason="initial_gaussians without a single point: no sentence yet")
 def test_a_clip_with_one_valid_pixel_is_refused(tmp_path):
     finding = clip_finding(CASES["all but one pixel masked"], tmp_path, "cpu", 8)
     assert finding.outcome.startswith("refused: ")
