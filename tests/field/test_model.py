@@ -52,7 +52,8 @@ def test_where_the_semantic_loss_may_go(routing):
     """
     model = make(routing)
     stir(model)
-    latent = draw_latents(model.at(0.4).splats, CAMERA, detached=routing == "isolated")
+    s = model.at(0.4).splats
+    latent = draw_latents(s.means, s.quats, s.scales, s.opacities, s.semantics, CAMERA, detached=routing == "isolated")
     latent.square().sum().backward()
 
     def touched(parameters):
