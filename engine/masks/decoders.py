@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from engine.clip import UNLABELLED
-from engine.clip import UNLABELLED
 from engine.masks.cleaning import without_holes, without_specks
 
 #: threshold: pixelwise cosine above the threshold. argmax: pixelwise, the best of the session's classes.

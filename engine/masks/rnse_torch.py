@@ -67,7 +67,8 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         regional = (self._rows(vectors) @ means.T)[:, labels]
         coarse = pixel + trust * (regional - pixel)
         guided, explained = self._filter(coarse)
-        return coarse + torch.maximum(doubt, _ramp(explained, rnse.EXPLAINED)) * (guided - coarse)
+        weight = torch.maximum(doubt, _ramp(explained, rnse.EXPLAINED)).clamp_min(rnse.LEAST_GUIDED)
+        return coarse + weight * (guided - coarse)
 
     def largest(self, maps: Sequence[Tensor]) -> Tensor:
         return maps[0] if len(maps) == 1 else torch.stack(list(maps)).amax(0)
