@@ -1,4 +1,4 @@
-"""Frames with exact label maps for mask benchmarks: phantoms, hand-made instruments, and latents spoilt as a teacher and a field spoil them."""
+"""Frames with exact label maps: phantoms, hand-made instruments, and latents spoilt as a teacher and a field spoil them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from engine.phantom.anatomy import CLASSES
 from engine.phantom.scene import PhantomScene
 from engine.raster import Render, rasterize
 
-#: Of the hand-made scene: two tissues, an organ, instruments of each width in pixels, a tapering tip, and an instrument as pale as the tissue.
+#: Of the hand-made scene: widths of its instruments, pixels; two tissues, an organ, and the instruments.
 WIDTHS = (1, 2, 3, 4, 5, 6)
 HAND_CLASSES = ("liver", "fat", "gallbladder", "grasper")
 SENSOR_NOISE = 1.5  # grey levels
@@ -171,7 +171,7 @@ class MaskScene:
         means = np.column_stack([(place - (width / 2, height / 2)) / width, rng.uniform(0.99, 1.01, gaussians)])
         scale = 0.7 * np.sqrt(width * height / gaussians) / width
         latents = self.basis.project(self.vectors)[frame.labels[row, column]]
-        self._splats = tuple(
+        self._means, self._quats, self._scales, self._opacities, self._features = (
             torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32, device=device)
             for values in (
                 means,
@@ -183,7 +183,7 @@ class MaskScene:
         )
 
     def draw(self) -> Render:
-        return rasterize(*self._splats, self._camera)
+        return rasterize(self._means, self._quats, self._scales, self._opacities, self._features, self._camera)
 
     def query(self) -> MaskQuery:
         """As `Scene.new_query` from a baked state."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -137,10 +138,11 @@ def _decoders(options: BenchOptions, progress: Progress) -> Table:
     width, height = _size(options)
     if not options.quick:
         width, height = 640, 512
+    spoilt = "; ".join(f"{name}: {degradation.words}" for name, degradation in DEGRADATIONS.items())
     table = Table(
         "decoders",
         "Decoders: time against mask quality, instruments apart",
-        f"Latents of the true label map, spoilt as named ({'; '.join(f'{n}: {d.words}' for n, d in DEGRADATIONS.items())}), "
+        f"Latents of the true label map, spoilt as named ({spoilt}), "
         f"at {width} × {height}, seeds {list(options.seeds)}. Phantom: three moments; hand-made: instruments 1 to 6 pixels wide with tips "
         "and highlights; pale: the same, a fifth of the contrast. Label maps over all classes, and masks of single prompts at threshold 0.5 "
         f"with the other classes as rivals. Means over classes, moments and seeds; boundary F within {EDGE:g} pixels. Time: a label map of a "
@@ -182,7 +184,8 @@ def _decoder_row(scene: str, degradation: str, decoder: str, frames: dict[int, l
             vectors = EmbeddedEncoder(frame.classes).encode(frame.classes)
             basis = fit_basis(vectors, np.ones(len(vectors)))
             latent = DEGRADATIONS[degradation].apply(frame.labels, basis.project(vectors), seed)
-            query = MaskQuery(*_on(options.device, frame.rgb, latent), basis)
+            rgb, latent = _on(options.device, frame.rgb, latent)
+            query = MaskQuery(rgb, latent, basis)
             found = query.label_map(vectors, decoder)
             for c, name in enumerate(frame.classes):
                 truth = frame.labels == c
@@ -199,14 +202,14 @@ def _decoder_row(scene: str, degradation: str, decoder: str, frames: dict[int, l
         for key, cell in values.items():
             if cell:
                 scores[key].append(float(np.mean(cell)))
-        work = partial(_label_map, _on(options.device, frame.rgb, latent), basis, vectors, decoder)
+        work = partial(_label_map, rgb, latent, basis, vectors, decoder)
         times += measure(work, 1, options.device, warm=1)
     words = ", ".join(f"{name} {np.mean(values):.3f}" for name, values in sorted(by_class.items()))
     return {"name": f"{scene}, {degradation}, {decoder}", "ms": times, **scores, "classes": words}
 
 
-def _label_map(picture: tuple, basis: Basis, vectors: np.ndarray, decoder: str) -> np.ndarray:
-    return MaskQuery(*picture, basis).label_map(vectors, decoder)
+def _label_map(rgb: Any, latent: Any, basis: Basis, vectors: np.ndarray, decoder: str) -> np.ndarray:
+    return MaskQuery(rgb, latent, basis).label_map(vectors, decoder)
 
 
 # -- prompts -------------------------------------------------------------------------------------------------------------------------------
@@ -250,5 +253,5 @@ def _size(options: BenchOptions) -> tuple[int, int]:
     return (320, 256) if options.quick else (854, 480)
 
 
-def _on(device: str, rgb: np.ndarray, latent: np.ndarray) -> tuple[np.ndarray, np.ndarray] | tuple[torch.Tensor, torch.Tensor]:
+def _on(device: str, rgb: np.ndarray, latent: np.ndarray) -> tuple[Any, Any]:
     return (rgb, latent) if device == "cpu" else (torch.from_numpy(rgb).to(device), torch.from_numpy(latent).to(device))

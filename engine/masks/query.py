@@ -49,11 +49,8 @@ class MaskQuery:
         if alpha is not None and tuple(alpha.shape) != size:
             raise ValueError(f"alpha must be {size}, not {tuple(alpha.shape)}")
         self.basis = basis
-        self._aggregation: Aggregation[Any]
-        if isinstance(latent, Tensor):
-            self._aggregation = TorchAggregation(rgb, latent, alpha)
-        else:
-            self._aggregation = CpuAggregation(rgb, latent, alpha)
+        kind: type[Any] = TorchAggregation if isinstance(latent, Tensor) else CpuAggregation
+        self._aggregation: Aggregation[Any] = kind(rgb, latent, alpha)
         self._maps: dict[tuple[bool, bytes], Any] = {}
 
     @property

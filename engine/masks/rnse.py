@@ -19,8 +19,9 @@ with z the normalised latents, ramp(x; a, b) = clip((x − a) / (b − a), 0, 1)
     coarse(p) = w S(M_k) + (1 − w) s(p),   w = λ' a + k,   λ' = max(λ, min(1, 9 box_9 k))
     final(p) = coarse + g (G − coarse),    g = max(0.55, λ', ramp(R²; 0.6, 0.9)),   G the guided filter of coarse
 
-The filter always has a say, which ends faint false alarms; alone it cannot outvote a thin instrument. R² is the share of the variance of `coarse` that the colours explain around a pixel: where the picture shows the edge, it sharpens it.
-Exact latents pass unchanged; noise is averaged over regions; specks are outvoted; an instrument one pixel wide stays.
+The filter always has a say, which ends faint false alarms; it cannot outvote a thin instrument alone. R² is the share of the variance
+of `coarse` that the colours explain around a pixel: where the picture shows the edge, it sharpens it. Exact latents keep their masks;
+noise is averaged over regions; specks are outvoted; an instrument one pixel wide stays.
 """
 
 from __future__ import annotations
@@ -58,12 +59,12 @@ class Aggregation(ABC, Generic[Map]):
         """Superpixels, int32 [H, W], 0 … K − 1."""
 
     @abstractmethod
-    def similarity(self, vectors: np.ndarray) -> Sequence[Map]:
-        """Pixelwise cosines, n maps float32 [H, W], for rows q = Bᵀv / ‖v‖ [n, d]."""
+    def similarity(self, vectors: np.ndarray) -> Map:
+        """Pixelwise cosines, float32 [n, H, W], for rows q = Bᵀv / ‖v‖ [n, d]."""
 
     @abstractmethod
-    def refined(self, vectors: np.ndarray) -> Sequence[Map]:
-        """`final` above, n maps float32 [H, W]; the guided filter may overshoot [−1, 1] a little."""
+    def refined(self, vectors: np.ndarray) -> Map:
+        """`final` above, float32 [n, H, W]; the guided filter may overshoot [−1, 1] a little."""
 
     @abstractmethod
     def largest(self, maps: Sequence[Map]) -> Map:

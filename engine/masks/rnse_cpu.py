@@ -65,7 +65,7 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
     def _filter(self) -> GuidedFilter:
         return GuidedFilter(self._rgb, rnse.RADIUS, rnse.FLAT, rnse.LEVEL)
 
-    def similarity(self, vectors: np.ndarray) -> Sequence[np.ndarray]:
+    def similarity(self, vectors: np.ndarray) -> np.ndarray:
         return cosines(self.unit, vectors)
 
     def coarse(self, vectors: np.ndarray) -> np.ndarray:
@@ -76,7 +76,7 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
             _blend(pixel, regions, vectors.astype(np.float32) @ means.T, trust)
         return pixel
 
-    def refined(self, vectors: np.ndarray) -> Sequence[np.ndarray]:
+    def refined(self, vectors: np.ndarray) -> np.ndarray:
         maps = self.coarse(vectors)
         for coarse in maps:
             guided, explained = self._filter(coarse)

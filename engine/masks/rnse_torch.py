@@ -58,10 +58,10 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         covariance = _window((guide[:, None] * guide).flatten(0, 1)).unflatten(0, (3, 3)) - mean[:, None] * mean
         return guide, mean, _inverse(covariance, rnse.FLAT)
 
-    def similarity(self, vectors: np.ndarray) -> Sequence[Tensor]:
+    def similarity(self, vectors: np.ndarray) -> Tensor:
         return (self._rows(vectors) @ self.unit.flatten(0, 1).T).unflatten(1, self.unit.shape[:2])
 
-    def refined(self, vectors: np.ndarray) -> Sequence[Tensor]:
+    def refined(self, vectors: np.ndarray) -> Tensor:
         labels, means, trust, doubt = self.evidence
         pixel = self.similarity(vectors)
         regional = (self._rows(vectors) @ means.T)[:, labels]
