@@ -18,7 +18,7 @@ from engine.errors import DegenseError
 from engine.field import SceneModel
 from engine.field.live import LiveField
 from engine.language import Basis, TextEncoder, encoder_by_name
-from engine.masks import MaskQuery
+from engine.masks import MaskQuery, query_of
 from engine.motion import displacement
 from engine.motion.observed import ObservedMotion
 from engine.raster import camera_depths, rasterize
@@ -272,11 +272,7 @@ class Scene:
         splats = self.splats(frame)
         features = torch.cat([splats.colors, splats.semantics], 1)
         drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera)
-        rgb = (drawn.image[..., :3].clamp(0, 1) * 255 + 0.5).byte()
-        latent = drawn.image[..., 3:]
-        if rgb.is_cuda:
-            return MaskQuery(rgb, latent, self.basis, drawn.alpha)
-        return MaskQuery(rgb.numpy(), latent.numpy(), self.basis, drawn.alpha.numpy())
+        return query_of(drawn, self.basis)
 
     @cached_property
     def observed_motion(self) -> ObservedMotion:

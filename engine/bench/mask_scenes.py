@@ -1,4 +1,4 @@
-"""Frames with exact label maps for mask benchmarks: phantoms, hand-made instruments, and latents spoilt as a teacher and a field spoil them."""
+"""Frames with exact label maps: phantoms, hand-made instruments, and latents spoilt as a teacher and a field spoil them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,17 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import torch
 
+from engine.camera import Camera
+from engine.language.basis import fit_basis
+from engine.language.encoder import EmbeddedEncoder
+from engine.masks.query import MaskQuery, query_of
 from engine.phantom.anatomy import CLASSES
 from engine.phantom.scene import PhantomScene
+from engine.raster import Render, rasterize
 
-#: Of the hand-made scene: two tissues, an organ, instruments of each width in pixels, a tapering tip, and an instrument as pale as the tissue.
+#: Of the hand-made scene: widths of its instruments, pixels; two tissues, an organ, and the instruments.
 WIDTHS = (1, 2, 3, 4, 5, 6)
 HAND_CLASSES = ("liver", "fat", "gallbladder", "grasper")
 SENSOR_NOISE = 1.5  # grey levels
@@ -51,6 +57,16 @@ class Degradation:
     noise: float = 0.0
     grain: float = 1.0
     confused: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """The same in words."""
+        parts = [
+            f"blurred by {self.blur:g} px" if self.blur else "",
+            f"errors of {100 * self.noise:g} % of grain {self.grain:g} px" if self.noise else "",
+            f"{100 * self.confused:g} % of the picture another class" if self.confused else "",
+        ]
+        return ", ".join(part for part in parts if part) or "unchanged"
 
     def apply(self, labels: np.ndarray, vectors: np.ndarray, seed: int) -> np.ndarray:
         """Latents, float32 [H, W, d], of a label map uint8 [H, W] and the classes' latents [n, d]."""
@@ -132,3 +148,43 @@ def hand_frame(width: int, height: int, seed: int, widths: tuple[int, ...] = WID
 def _line(canvas: np.ndarray, start: np.ndarray, end: np.ndarray, value: float, thickness: int) -> None:
     ends = tuple(tuple(int(v) for v in np.rint(point)) for point in (start, end))
     cv2.line(canvas, *ends, value, thickness)
+
+
+class MaskScene:
+    """Gaussians on the pixels of a phantom frame, each with the latent of its class: what prompts cost, whatever was trained.
+
+    Parameters
+    ----------
+    width, height : int
+    gaussians : int
+    device : str
+    """
+
+    def __init__(self, width: int, height: int, gaussians: int, device: str):
+        frame = phantom_frame(width, height, 0, 0.45)
+        rng = np.random.default_rng(0)
+        self.vectors = EmbeddedEncoder(frame.classes).encode(frame.classes)
+        self.basis = fit_basis(self.vectors, np.ones(len(self.vectors)))
+        self._camera = Camera(width, height, float(width), float(width), width / 2, height / 2, np.eye(4))
+        place = rng.uniform(0, (width, height), (gaussians, 2))
+        column, row = place.astype(int).T
+        means = np.column_stack([(place - (width / 2, height / 2)) / width, rng.uniform(0.99, 1.01, gaussians)])
+        scale = 0.7 * np.sqrt(width * height / gaussians) / width
+        latents = self.basis.project(self.vectors)[frame.labels[row, column]]
+        self._means, self._quats, self._scales, self._opacities, self._features = (
+            torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32, device=device)
+            for values in (
+                means,
+                np.tile([1.0, 0, 0, 0], (gaussians, 1)),
+                np.full((gaussians, 3), scale) * rng.uniform(0.7, 1.4, (gaussians, 3)),
+                rng.uniform(0.5, 1.0, gaussians),
+                np.column_stack([frame.rgb[row, column] / 255.0, latents]),
+            )
+        )
+
+    def draw(self) -> Render:
+        return rasterize(self._means, self._quats, self._scales, self._opacities, self._features, self._camera)
+
+    def query(self) -> MaskQuery:
+        """As `Scene.new_query` from a baked state."""
+        return query_of(self.draw(), self.basis)

@@ -14,6 +14,7 @@ from engine.masks.decoders import DEFAULT_DECODER, DEFAULT_THRESHOLD, decode_lab
 from engine.masks.rnse import Aggregation
 from engine.masks.rnse_cpu import CpuAggregation
 from engine.masks.rnse_torch import TorchAggregation
+from engine.raster import Render
 
 #: Similarity maps kept per frame, one a text vector and kind: the classes of a session, so that a moved threshold computes none anew.
 KEPT_MAPS = 32
@@ -48,11 +49,8 @@ class MaskQuery:
         if alpha is not None and tuple(alpha.shape) != size:
             raise ValueError(f"alpha must be {size}, not {tuple(alpha.shape)}")
         self.basis = basis
-        self._aggregation: Aggregation[Any]
-        if isinstance(latent, Tensor):
-            self._aggregation = TorchAggregation(rgb, latent, alpha)
-        else:
-            self._aggregation = CpuAggregation(rgb, latent, alpha)
+        kind: type[Any] = TorchAggregation if isinstance(latent, Tensor) else CpuAggregation
+        self._aggregation: Aggregation[Any] = kind(rgb, latent, alpha)
         self._maps: dict[tuple[bool, bytes], Any] = {}
 
     @property
@@ -140,6 +138,15 @@ class MaskQuery:
         prompt, others = (_unit_rows(np.atleast_2d(rows)) for rows in (vectors, negatives))
         rivals = others[(others @ prompt.T).max(1) < INCLUDED]
         return self._best(rivals, refined) if len(rivals) else None
+
+
+def query_of(drawn: Render, basis: Basis) -> MaskQuery:
+    """The query of a picture that was drawn with colours and latents [H, W, 3 + d]; from a GPU nothing is read back."""
+    rgb = (drawn.image[..., :3].clamp(0, 1) * 255 + 0.5).byte()
+    latent = drawn.image[..., 3:]
+    if rgb.is_cuda:
+        return MaskQuery(rgb, latent, basis, drawn.alpha)
+    return MaskQuery(rgb.numpy(), latent.numpy(), basis, drawn.alpha.numpy())
 
 
 def _unit_rows(rows: np.ndarray) -> np.ndarray:

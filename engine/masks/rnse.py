@@ -12,15 +12,16 @@ with z the normalised latents, ramp(x; a, b) = clip((x − a) / (b − a), 0, 1)
                                                     of ‖z(p − 2e) − 2 z(p) + z(p + 2e)‖ / √6. A straight edge has none along itself, and
                                                     edges are few in a region: only noise counts.
     agreement   a = ramp(cos(z̃, M_k); 0.75, 0.9)    z̃ = z + λ (box_3 z − z); M_k the region's mean, pixels unlike its plain mean left out
-    continuity  c = min(1, Σ_q ramp(cos(z̃(p), z̃(q)); 0.5, 0.8))    q on the square 6 pixels around p: instruments, however thin, and
+    continuity  c = min(1, Σ_q ramp(cos(z̃(p), z̃(q)); 0.5, 0.8))    q on the square 9 pixels around p: instruments, however thin, and
                                                     edges go on that far; a speck does not
     speck       k = (1 − a) (1 − c)                 unlike its region and alone
 
-    coarse(p) = w S(M_k) + (1 − w) s(p),   w = λ' a + k,   λ' = max(λ, min(1, 3 box_9 k))
-    final(p) = coarse + g (G − coarse),    g = max(λ', ramp(R²; 0.6, 0.9)),   G the guided filter of coarse
+    coarse(p) = w S(M_k) + (1 − w) s(p),   w = λ' a + k,   λ' = max(λ, min(1, 9 box_9 k))
+    final(p) = coarse + g (G − coarse),    g = max(0.55, λ', ramp(R²; 0.6, 0.9)),   G the guided filter of coarse
 
-R² is the share of the variance of `coarse` that the colours explain around a pixel: where the picture shows the edge, it sharpens it.
-Exact latents pass unchanged; noise is averaged over regions; specks are outvoted; an instrument one pixel wide stays.
+The filter always has a say, which ends faint false alarms; it cannot outvote a thin instrument alone. R² is the share of the variance
+of `coarse` that the colours explain around a pixel: where the picture shows the edge, it sharpens it. Exact latents keep their masks;
+noise is averaged over regions; specks are outvoted; an instrument one pixel wide stays.
 """
 
 from __future__ import annotations
@@ -36,11 +37,13 @@ NOISE, AGREEMENT, ALIKE, EXPLAINED = (0.03, 0.1), (0.75, 0.9), (0.5, 0.8), (0.6,
 #: Cosine with the plain mean from which a pixel counts in the region's mean, and from which fully.
 MAJORITY = (0.5, 0.9)
 #: Pixels: stride of the second differences, distance at which a structure must go on, windows of doubt and specks.
-STRIDE, REACH, DOUBT_WINDOW, SPECK_WINDOW = 2, 6, 7, 9
+STRIDE, REACH, DOUBT_WINDOW, SPECK_WINDOW = 2, 9, 7, 9
 #: Noise below this is rounding; and how many times its share in the window a speck raises doubt.
-QUIET, SPECK_GAIN = 1e-3, 3.0
+QUIET, SPECK_GAIN = 1e-3, 9.0
 #: Guided filter: window radius in pixels, and the variance of a colour in [0, 1] that counts as flat.
 RADIUS, FLAT = 3, 1e-3
+#: The filter's least weight.
+LEAST_GUIDED = 0.55
 #: Variance of a similarity below which there is no edge to explain.
 LEVEL = 1e-4
 
@@ -56,12 +59,12 @@ class Aggregation(ABC, Generic[Map]):
         """Superpixels, int32 [H, W], 0 … K − 1."""
 
     @abstractmethod
-    def similarity(self, vectors: np.ndarray) -> Sequence[Map]:
-        """Pixelwise cosines, n maps float32 [H, W], for rows q = Bᵀv / ‖v‖ [n, d]."""
+    def similarity(self, vectors: np.ndarray) -> Map:
+        """Pixelwise cosines, float32 [n, H, W], for rows q = Bᵀv / ‖v‖ [n, d]."""
 
     @abstractmethod
-    def refined(self, vectors: np.ndarray) -> Sequence[Map]:
-        """`final` above, n maps float32 [H, W]; the guided filter may overshoot [−1, 1] a little."""
+    def refined(self, vectors: np.ndarray) -> Map:
+        """`final` above, float32 [n, H, W]; the guided filter may overshoot [−1, 1] a little."""
 
     @abstractmethod
     def largest(self, maps: Sequence[Map]) -> Map:

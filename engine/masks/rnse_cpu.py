@@ -16,6 +16,7 @@ from engine.masks.superpixels import superpixels
 from engine.threads import KERNEL_LOCK
 
 BANDS = 8  # of rows, that sums over regions are shared out in
+# Kernels get the constants of `rnse` as arguments: numba's cache would not notice that another file changed.
 
 
 class Evidence(NamedTuple):
@@ -64,7 +65,7 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
     def _filter(self) -> GuidedFilter:
         return GuidedFilter(self._rgb, rnse.RADIUS, rnse.FLAT, rnse.LEVEL)
 
-    def similarity(self, vectors: np.ndarray) -> Sequence[np.ndarray]:
+    def similarity(self, vectors: np.ndarray) -> np.ndarray:
         return cosines(self.unit, vectors)
 
     def coarse(self, vectors: np.ndarray) -> np.ndarray:
@@ -75,12 +76,12 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
             _blend(pixel, regions, vectors.astype(np.float32) @ means.T, trust)
         return pixel
 
-    def refined(self, vectors: np.ndarray) -> Sequence[np.ndarray]:
+    def refined(self, vectors: np.ndarray) -> np.ndarray:
         maps = self.coarse(vectors)
         for coarse in maps:
             guided, explained = self._filter(coarse)
             with KERNEL_LOCK:
-                _guide(coarse, guided, explained, self.evidence.doubt)
+                _guide(coarse, guided, explained, self.evidence.doubt, rnse.EXPLAINED, rnse.LEAST_GUIDED)
         return maps
 
     def largest(self, maps: Sequence[np.ndarray]) -> np.ndarray:
@@ -99,20 +100,21 @@ def find_evidence(unit: np.ndarray, regions: np.ndarray) -> Evidence:
     """Evidence of normalised latents float32 [H, W, d] in regions int32 [H, W], 0 … K − 1."""
     count = int(regions.max()) + 1
     with KERNEL_LOCK:
-        means = _means(unit, regions, np.zeros((count, unit.shape[2]), np.float32))
-        means = _means(unit, regions, means)
-        noise = np.exp(np.bincount(regions.ravel(), _roughness(unit).ravel(), count) / np.bincount(regions.ravel(), minlength=count))
+        means = _means(unit, regions, np.zeros((count, unit.shape[2]), np.float32), rnse.MAJORITY)
+        means = _means(unit, regions, means, rnse.MAJORITY)
+        rough = _roughness(unit, rnse.STRIDE, rnse.QUIET)
+        noise = np.exp(np.bincount(regions.ravel(), rough.ravel(), count) / np.bincount(regions.ravel(), minlength=count))
         low, high = rnse.NOISE
         doubt = box(np.clip((noise - low) / (high - low), 0, 1).astype(np.float32)[regions], rnse.DOUBT_WINDOW)
-        direction, agreement = _agreement(unit, box(unit, 3), doubt, regions, means)
-        specks = _specks(direction, agreement)
+        direction, agreement = _agreement(unit, box(unit, 3), doubt, regions, means, rnse.AGREEMENT)
+        specks = _specks(direction, agreement, rnse.REACH, rnse.ALIKE)
         doubt = np.maximum(doubt, np.minimum(1.0, rnse.SPECK_GAIN * box(specks, rnse.SPECK_WINDOW)))
     return Evidence(regions, means, doubt * agreement + specks, doubt)
 
 
 @njit(inline="always")
-def _ramp(value, low, high):
-    return min(max((value - np.float32(low)) / np.float32(high - low), np.float32(0.0)), np.float32(1.0))
+def _ramp(value, ends):
+    return min(max((value - np.float32(ends[0])) / np.float32(ends[1] - ends[0]), np.float32(0.0)), np.float32(1.0))
 
 
 @njit(inline="always")
@@ -127,7 +129,7 @@ def _cosine(a, b):
 
 
 @njit(parallel=True, cache=True, fastmath=True)
-def _means(unit, regions, plain):
+def _means(unit, regions, plain, majority):
     """Means over regions, float32 [K, d], of the pixels that are like `plain` [K, d]; of all where that is zero."""
     height, width, channels = unit.shape
     count = plain.shape[0]
@@ -137,7 +139,7 @@ def _means(unit, regions, plain):
             for x in range(width):
                 k = regions[y, x]
                 # no pixel is left out altogether: a region of scattered directions has a mean too
-                weight = _ramp(_cosine(unit[y, x], plain[k]), rnse.MAJORITY[0], rnse.MAJORITY[1]) + np.float32(1e-3)
+                weight = _ramp(_cosine(unit[y, x], plain[k]), majority) + np.float32(1e-3)
                 for c in range(channels):
                     sums[band, k, c] += weight * unit[y, x, c]
                 sums[band, k, channels] += weight
@@ -155,11 +157,10 @@ def _means(unit, regions, plain):
 
 
 @njit(parallel=True, cache=True, fastmath=True)
-def _roughness(unit):
+def _roughness(unit, step, quiet):
     """log of the least second difference over four directions, float32 [H, W]."""
     height, width, channels = unit.shape
     out = np.empty((height, width), np.float32)
-    step = rnse.STRIDE
     for y in prange(height):
         up, down = max(y - step, 0), min(y + step, height - 1)
         for x in range(width):
@@ -172,12 +173,12 @@ def _roughness(unit):
                 d2 = unit[up, left, c] + unit[down, right, c] - twice
                 d3 = unit[up, right, c] + unit[down, left, c] - twice
                 s0, s1, s2, s3 = s0 + d0 * d0, s1 + d1 * d1, s2 + d2 * d2, s3 + d3 * d3
-            out[y, x] = np.log(np.sqrt(min(s0, s1, s2, s3) / np.float32(6.0)) + np.float32(rnse.QUIET))
+            out[y, x] = np.log(np.sqrt(min(s0, s1, s2, s3) / np.float32(6.0)) + np.float32(quiet))
     return out
 
 
 @njit(parallel=True, cache=True, fastmath=True)
-def _agreement(unit, local, doubt, regions, means):
+def _agreement(unit, local, doubt, regions, means, ends):
     """z̃ of unit length, float32 [H, W, d], and a, float32 [H, W]."""
     height, width, channels = unit.shape
     direction, agreement = np.empty_like(unit), np.empty((height, width), np.float32)
@@ -188,7 +189,7 @@ def _agreement(unit, local, doubt, regions, means):
                 value = unit[y, x, c] + doubt[y, x] * (local[y, x, c] - unit[y, x, c])
                 direction[y, x, c] = value
                 squares += value * value
-            agreement[y, x] = _ramp(_cosine(direction[y, x], means[regions[y, x]]), rnse.AGREEMENT[0], rnse.AGREEMENT[1])
+            agreement[y, x] = _ramp(_cosine(direction[y, x], means[regions[y, x]]), ends)
             scale = np.float32(1.0) / max(np.sqrt(squares), np.float32(1e-6))
             for c in range(channels):
                 direction[y, x, c] *= scale
@@ -196,11 +197,10 @@ def _agreement(unit, local, doubt, regions, means):
 
 
 @njit(parallel=True, cache=True, fastmath=True)
-def _specks(direction, agreement):
+def _specks(direction, agreement, reach, alike):
     """(1 − a)(1 − c), float32 [H, W]; continuity is looked for only where a pixel is unlike its region, and no further than needed."""
     height, width, channels = direction.shape
     out = np.zeros((height, width), np.float32)
-    reach = rnse.REACH
     for y in prange(height):
         for x in range(width):
             if agreement[y, x] >= np.float32(1.0):
@@ -213,7 +213,7 @@ def _specks(direction, agreement):
                         cosine = np.float32(0.0)
                         for c in range(channels):
                             cosine += direction[y, x, c] * direction[v, u, c]
-                        found += _ramp(cosine, rnse.ALIKE[0], rnse.ALIKE[1])
+                        found += _ramp(cosine, alike)
             out[y, x] = (np.float32(1.0) - agreement[y, x]) * (np.float32(1.0) - min(found, np.float32(1.0)))
     return out
 
@@ -228,9 +228,9 @@ def _blend(pixel, regions, means, trust):
 
 
 @njit(parallel=True, cache=True)
-def _guide(coarse, guided, explained, doubt):
+def _guide(coarse, guided, explained, doubt, ends, least):
     """A coarse map [H, W], in place, to the final one."""
     for y in prange(coarse.shape[0]):
         for x in range(coarse.shape[1]):
-            weight = max(doubt[y, x], _ramp(explained[y, x], rnse.EXPLAINED[0], rnse.EXPLAINED[1]))
+            weight = max(np.float32(least), doubt[y, x], _ramp(explained[y, x], ends))
             coarse[y, x] += weight * (guided[y, x] - coarse[y, x])

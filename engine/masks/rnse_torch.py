@@ -58,16 +58,17 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         covariance = _window((guide[:, None] * guide).flatten(0, 1)).unflatten(0, (3, 3)) - mean[:, None] * mean
         return guide, mean, _inverse(covariance, rnse.FLAT)
 
-    def similarity(self, vectors: np.ndarray) -> Sequence[Tensor]:
+    def similarity(self, vectors: np.ndarray) -> Tensor:
         return (self._rows(vectors) @ self.unit.flatten(0, 1).T).unflatten(1, self.unit.shape[:2])
 
-    def refined(self, vectors: np.ndarray) -> Sequence[Tensor]:
+    def refined(self, vectors: np.ndarray) -> Tensor:
         labels, means, trust, doubt = self.evidence
         pixel = self.similarity(vectors)
         regional = (self._rows(vectors) @ means.T)[:, labels]
         coarse = pixel + trust * (regional - pixel)
         guided, explained = self._filter(coarse)
-        return coarse + torch.maximum(doubt, _ramp(explained, rnse.EXPLAINED)) * (guided - coarse)
+        weight = torch.maximum(doubt, _ramp(explained, rnse.EXPLAINED)).clamp_min(rnse.LEAST_GUIDED)
+        return coarse + weight * (guided - coarse)
 
     def largest(self, maps: Sequence[Tensor]) -> Tensor:
         return maps[0] if len(maps) == 1 else torch.stack(list(maps)).amax(0)

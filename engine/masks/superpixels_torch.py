@@ -57,7 +57,7 @@ def _smooth(rgb: Tensor) -> Tensor:
 
 def _mirrored(place: Tensor, size: int) -> Tensor:
     """Places −1 and `size` mirrored at the border pixel."""
-    return place.abs() if size == 1 else torch.where(place >= size, 2 * size - 2 - place, place.abs())
+    return torch.zeros_like(place) if size == 1 else torch.where(place >= size, 2 * size - 2 - place, place.abs())
 
 
 def _lab(image: Tensor) -> Tensor:

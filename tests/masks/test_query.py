@@ -6,7 +6,7 @@ import pytest
 from engine.clip import UNLABELLED
 from engine.language import EmbeddedEncoder, fit_basis
 from engine.masks import DECODERS, MaskQuery
-from engine.masks.bench import latents, overlap, scene
+from tests.masks.scenes import latents, overlap, scene
 
 CLASSES = ("liver", "fat", "gallbladder", "grasper", "L-hook electrocautery")
 
@@ -25,7 +25,7 @@ def asked():
 
 def test_similarity_is_the_cosine_in_the_long_space(asked):
     query, vectors, encoder, _ = asked
-    lifted = query.basis.lift(query._unit)
+    lifted = query.basis.lift(query._aggregation.unit)
     expected = lifted @ encoder.encode(["organ"])[0]
     np.testing.assert_allclose(query.similarity(3.0 * encoder.encode(["organ"])[0]), expected, atol=1e-5)
     np.testing.assert_allclose(query.similarity(vectors), (lifted @ vectors.T).max(-1), atol=1e-5)
@@ -50,7 +50,7 @@ def test_a_kind_covers_its_members_and_they_do_not_compete(asked, decoder):
 
 def test_plain_decoders_match_loops(asked):
     query, vectors, _, _ = asked
-    cosines = query.basis.lift(query._unit) @ vectors.T
+    cosines = query.basis.lift(query._aggregation.unit) @ vectors.T
     mask, best = query.mask(vectors[1], "threshold", 0.42), query.mask(vectors[1], "argmax", 0.5, vectors)
     labels = query.label_map(vectors, "argmax")
     for y, x in np.random.default_rng(0).integers(0, (200, 256), (400, 2)):
@@ -92,7 +92,7 @@ def test_maps_are_kept_and_shared_but_not_writable(asked):
 def test_alpha_weighs_the_similarity(asked):
     query, vectors, _, _ = asked
     alpha = np.full((200, 256), 0.25, np.float32)
-    thin = MaskQuery(query._rgb, query._unit, query.basis, alpha)
+    thin = MaskQuery(query._aggregation._rgb, query._aggregation.unit, query.basis, alpha)
     np.testing.assert_allclose(thin.similarity(vectors[0]), 0.25 * query.similarity(vectors[0]), atol=1e-5)
     assert not thin.mask(vectors[0]).any()
 
@@ -128,7 +128,7 @@ def test_no_picture_is_too_odd(decoder, shape, kind):
 
 def test_wrong_shapes_are_refused(asked):
     query, vectors, _, _ = asked
-    rgb, unit, basis = query._rgb, query._unit, query.basis
+    rgb, unit, basis = query._aggregation._rgb, query._aggregation.unit, query.basis
     with pytest.raises(ValueError, match="latent must be"):
         MaskQuery(rgb, unit[..., :2], basis)
     with pytest.raises(ValueError, match="rgb must be"):

@@ -10,7 +10,7 @@ import pytest
 
 from engine.language import EmbeddedEncoder, fit_basis
 from engine.masks import MaskQuery, superpixels
-from engine.masks.bench import latents, overlap
+from tests.masks.scenes import latents, overlap
 
 ROOT = Path(os.environ.get("DEGENSE_CLIPS", Path(__file__).parents[2] / ".." / "shared" / "clips")) / "cholec160"
 

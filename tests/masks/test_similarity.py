@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from engine.masks.similarity import cosine, normalised
+from engine.masks.similarity import cosines, normalised
 
 
 @pytest.mark.parametrize("channels", [1, 2, 9])
@@ -13,7 +13,7 @@ def test_cosine_matches_a_loop(channels):
     alpha = rng.random((7, 5)).astype(np.float32)
     query = rng.normal(size=channels)
     query /= np.linalg.norm(query)
-    found = cosine(normalised(latent, alpha), query)
+    (found,) = cosines(normalised(latent, alpha), query[None])
     for y in range(7):
         for x in range(5):
             z = latent[y, x].astype(float)

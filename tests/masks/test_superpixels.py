@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from engine.masks.bench import scene
 from engine.masks.superpixels import superpixels
+from tests.masks.scenes import scene
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (7, 5), (13, 200), (64, 64)])
