@@ -1,4 +1,4 @@
-"""Frames with exact label maps: phantoms, hand-made instruments, and latents spoilt as a teacher and a field spoil them."""
+"""Frames with exact label maps for mask benchmarks: phantoms, hand-made instruments, latents spoilt as a teacher and a field do."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def angular(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
 
 
 def unit(vectors: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
-    """v / √(‖v‖² + ε²): unit length for anything longer than ε = 1e-4, finite forwards and backwards at zero and near the largest numbers."""
+    """v / √(‖v‖² + ε²): unit length for what is longer than ε = 1e-4, finite both ways at zero and near the largest numbers."""
     vectors = vectors.float() if vectors.dtype == torch.float16 else vectors
     size = vectors.detach().abs().amax(-1, keepdim=True).clamp_min(1)  # squares of what is larger than 1 must not overflow
     scaled = vectors / size
