@@ -143,11 +143,10 @@ def _decoders(options: BenchOptions, progress: Progress) -> Table:
         "decoders",
         "Decoders: time against mask quality, instruments apart",
         f"Latents of the true label map, spoilt as named ({spoilt}), "
-        f"at {width} × {height}, seeds {list(options.seeds)}. Phantom: three moments; hand-made: instruments 1 to 6 pixels wide with "
-        "tips and highlights; pale: the same, a fifth of the contrast. Label maps over all classes, and masks of single prompts at "
-        "threshold 0.5 with the other classes as rivals. Means over classes, moments and seeds; "
-        f"boundary F within {EDGE:g} pixels. Time: a label map of a "
-        "frame whose similarities are not kept.",
+        f"at {width} × {height}, seeds {list(options.seeds)}. Phantom: three moments; hand-made: instruments 1 to 6 pixels wide, with "
+        "tips and highlights; pale: the same, a fifth of the contrast. Label maps over all classes; masks of one prompt at threshold 0.5 "
+        f"with the other classes as rivals. Means over classes, moments and seeds; boundary F within {EDGE:g} pixels. Time: a label map "
+        "of a frame whose similarities are not kept.",
         [
             Column("name", "scene, latents, decoder"),
             Column("ms", "ms", 1),
