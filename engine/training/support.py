@@ -12,6 +12,7 @@ from engine.motion import confidence
 from engine.motion.observed import TEXTURE
 from engine.progress import Progress, silent
 from engine.raster import camera_depths, rasterize
+from engine.raster.camera_tensors import view_and_lens
 from engine.training.evidence import MotionEvidence, look_up, project, surface_visibility
 from engine.training.frames import TrainingFrames
 
@@ -44,8 +45,9 @@ def motion_support(model: SceneModel, frames: TrainingFrames, evidence: MotionEv
         splats = model.at(clip.time(i), semantics=False).splats
         depth = camera_depths(splats.means, camera)[:, None]
         render = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, depth, camera)
-        visible = surface_visibility(splats.means, splats.opacities, render.radii, render.image[..., 0], render.alpha, camera)
-        position, _ = project(splats.means, camera)
+        seen_by = view_and_lens(camera, supported.device)
+        visible = surface_visibility(splats.means, splats.opacities, render.radii, render.image[..., 0], render.alpha, seen_by)
+        position, _ = project(splats.means, seen_by)
         revealed = torch.from_numpy(revealed_motion(frames, evidence, i)).to(supported.device)
         supported += visible * look_up(revealed[None], position * 2 - 1)[:, 0]
         seen += visible
