@@ -40,6 +40,7 @@ def wall_of_gaussians(frames: TrainingFrames, depth: float) -> dict[str, torch.T
         "logits": torch.full((count,), 6.0),
         "colors": torch.full((count, 3), 0.5),
         "semantics": torch.zeros(count, 0),
+        "tints": torch.zeros(count, 0, 3),
         "lifetimes": torch.zeros(count, 2),
     }
 
