@@ -102,7 +102,7 @@ DEGRADATIONS = {
 
 def phantom_frame(width: int, height: int, seed: int, time: float) -> Frame:
     """A frame of the phantom "cautery" at clip time `time` in [0, 1]."""
-    view = PhantomScene(width, height, seed, 0.0).view(time)
+    view = PhantomScene("cautery", width, height, seed, 0.0).view(time)
     noise = np.random.default_rng(seed).normal(0, SENSOR_NOISE, view.rgb.shape)
     return Frame(np.clip(np.rint(view.rgb * 255 + noise), 0, 255).astype(np.uint8), view.labels, tuple(CLASSES))
 

@@ -144,7 +144,13 @@ def test_still_gaussians_never_enter_the_field_and_the_picture_stays(routing):
             last.weight *= 0.2
         for plane in model.planes.space:
             plane[0, :, : plane.shape[2] // 2] = 0  # the left half of the box reads zero features at every time
-        for layer in (*model.kinematics.base, model.kinematics.states, model.geometry.decode[0], model.appearance.decode[0]):
+        for layer in (
+            *model.kinematics.base,
+            model.kinematics.states,
+            model.geometry.decode[0],
+            model.appearance.decode[0],
+            model.semantic.decode[0],
+        ):
             if isinstance(layer, torch.nn.Linear):
                 layer.bias.zero_()
     times = torch.linspace(-1, 1, 7).tolist()

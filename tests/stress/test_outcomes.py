@@ -82,6 +82,5 @@ def test_long_clips_open(tmp_path, kind):
 def test_the_table_of_features(tmp_path):
     table = features.table(BenchOptions("cpu", (0,), 1, True, tmp_path))
     table.markdown()
-    known = {"angular loss: 3e38", "angular loss: float16, zero", "angular loss: float16, largest"}
-    assert {row["case"] for row in table.rows if not sound(row)} <= known
+    assert not {row["case"] for row in table.rows if not sound(row)}
     assert not list(tmp_path.iterdir())

@@ -136,7 +136,7 @@ def test_each_figure_decides_its_own_setting():
 def test_short_clips_need_fewer_steps():
     config = TrainConfig.preset_of("balanced")
     steps = [chosen(figures(), config, count, count)["iterations"] for count in (1, 5, 10, 20, 500)]
-    assert steps == [800, 2000, 4000, 6000, 6000]
+    assert steps == [800, 2000, 3000, 3000, 3000]
 
 
 def test_a_single_frame_and_a_black_one_have_a_budget():

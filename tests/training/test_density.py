@@ -79,7 +79,13 @@ def test_what_lives_for_one_frame_of_a_long_clip_is_not_pruned_before_its_turn()
     canonical["logits"][dead] = -9.0
     colours = {name: {tuple(c) for c in canonical["colors"][part].tolist()} for name, part in (("brief", brief), ("dead", dead))}
     model = SceneModel(FieldConfig(channels=8, resolution=8, time_resolution=4), bounds, canonical)
-    config = replace(TrainConfig.preset_of("quick", iterations=1000, device="cpu"), densify_every=6, rate_color=0.0, rate_opacity=0.0)
+    config = replace(
+        TrainConfig.preset_of("quick", iterations=1000, device="cpu"),
+        densify_every=6,
+        coarse_iterations=0,
+        rate_color=0.0,
+        rate_opacity=0.0,
+    )
     trainer = Trainer(model, frames, None, None, config, lambda event: None)
 
     def left(name):

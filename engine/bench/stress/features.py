@@ -142,7 +142,7 @@ def teacher_kinds() -> dict[str, Callable[[np.ndarray], np.ndarray]]:
 class SpoiltTeacher:
     """Says of every training frame that its left half is one thing and its right half another, in spoilt vectors."""
 
-    name, provenance = "spoilt", "made up"
+    name, provenance, pixelwise = "spoilt", "made up", True
 
     def __init__(self, frames: TrainingFrames, change: Callable[[np.ndarray], np.ndarray]):
         self.encoder: TextEncoder = EmbeddedEncoder()
