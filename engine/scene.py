@@ -72,11 +72,17 @@ class Scene:
     """
 
     def __init__(
-        self, run: Run, model: SceneModel, basis: Basis | None, encoder: TextEncoder | None, clip: Clip | None, clip_missing: str = ""
+        self,
+        run: Run,
+        model: SceneModel,
+        basis: Basis | None,
+        encoder: TextEncoder | None,
+        clip: Clip | None,
+        clip_missing: str = "",
+        support: Tensor | None = None,
     ):
         self.run, self.model, self.basis, self.encoder, self.clip, self.clip_missing = run, model, basis, encoder, clip, clip_missing
         self.cameras = run.cameras
-        support = run.load_support(len(model))
         self.support = support.to(model.bounds.device) if support is not None else None
         self._states, self._pictures = Cache(STATE_BYTES), Cache(PICTURE_BYTES)
 
@@ -92,7 +98,7 @@ class Scene:
         missing = ""
         if clip is None:
             clip, missing = _find_clip(run)
-        return cls(run, model, run.load_basis(), encoder, clip, missing)
+        return cls(run, model, run.load_basis(), encoder, clip, missing, run.load_support(len(model)))
 
     # -- facts -----------------------------------------------------------------------------------------------------------------------------
     @property

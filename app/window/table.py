@@ -21,6 +21,7 @@ LAYER_KEYS = (
     ("mask", "Masks"),
     ("displacement", "Displacement"),
     ("warp", "Spurious warp"),
+    ("support", "Motion support"),
 )
 COMPARES: tuple[tuple[Compare, str], ...] = (("off", "Compare: off"), ("wipe", "Compare: wipe"), ("difference", "Compare: difference"))
 

@@ -78,7 +78,7 @@ def fit_meaning(
             frame = order.pop()
             state = model.at(frames.clip.time(frame))
             s = state.splats
-            latent = draw_latents(s.means, s.quats, s.scales, s.opacities, s.semantics, frames.cameras[frame], detached=True)
+            latent = draw_latents((s.means, s.quats, s.scales, s.opacities, s.semantics), frames.cameras[frame], detached=True)
             loss = targets.loss(latent, frame, use_angles=config.angular, region_weight=config.region)
             if state.resemantics is not None:
                 loss = loss + config.resemantics / config.semantic * state.resemantics.abs().mean()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -264,7 +264,7 @@ class Trainer:
         spoken = self.semantics.frames
         frame = frame_index if frame_index in set(spoken) else spoken[int(self.random.integers(len(spoken)))]
         *state, price = self._recordings["semantics"](self.times[frame])
-        latent = draw_latents(*state, self.frames.cameras[frame], detached=self.config.routing == "isolated")
+        latent = draw_latents(state, self.frames.cameras[frame], detached=self.config.routing == "isolated")
         return self.semantics.loss(latent, frame, use_angles=self.config.angular, region_weight=self.config.region) + price
 
     # -- between steps ---------------------------------------------------------------------------------------------------------------------
@@ -321,12 +321,13 @@ def draw(splats: Splats, camera: Camera) -> Render:
     return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera)
 
 
-def draw_latents(
-    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, latents: Tensor, camera: Camera, *, detached: bool
-) -> Tensor:
-    """Latent map [H, W, d]; with `detached` geometry nothing but the latents receives a gradient."""
-    place = (means, quats, scales, opacities)
-    return rasterize(*((part.detach() for part in place) if detached else place), latents, camera).image
+def draw_latents(state: Sequence[Tensor], camera: Camera, *, detached: bool) -> Tensor:
+    """Latent map [H, W, d] of means, quaternions, scales, opacities and latents.
+
+    With `detached` geometry nothing but the latents receives a gradient.
+    """
+    means, quats, scales, opacities = (part.detach() if detached else part for part in state[:4])
+    return rasterize(means, quats, scales, opacities, state[4], camera).image
 
 
 def run_steps(trainer: Trainer, stop: Callable[[], bool], every: int, progress: Progress, after: Callable[[dict[str, Any]], None]) -> bool:

@@ -53,7 +53,7 @@ def test_where_the_semantic_loss_may_go(routing):
     model = make(routing)
     stir(model)
     s = model.at(0.4).splats
-    latent = draw_latents(s.means, s.quats, s.scales, s.opacities, s.semantics, CAMERA, detached=routing == "isolated")
+    latent = draw_latents((s.means, s.quats, s.scales, s.opacities, s.semantics), CAMERA, detached=routing == "isolated")
     latent.square().sum().backward()
 
     def touched(parameters):
