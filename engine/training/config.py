@@ -162,7 +162,7 @@ PRESETS: dict[str, dict] = {
         "resolution": 48,
         "semantic_every": 3,
         "densify_every": 100,
-        "semantic_steps": 200,
+        "semantic_steps": 400,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
     "best": {"iterations": 10_000, "coarse_iterations": 1000, "max_gaussians": 120_000, "levels": (1, 2, 4), "early_stop": True},

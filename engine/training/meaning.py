@@ -23,8 +23,8 @@ from engine.training.semantics import SemanticTargets
 from engine.training.trainer import draw_latents
 
 TELL_EVERY = 25  # steps
-#: What is left of the learning rates after a lift: canonical latents, planes, networks. A teacher's frames contradict each other; steps
-#: as large as from nothing would follow each of them in turn and lose what their mean says.
+#: What is left of the learning rates after a lift: canonical latents, planes, networks. A coarse teacher's frames contradict each other;
+#: steps as large as from nothing would follow each of them in turn and lose what their mean says. A pixelwise teacher is followed.
 GENTLE = (0.1, 0.25, 0.3)
 
 
@@ -68,7 +68,7 @@ def fit_meaning(
     if config.lift:
         model.canonical["semantics"].data.copy_(lift(model, targets, frames, lambda f, words: progress(0.2 * f, words)))
     steps, order = min(config.semantic_steps, config.iterations), list[int]()  # a training cut short is cut short here too
-    with _only_meaning(model, config) as optimizer:
+    with _only_meaning(model, config, gentle=config.lift and not targets.pixelwise) as optimizer:
         for step in range(steps):
             if stop():
                 return False
@@ -91,11 +91,11 @@ def fit_meaning(
 
 
 @contextmanager
-def _only_meaning(model: SceneModel, config: TrainConfig) -> Iterator[torch.optim.Adam]:
+def _only_meaning(model: SceneModel, config: TrainConfig, *, gentle: bool) -> Iterator[torch.optim.Adam]:
     """An optimiser of the semantic parameters; all others need no gradient meanwhile."""
     assert model.semantic is not None
     assert model.semantic_planes is not None
-    slower = GENTLE if config.lift else (1.0, 1.0, 1.0)
+    slower = GENTLE if gentle else (1.0, 1.0, 1.0)
     rates = (config.rate_semantics, config.rate_planes, config.rate_field)
     parts = ([model.canonical["semantics"]], list(model.semantic_planes.parameters()), list(model.semantic.parameters()))
     groups = [{"params": part, "lr": rate * s, "first": rate * s} for part, rate, s in zip(parts, rates, slower, strict=True)]

@@ -80,6 +80,8 @@ class SemanticTargets:
         Frames that have a target.
     spoken : list of int
         Those the teacher itself speaks about; the others got its words along the optical flow.
+    pixelwise : bool
+        As the teacher has it.
     """
 
     def __init__(
@@ -92,6 +94,7 @@ class SemanticTargets:
         guided: bool = True,
         max_rank: int = 32,
     ):
+        self.pixelwise = teacher.pixelwise
         self._teacher, self._working, self._evidence, self._guided = teacher, frames, evidence, guided
         clip = frames.clip
         width, height = frames.size
