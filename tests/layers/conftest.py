@@ -46,4 +46,4 @@ def unsupported(scene):
 @pytest.fixture(scope="session")
 def lonely(scene):
     """The run, when its clip is gone."""
-    return Scene(scene.run, scene.model, scene.basis, scene.encoder, None, "the clip was deleted")
+    return Scene(scene.run, scene.model, scene.basis, scene.encoder, None, "the clip was deleted", scene.support)

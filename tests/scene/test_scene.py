@@ -17,7 +17,7 @@ from engine.scene import CHANNELS, Cache, Scene
 @pytest.fixture
 def fresh(scene):
     """The run with empty caches."""
-    return Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip)
+    return Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip, support=scene.support)
 
 
 def copied(scene, tmp_path, **changes):
