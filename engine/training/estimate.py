@@ -12,7 +12,7 @@ from engine.training.device import choose_device
 # Measured with `degense train` (docs/benchmarks.md): seconds a step = overhead + per Gaussian + per pixel,
 # on two laptop-class cores and on one H200.
 CPU_STEP = (1e-2, 5e-6, 3e-7)
-CUDA_STEP = (9e-3, 3e-8, 6e-9)
+CUDA_STEP = (2e-3, 2.5e-8, 1.5e-9)
 FLOW_SECONDS = 0.25  # a training frame, both ways
 
 

@@ -132,6 +132,7 @@ def test_full_labels_are_not_carried_and_the_run_does_not_say_so():
 
 def test_a_silent_teacher_is_refused_in_one_sentence():
     class Silent:
+        pixelwise = True
         name, frames = "mute", (0, 2)
 
         def targets(self, frame):
