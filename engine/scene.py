@@ -277,7 +277,7 @@ class Scene:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
         splats = self.splats(frame)
         features = torch.cat([splats.colors, splats.semantics], 1)
-        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera)
+        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera, clean=True)
         return query_of(drawn, self.basis)
 
     @cached_property

@@ -79,7 +79,7 @@ class SceneModel(nn.Module):
         Lower and upper corner of the box that the planes cover; frozen.
     canonical : dict of Tensor
         `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `tints` [N, color_knots, 3] (added to
-        the colour, linear between knots), `semantics` [N, rank], `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian
+        the colour, a spline over the knots), `semantics` [N, rank], `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian
         exists; ω = 0, at which its gradient is exactly zero, is for ever.
 
     Attributes

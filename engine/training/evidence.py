@@ -127,10 +127,6 @@ class MotionEvidence:
         depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
         return (camera, other, pair.flow, pair.weight, *depths)
 
-    def loss(self, here: Tensor, there: Tensor, visible: Tensor, frame: int, pair: Pair) -> Tensor:
-        """`motion_error` of one pair of frames."""
-        return motion_error(here, there, visible, *self.inputs(frame, pair))
-
 
 def motion_error(
     here: Tensor,

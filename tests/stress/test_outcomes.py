@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from engine.bench.child import peak_memory
 from engine.bench.options import BenchOptions
 from engine.bench.stress import features, long_clips
-from engine.bench.stress.child import in_child, peak_memory
+from engine.bench.stress.child import in_child
 from engine.bench.stress.long import difference
 from engine.bench.stress.outcome import Finding, non_finite, row, sound, verdict
 from engine.errors import ClipError

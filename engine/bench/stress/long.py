@@ -9,8 +9,9 @@ from pathlib import Path
 
 import torch
 
+from engine.bench.child import peak_memory
 from engine.bench.options import BenchOptions
-from engine.bench.stress.child import in_child, peak_memory
+from engine.bench.stress.child import in_child
 from engine.bench.stress.clip_cases import clip_cases
 from engine.bench.stress.long_clips import PICTURES, write_pictures, write_video
 from engine.bench.stress.outcome import COLUMNS, Finding, non_finite, row

@@ -10,8 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from engine.bench.child import peak_memory
 from engine.bench.options import BenchOptions
-from engine.bench.stress.child import in_child, peak_memory
+from engine.bench.stress.child import in_child
 from engine.bench.stress.outcome import COLUMNS, Finding, non_finite, row, verdict
 from engine.bench.table import Table
 from engine.camera import Camera
