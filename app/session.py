@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+from app import session_file
 from app.look import Colour, ColourRange, Compare, Look, Prompt
+from app.part import Part
 from app.signal import Signal
 from app.undo import UndoStack
-from engine.errors import PromptError, RunError
-from engine.files import write_text
+from engine.errors import PromptError
 
 if TYPE_CHECKING:
     from engine.clip import Clip
     from engine.scene import Scene
 
 CameraMode = Literal["surgeon", "free"]
-SESSION_FILE = "session.json"
 
 
 class Session:
@@ -47,30 +46,56 @@ class Session:
         self.dirty_changed: Signal[[bool]] = Signal()
         self.scene: Scene | None = None
         self.clip: Clip | None = None
-        self.undo: UndoStack[Look] = UndoStack(self._set_look, clock=clock)
+        self.undo = UndoStack(clock=clock)
+        self.parts: dict[str, Part] = {}
         self._look = self._saved = Look()
         self._frame = 0
         self._playing = False
         self._camera_mode: CameraMode = "surgeon"
         self._probe: tuple[float, float] | None = None
+        self._kept: dict[str, Any] = {}
+        self._parts_dirty = False
 
     # What is open
 
+    def register(self, name: str, part: Part) -> None:
+        """Hold a part and save it under this name with each run.
+
+        Raises
+        ------
+        ValueError
+            When the name is taken.
+        """
+        if name in self.parts or name == session_file.LOOK:
+            raise ValueError(f"the session already has a part called {name!r}")
+        self.parts[name] = part
+        part.changed.connect(lambda record: self._part_changed(part))
+
     def open_scene(self, scene: Scene) -> None:
-        """Show a run, from the reference frame, with the view saved in its folder."""
+        """Show a run, from the reference frame, with the session saved in its folder.
+
+        Raises
+        ------
+        RunError
+            When the session file is damaged; the run is open then, with a fresh view.
+        """
         self.close()
         self.scene, self.clip = scene, scene.clip
-        saved = self._session_file()
-        if saved is not None and saved.is_file():
-            try:
-                self._look = Look.from_json(json.loads(saved.read_text(encoding="utf-8")), str(saved))
-            except (OSError, ValueError) as error:
-                raise RunError(f"{saved} cannot be read ({error}); delete it to start with a fresh view.") from error
-            finally:
-                self._saved = self._look
-                self.opened.emit()
-        else:
+        try:
+            self._load(scene.run.path)
+        finally:
+            self._mark_saved()
             self.opened.emit()
+
+    def _load(self, folder: Path) -> None:
+        source = folder / session_file.NAME
+        self._kept = session_file.read(source)
+        if session_file.LOOK in self._kept:
+            self._look = Look.from_json(self._kept[session_file.LOOK], str(source))
+        for name, part in self.parts.items():
+            part.load(folder)
+            if name in self._kept:
+                part.from_json(self._kept[name], str(source))
 
     def open_clip(self, clip: Clip) -> None:
         """Show a clip that has no run yet."""
@@ -84,6 +109,10 @@ class Session:
         self.scene = self.clip = None
         self._look = self._saved = Look()
         self._frame, self._probe, self._camera_mode = 0, None, "surgeon"
+        self._kept = {}
+        for part in self.parts.values():
+            part.clear()
+        self._parts_dirty = False
         self.undo.clear()
 
     @property
@@ -147,7 +176,7 @@ class Session:
         if look != self._look:
             before = self._look
             self._set_look(look)
-            self.undo.push(name, before, look, key)
+            self.undo.push(name, self._set_look, before, look, key)
 
     def set_layer(self, layer: str) -> None:
         self.edit(f"Show {layer}", replace(self._look, layer=layer))
@@ -241,22 +270,34 @@ class Session:
 
     @property
     def dirty(self) -> bool:
-        """Whether the look differs from the one in the run folder."""
-        return self._look != self._saved
+        """Whether there is work that the run folder does not hold."""
+        return self._look != self._saved or self._parts_dirty
 
     def save(self) -> None:
-        """Write the look into the run folder, where `open_scene` finds it.
+        """Write everything into the run folder, where `open_scene` finds it. Parts of the file that nobody registered stay in it.
 
         Raises
         ------
         DegenseError
-            When the folder cannot be written.
+            When the folder cannot be written; what was there before stays, and so does `dirty`.
         """
-        path = self._session_file()
-        if path is not None and self.dirty:
-            write_text(path, json.dumps(self._look.to_json(), indent=2))
-            self._saved = self._look
+        if self.scene is None:
+            return
+        folder, was_dirty = self.scene.run.path, self.dirty
+        for part in self.parts.values():
+            part.store(folder)
+        parts = {name: part.to_json() for name, part in self.parts.items()}
+        self._kept = {**self._kept, session_file.LOOK: self._look.to_json(), **parts}
+        session_file.write(folder / session_file.NAME, self._kept)
+        self._mark_saved()
+        if was_dirty:
             self.dirty_changed.emit(False)
 
-    def _session_file(self) -> Path | None:
-        return self.scene.run.path / SESSION_FILE if self.scene else None
+    def _mark_saved(self) -> None:
+        self._saved, self._parts_dirty = self._look, False
+
+    def _part_changed(self, part: Part) -> None:
+        was_dirty = self.dirty
+        self._parts_dirty |= part.counts and self.scene is not None
+        if self.dirty != was_dirty:
+            self.dirty_changed.emit(True)

@@ -35,6 +35,7 @@ class Controls(QObject):
         self._bind_timeline()
         self._bind_prompts()
         self._bind_layers()
+        self._bind_history()
         self._opened()
 
     def _opened(self) -> None:
@@ -142,6 +143,13 @@ class Controls(QObject):
         if [(text.casefold(), *rest) for text, *rest in shown] != [(text.casefold(), *rest) for text, *rest in wanted]:
             bar.clear()
             self._texts = {bar.add_prompt(text, QColor(*colour), visible): text for text, colour, visible in wanted}
+
+    # History
+
+    def _bind_history(self) -> None:
+        undo, history = self.session.undo, self.parts.history
+        history.position_chosen.connect(undo.go_to)
+        undo.changed.connect(lambda: history.set_entries(undo.entries, undo.position))
 
     # Layers and colours
 

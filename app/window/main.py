@@ -10,7 +10,7 @@ from app.actions import ActionRegistry
 from app.render_service import RenderService
 from app.session import Session
 from app.settings import SettingsFile
-from app.window import table
+from app.window import actions
 from app.window.controls import Controls
 from app.window.drawing import Drawing
 from app.window.exporting import Exporting
@@ -53,7 +53,7 @@ class MainWindow(QMainWindow):
         self.exporting = Exporting(self.session, self.service, self.parts, self.drawing)
         self.training = Training(self.session, self.parts, self.opening)
         self.registry = ActionRegistry()
-        table.fill(self.registry, self)
+        actions.fill(self.registry, self)
         self.menus = Menus(self.registry, self, self.complaint.emit)
         self.menus.add_recent(settings, self.opening.open_path)
         docks = self.menus.menu(("View", "Panels"))
@@ -78,6 +78,10 @@ class MainWindow(QMainWindow):
         self.parts.prompts_dock.show()
         self.parts.prompts_dock.raise_()
         self.parts.prompts.focus_input()
+
+    def show_history(self) -> None:
+        self.parts.history_dock.show()
+        self.parts.history_dock.raise_()
 
     def toggle_theme(self) -> None:
         theme = "light" if self.settings.value.theme == "dark" else "dark"

@@ -23,6 +23,7 @@ from app.window.facts import Facts
 from app.window.log_view import LogView
 from widgets.colour_bar import ColourBar
 from widgets.curve_plot import CurvePlot
+from widgets.history_list import HistoryList
 from widgets.layer_list import LayerList
 from widgets.probe_panel import ProbePanel
 from widgets.prompt_bar import PromptBar
@@ -65,6 +66,7 @@ class Parts(QObject):
         self.facts = Facts()
         self.monitor = TrainingMonitor()
         self.log = LogView()
+        self.history = HistoryList()
         self._place()
         self._status()
         _LayerDigits(self.panel)
@@ -125,11 +127,13 @@ class Parts(QObject):
         below.addWidget(self.similarity, 2)
         self.probe_dock = self._dock("Probe", probe, right)
         self.facts_dock = self._dock("Clip and run", self.facts, right)
+        self.history_dock = self._dock("History", self.history, right)
         self.monitor_dock = self._dock("Training", self.monitor, bottom)
         self.log_dock = self._dock("Log", self.log, bottom)
         self.monitor_dock.hide()
         self.log_dock.hide()
         window.tabifyDockWidget(self.probe_dock, self.facts_dock)
+        window.tabifyDockWidget(self.facts_dock, self.history_dock)
         window.resizeDocks([self.layers_dock, self.prompts_dock, self.probe_dock], [240, 160, 420], Qt.Orientation.Vertical)
         window.resizeDocks([self.layers_dock], [360], Qt.Orientation.Horizontal)
         self.probe_dock.raise_()
@@ -149,7 +153,8 @@ class Parts(QObject):
 
     @property
     def docks(self) -> tuple[QDockWidget, ...]:
-        return self.layers_dock, self.prompts_dock, self.probe_dock, self.facts_dock, self.monitor_dock, self.log_dock
+        right = (self.layers_dock, self.prompts_dock, self.probe_dock, self.facts_dock, self.history_dock)
+        return *right, self.monitor_dock, self.log_dock
 
     def _status(self) -> None:
         bar = self.window.statusBar()

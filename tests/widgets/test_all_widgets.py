@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QLine
 
 from widgets.colour_bar import ColourBar
 from widgets.curve_plot import CurvePlot
+from widgets.history_list import HistoryList
 from widgets.layer_list import LayerList
 from widgets.probe_panel import ProbePanel
 from widgets.prompt_bar import PromptBar
@@ -38,7 +39,7 @@ def timeline():
     return line
 
 
-WIDGETS = [prompts, layers, timeline, ColourBar, CurvePlot, ProbePanel, RenderPanel, TrainingMonitor]
+WIDGETS = [prompts, layers, timeline, ColourBar, CurvePlot, HistoryList, ProbePanel, RenderPanel, TrainingMonitor]
 
 
 @pytest.mark.parametrize("make", WIDGETS)

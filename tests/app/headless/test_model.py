@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.look import PROMPT_COLOURS, ColourRange, Look, Prompt
+from app.part import Part
 from app.session import Session
 from app.signal import Signal
 from app.undo import UndoStack
@@ -41,7 +42,8 @@ def session(tmp_path) -> Session:
 
 
 @pytest.mark.parametrize(
-    "module", ["session", "actions", "settings", "undo", "look", "exports", "probe", "view", "cli", "demo", "pictures"]
+    "module",
+    ["session", "session_file", "part", "actions", "settings", "undo", "look", "exports", "probe", "view", "cli", "demo", "pictures"],
 )
 def test_the_model_needs_no_qt(module):
     code = f"import sys, app.{module}; raise SystemExit(any(name.startswith(('PySide6', 'vtk', 'pyvista')) for name in sys.modules))"
@@ -64,7 +66,11 @@ def test_signal_calls_in_order_until_disconnected():
 def test_undo_stack_agrees_with_a_list_of_states(steps):
     """The oracle keeps all states and an index."""
     state = [0]
-    stack: UndoStack[int] = UndoStack(lambda value: state.__setitem__(0, value))
+
+    def put(value: int) -> None:
+        state[0] = value
+
+    stack = UndoStack()
     states, at = [0], 0
     for step in steps:
         if step == "undo":
@@ -74,7 +80,7 @@ def test_undo_stack_agrees_with_a_list_of_states(steps):
             stack.redo()
             at = min(len(states) - 1, at + 1)
         else:
-            stack.push(str(step), state[0], step)
+            stack.push(str(step), put, state[0], step)
             state[0] = step
             states[at + 1 :] = [step]
             at += 1
@@ -85,12 +91,16 @@ def test_undo_stack_agrees_with_a_list_of_states(steps):
 def test_a_drag_is_one_step_and_a_pause_ends_it():
     now = [0.0]
     state = [0]
-    stack: UndoStack[int] = UndoStack(lambda value: state.__setitem__(0, value), clock=lambda: now[0])
+
+    def put(value: int) -> None:
+        state[0] = value
+
+    stack = UndoStack(clock=lambda: now[0])
     for value in (1, 2, 3):
-        stack.push("slide", value - 1, value, key="slider")
+        stack.push("slide", put, value - 1, value, key="slider")
         now[0] += 0.5
     now[0] += 5
-    stack.push("slide", 3, 4, key="slider")
+    stack.push("slide", put, 3, 4, key="slider")
     stack.undo()
     assert state == [3]
     stack.undo()
@@ -99,10 +109,37 @@ def test_a_drag_is_one_step_and_a_pause_ends_it():
 
 
 def test_undo_remembers_only_so_many():
-    stack: UndoStack[int] = UndoStack(lambda value: None, limit=3)
+    stack = UndoStack(limit=3)
     for value in range(10):
-        stack.push(str(value), value, value + 1)
+        stack.push(str(value), print, value, value + 1)
     assert [stack.undo() for _ in range(4)] == ["9", "8", "7", None]
+
+
+def test_undo_keeps_to_its_memory_but_never_forgets_the_last_edit():
+    stack = UndoStack(memory=1000)
+    for value in range(10):
+        stack.push(str(value), print, value, value + 1, size=300)
+    assert (stack.entries, stack.size) == (("7", "8", "9"), 900)
+    stack.push("huge", print, 0, 1, size=5000)
+    assert stack.entries == ("huge",)
+
+
+def test_one_history_over_several_places():
+    """Edits of a look and of a mask share the stack; the list goes to any entry; something new ends what was undone."""
+    places = {"look": 0, "mask": 0}
+    stack = UndoStack(clock=lambda: 0.0)
+    put = {name: lambda value, name=name: places.__setitem__(name, value) for name in places}
+    for name, after in (("look", 1), ("mask", 1), ("mask", 2), ("look", 2)):
+        stack.push(f"{name} {after}", put[name], places[name], after, key=name)
+        places[name] = after
+    assert stack.entries == ("look 1", "mask 2", "look 2")  # the two of the mask became one, the look in between did not
+    stack.go_to(1)
+    assert (places, stack.position) == ({"look": 1, "mask": 0}, 1)
+    stack.go_to(99)
+    assert (places, stack.position) == ({"look": 2, "mask": 2}, 3)
+    stack.go_to(0)
+    stack.push("mask 7", put["mask"], 0, 7)
+    assert stack.entries == ("mask 7",)
 
 
 looks = st.builds(
@@ -206,6 +243,51 @@ def test_a_damaged_session_file_is_said_and_the_run_still_opens(tmp_path):
     assert opened == [True]
     assert session.frames == 10
     assert session.look == Look()
+
+
+class Notes(Part):
+    """A part that holds a list of words."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.words: list[str] = []
+
+    def add(self, word: str) -> None:
+        self.words.append(word)
+        self.changed.emit(word)
+
+    def clear(self) -> None:
+        self.words = []
+
+    def to_json(self) -> list[str]:
+        return list(self.words)
+
+    def from_json(self, data, source) -> None:
+        if not isinstance(data, list):
+            raise RunError(f"{source} holds no notes.")
+        self.words = [str(word) for word in data]
+
+    def replay(self, record, source) -> None:
+        self.words.append(str(record))
+
+
+def test_parts_are_saved_by_name_and_those_of_others_stay_in_the_file(session, tmp_path):
+    notes = Notes()
+    session.register("notes", notes)
+    with pytest.raises(ValueError, match="notes"):
+        session.register("notes", Notes())
+    notes.add("bleeding")
+    assert session.dirty
+    session.save()
+    assert not session.dirty
+    other = Session()  # knows no notes
+    other.open_scene(FakeScene(tmp_path))
+    other.set_layer("depth")
+    other.save()
+    session.open_scene(FakeScene(tmp_path))
+    assert (notes.words, session.look.layer, session.dirty) == (["bleeding"], "depth", False)
+    session.open_clip(MemoryClip())
+    assert notes.words == []
 
 
 def test_a_clip_replaces_a_scene(session):

@@ -1,0 +1,44 @@
+"""Opening, saving, exporting."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from app.actions import Action, ActionRegistry
+from app.exports import FORMATS
+
+if TYPE_CHECKING:
+    from app.window.main import MainWindow
+
+
+def fill(registry: ActionRegistry, window: MainWindow) -> None:
+    opening, exporting, session = window.opening, window.exporting, window.session
+
+    export = ("File", "Export")
+
+    def has_scene() -> bool:
+        return session.scene is not None
+
+    registry.add(
+        Action("file.open-clip", "Open clip…", opening.ask_for_clip, ("File",), ("Ctrl+O",), help="folder with frames"),
+        Action("file.open-video", "Open video…", opening.ask_for_video, ("File",), help="clip from a movie file"),
+        Action("file.open-run", "Open run…", opening.ask_for_run, ("File",), ("Ctrl+R",), help="reconstruction scene"),
+        Action("file.demo", "Demo", opening.open_demo, ("File",), help="sample example"),
+        Action("file.save", "Save view", opening.save_session, ("File",), ("Ctrl+S",), lambda: has_scene() and session.dirty, group=1),
+        Action(
+            "export.picture",
+            "Picture as shown…",
+            exporting.ask_for_picture,
+            ("File", "Export"),
+            ("Ctrl+E",),
+            lambda: session.frames > 0,
+            group=1,
+        ),
+        *(
+            Action(f"export.{name}", f"{entry.title}…", partial(exporting.ask, name), export, (), has_scene, group=1)
+            for name, entry in FORMATS.items()
+        ),
+        Action("export.stop", "Stop exporting", exporting.cancel, export, (), lambda: window.service.busy("export"), group=2),
+        Action("file.quit", "Quit", window.close, ("File",), ("Ctrl+Q",), group=9),
+    )

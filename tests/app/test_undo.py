@@ -1,0 +1,25 @@
+"""Take back what was done, and go to any point of the history."""
+
+from __future__ import annotations
+
+from PySide6.QtCore import Qt
+
+
+def test_the_history_names_every_edit_and_a_click_goes_there(qtbot, opened, idle, screenshot):
+    session, history = opened.session, opened.parts.history
+    session.set_layer("depth")
+    session.add_prompt("liver")
+    session.go_to(4)  # the instant is no edit, and does not end the history
+    session.set_layer("mask")
+    idle()
+    opened.registry.run("edit.history")
+    assert history.texts() == ["As opened", "Show depth", "Prompt liver", "Show mask"]
+    place = history.visualItemRect(history.item(1)).center()
+    qtbot.mouseClick(history.viewport(), Qt.MouseButton.LeftButton, pos=place)
+    idle()
+    assert (session.look.layer, session.look.prompts, session.frame) == ("depth", (), 4)
+    assert history.undone() == ["Prompt liver", "Show mask"]
+    screenshot(opened, "history")
+    qtbot.keyClick(opened, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
+    assert [prompt.text for prompt in session.look.prompts] == ["liver"]
+    assert history.position() == 2

@@ -1,0 +1,71 @@
+"""The list of edits: what was done, what is undone, and a click to go there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QEvent, Qt, Signal
+from PySide6.QtWidgets import QListWidget, QWidget
+
+START = "As opened"
+
+
+class HistoryList(QListWidget):
+    """Named states, the oldest first. Those that are undone are grey, and the current one is selected.
+
+    Signals
+    -------
+    position_chosen(position)
+        The user wants `position` entries done; 0 is the state before all of them.
+    """
+
+    position_chosen = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("History")
+        self.setToolTip("Click an entry to undo or redo up to it")
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.itemClicked.connect(lambda item: self.position_chosen.emit(self.row(item)))
+        self.itemActivated.connect(lambda item: self.position_chosen.emit(self.row(item)))
+        self.set_entries((), 0)
+
+    def set_entries(self, entries: Sequence[str], position: int) -> None:
+        """Show these entries, of which the first `position` are done."""
+        names = [START, *entries]
+        while self.count() > len(names):
+            self.takeItem(self.count() - 1)
+        self.addItems(names[self.count() :])
+        for row, name in enumerate(names):
+            item = self.item(row)
+            item.setText(name)
+            undone = row > position
+            font = item.font()
+            font.setItalic(undone)
+            item.setFont(font)
+        self.setCurrentRow(position)
+        self.scrollToItem(self.item(position))
+        self._colour()
+
+    def texts(self) -> list[str]:
+        """What is listed."""
+        return [self.item(row).text() for row in range(self.count())]
+
+    def position(self) -> int:
+        """The selected row: how many entries are done."""
+        return self.currentRow()
+
+    def undone(self) -> list[str]:
+        """The entries shown as undone."""
+        return [self.item(row).text() for row in range(self.count()) if self.item(row).font().italic()]
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.PaletteChange:
+            self._colour()
+
+    def _colour(self) -> None:
+        colours = self.palette()
+        for row in range(self.count()):
+            item = self.item(row)
+            item.setForeground(colours.placeholderText() if item.font().italic() else colours.text())
