@@ -248,6 +248,23 @@ class Scene:
             out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement", "support") else value)
         return out
 
+    def blend(self, name: str, frame: float, values: Callable[[], Tensor], camera: Camera | None = None) -> np.ndarray:
+        """One number a Gaussian, [N], blended over the Gaussians of each pixel: Σ v·w / Σ w, float32 [H, W], NaN where nothing is.
+
+        With the surgeon's camera (None) the picture is kept under `name`.
+        """
+
+        @torch.no_grad()
+        def drawn(view: Camera) -> np.ndarray:
+            splats = self.splats(frame)
+            out = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, values()[:, None], view, clean=True)
+            image, alpha = out.image[..., 0].cpu().numpy(), out.alpha.cpu().numpy()
+            return np.where(alpha >= COVERED, image / np.maximum(alpha, COVERED), np.nan).astype(np.float32)
+
+        if camera is not None:
+            return drawn(camera)
+        return self._pictures.get(("blend", name, float(frame)), lambda: drawn(self.camera(frame)), lambda picture: picture.nbytes)
+
     def _screen_motion(self, frame: float, camera: Camera) -> Tensor:
         here, there = self.splats(frame).means, self.splats(self.reference_frame).means
         reference = self.camera(self.reference_frame) if camera is self.camera(frame) else camera

@@ -174,7 +174,7 @@ class Drawing(QObject):
 
 def _sequence_range(scene: Scene, look: Look) -> Steps[tuple[float, float]]:
     """The range of a layer over the whole sequence. Its frames are drawn one a step, and kept by the scene, so that nobody waits long."""
-    from engine.layers.registry import SEQUENCE_SAMPLES, layer_range
+    from engine.layers.ranges import SEQUENCE_SAMPLES, layer_range
 
     layer, request = get_layer(look.layer), layer_request(look, 0)
     frames = [round(index * (scene.frames - 1) / max(1, SEQUENCE_SAMPLES - 1)) for index in range(SEQUENCE_SAMPLES)]

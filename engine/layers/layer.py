@@ -77,8 +77,14 @@ class Layer:
         Formula and units, shown to the user.
     cmap : str
         A name in `engine.layers.colour`.
-    diverging : bool
-        Whether the range is symmetric about zero.
+    signed : bool
+        Whether its range is symmetric about zero.
+    from_zero : bool
+        Whether its range starts at zero.
+    fixed_range : (float, float) or None
+        The range that it always has; None where the values decide.
+    of_motion : bool
+        Whether large values are findings about motion, whose worst frames and places are worth a list.
     picture : callable (scene, request) -> ndarray
     per_splat : callable (scene, request) -> ndarray [N] or [N, 3]
     unit_of : callable (scene) -> str
@@ -97,6 +103,10 @@ class Layer:
     per_splat: Callable[[Scene, LayerRequest], np.ndarray]
     unit_of: Callable[[Scene], str]
     cmap: str = "viridis"
+    signed: bool = False
+    from_zero: bool = False
+    fixed_range: tuple[float, float] | None = None
+    of_motion: bool = False
     uncertain: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere
     uncertain_splats: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere
     uncertain_words: str = ""

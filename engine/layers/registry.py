@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from engine.errors import DegenseError
-from engine.layers.layer import Layer, LayerRequest, RangeMode
+from engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
+from engine.layers.layer import Layer, LayerRequest
 from engine.motion import spurious
 from engine.scene import NO_SUPPORT, REVEALED, Scene
 
 WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
-SEQUENCE_SAMPLES = 9
 
 
 def _rgb(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -90,19 +90,6 @@ def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
     return scene.render(request.frame, request.camera, ("displacement",))["displacement"]
 
 
-def _displacement_uncertain(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    """Pixels whose displacement the recording does not reveal. At the reference frame it is 0 by definition, which is certain."""
-    if scene.support is None or request.frame == scene.reference_frame:
-        return None
-    return _support(scene, request) < REVEALED
-
-
-def _displacement_uncertain_splats(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    if scene.support is None or request.frame == scene.reference_frame:
-        return None
-    return _support_splats(scene, request) < REVEALED
-
-
 def _support(scene: Scene, request: LayerRequest) -> np.ndarray:
     return scene.render(request.frame, request.camera, ("support",))["support"]
 
@@ -180,6 +167,7 @@ LAYERS: dict[str, Layer] = {
             _similarity_splats,
             lambda scene: "cosine",
             "magma",
+            fixed_range=(0.0, 1.0),
             needs_semantics=True,
             needs_prompt=True,
         ),
@@ -205,10 +193,15 @@ LAYERS: dict[str, Layer] = {
             _displacement_splats,
             _length,
             "viridis",
-            uncertain=_displacement_uncertain,
-            uncertain_splats=_displacement_uncertain_splats,
+            uncertain=guessed_since,
+            uncertain_splats=guessed_splats_since,
             uncertain_words="hatched: a guess, the recording does not show how far this moved",
+            from_zero=True,
+            of_motion=True,
         ),
+        SPEED,
+        ROTATION,
+        SCALE,
         Layer(
             "warp",
             "Spurious warp",
@@ -219,6 +212,8 @@ LAYERS: dict[str, Layer] = {
             _warp_splats,
             lambda scene: "px",
             "magma",
+            from_zero=True,
+            of_motion=True,
             needs_clip=True,
         ),
         Layer(
@@ -231,25 +226,8 @@ LAYERS: dict[str, Layer] = {
             _support_splats,
             _none,
             "cividis",
+            fixed_range=(0.0, 1.0),
             needs_support=True,
         ),
     )
 }
-
-
-def layer_range(scene: Scene, layer: Layer, request: LayerRequest, mode: RangeMode) -> tuple[float, float]:
-    """Colour range (low, high) of a scalar layer: percentiles 1–99 of this frame, or over frames spread across the whole sequence."""
-    if layer.name in ("similarity", "support"):
-        return 0.0, 1.0
-    frames = [request.frame] if mode == "frame" else np.unique(np.linspace(0, scene.frames - 1, SEQUENCE_SAMPLES).round())
-    values = []
-    for frame in frames:
-        picture = layer.picture(scene, LayerRequest(float(frame), request.camera, request.prompts, request.threshold, request.decoder))
-        values.append(picture[np.isfinite(picture)])
-    known = np.concatenate(values)
-    if known.size == 0:
-        return 0.0, 1.0
-    low, high = np.percentile(known, [1, 99])
-    if layer.name in ("displacement", "warp"):
-        low = 0.0
-    return float(low), float(max(high, low + 1e-6))

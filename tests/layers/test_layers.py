@@ -90,6 +90,9 @@ def test_units_and_what_they_measure(scene, clip):
         "similarity": "cosine",
         "mask": "",
         "displacement": "mm",
+        "speed": "mm/s",
+        "rotation": "°",
+        "scale": "log₂ volume",
         "warp": "px",
         "support": "",
     }
