@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 from engine.errors import RunError
 
 RangeMode = Literal["frame", "sequence", "fixed"]
-Compare = Literal["off", "wipe", "difference"]
+Compare = Literal["off", "wipe", "blink", "difference"]
 Colour = tuple[int, int, int]
 
 #: Told apart by colour-blind readers (Okabe and Ito), in the order of the engine's mask layer; white last.

@@ -104,7 +104,7 @@ def moving(name: str, title: str, description: str, measure: Measure, unit: Call
 SPEED = moving(
     "speed",
     "Speed",
-    "How fast tissue moves: ‖μ(t + 1) − μ(t − 1)‖ over the time between the two neighbouring frames, blended over the Gaussians of a pixel. "
+    "How fast tissue moves: ‖μ(t + 1) − μ(t − 1)‖ over the time between the two neighbouring frames, blended over a pixel's Gaussians. "
     "Hatched where the recording does not reveal the motion: a guess.",
     speed_of,
     lambda scene: f"{scene.unit}/s",

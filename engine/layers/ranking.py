@@ -83,8 +83,7 @@ def rank(scene: Scene, layer: Layer, request: LayerRequest, count: int = 50) -> 
 
 def places(values: np.ndarray) -> list[tuple[float, float, float]]:
     """Up to `PEAKS` places of a picture, float [H, W] with NaN where nothing is known: (x, y, mean over the place), the largest first."""
-    height, width = values.shape
-    size = max(3, round(PLACE * width) | 1)
+    size = max(3, round(PLACE * values.shape[1]) | 1)
     known = np.isfinite(values)
     share = cv2.blur(known.astype(np.float32), (size, size), borderType=cv2.BORDER_CONSTANT)
     mean = cv2.blur(np.where(known, values, 0).astype(np.float32), (size, size), borderType=cv2.BORDER_CONSTANT) / np.maximum(share, KNOWN)

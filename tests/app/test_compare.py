@@ -6,7 +6,7 @@ import numpy as np
 from PySide6.QtCore import Qt
 
 
-def test_cycle_through_wipe_and_difference(qtbot, opened, idle, screenshot):
+def test_cycle_through_wipe_blink_and_difference(qtbot, opened, idle, screenshot):
     session, panel = opened.session, opened.parts.panel
     session.go_to(4)
     panel.setFocus()
@@ -19,6 +19,11 @@ def test_cycle_through_wipe_and_difference(qtbot, opened, idle, screenshot):
     assert np.array_equal(shown[:, :10], drawn[:, :10])
     assert np.array_equal(shown[:, -10:], recorded[:, -10:])
     screenshot(opened, "compare-wipe")
+    qtbot.keyClick(panel, Qt.Key.Key_C)
+    idle()
+    assert panel.compare_mode() == "blink"
+    qtbot.waitUntil(lambda: np.array_equal(panel.grab_image(), recorded), timeout=3000)
+    qtbot.waitUntil(lambda: np.array_equal(panel.grab_image(), drawn), timeout=3000)
     qtbot.keyClick(panel, Qt.Key.Key_C)
     idle()
     assert panel.compare_mode() == "difference"

@@ -12,6 +12,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from widgets.images import to_array
+from widgets.panel_tools import RegionTool
 from widgets.render_panel import RenderPanel
 
 LEFT = Qt.MouseButton.LeftButton
@@ -204,8 +205,8 @@ def test_message_marker_legend_and_notes_are_painted(panel, rgb):
 
 
 def test_wrong_values_are_refused(panel):
-    with pytest.raises(ValueError, match="blink"):
-        panel.set_compare_mode("blink")
+    with pytest.raises(ValueError, match="flicker"):
+        panel.set_compare_mode("flicker")
     for bad in (np.zeros((4, 4, 3)), np.zeros((4, 4), np.uint8), np.zeros((4, 4, 2), np.uint8)):
         with pytest.raises(ValueError, match="uint8"):
             panel.set_image(bad)
@@ -226,3 +227,71 @@ def test_painting_is_not_slower_than_a_copy_allows(show, rng):
         return np.median(times)
 
     assert median(panel.repaint) < 40 * median(lambda: rgb.astype(np.int16).copy())
+
+
+def test_blinking_shows_one_then_the_other(panel, rgb, rng, qtbot):
+    observed = rng.integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    panel.set_observed(observed)
+    panel.set_compare_mode("blink")
+    np.testing.assert_array_equal(panel.grab_image(), rgb)
+    qtbot.waitUntil(lambda: np.array_equal(panel.grab_image(), observed), timeout=3000)
+    qtbot.waitUntil(lambda: np.array_equal(panel.grab_image(), rgb), timeout=3000)
+    panel.set_compare_mode("off")
+
+
+@pytest.mark.parametrize("lasso", [False, True])
+def test_a_region_is_drawn_with_the_tool_in_the_hand(panel, qtbot, lasso):
+    tool = RegionTool(lasso)
+    panel.set_tool(tool)
+    clicks, drawn = [], []
+    panel.clicked.connect(lambda x, y: clicks.append((x, y)))
+    tool.drawn.connect(drawn.append)
+    before = panel.view()
+    qtbot.mousePress(panel, LEFT, pos=at(panel, 10, 10))
+    for x, y in ((30, 12), (40, 40), (12, 35)):
+        qtbot.mouseMove(panel, at(panel, x, y))
+    qtbot.mouseRelease(panel, LEFT, pos=at(panel, 12, 35))
+    [outline] = drawn
+    assert clicks == []
+    assert panel.view() == before  # nothing was panned
+    xs, ys = zip(*outline, strict=True)
+    assert (len(outline) > 4) if lasso else len(outline) == 4
+    assert min(xs) == pytest.approx(10.5, abs=0.3)
+    assert max(xs) == pytest.approx(40.5 if lasso else 12.5, abs=0.3)
+    assert max(ys) == pytest.approx(40.5 if lasso else 35.5, abs=0.3)
+    qtbot.mouseClick(panel, LEFT, pos=at(panel, 20, 20))
+    assert len(drawn) == 1  # a slip of the hand draws nothing
+    panel.set_tool(None)
+    qtbot.mouseClick(panel, LEFT, pos=at(panel, 20, 20))
+    assert clicks == [(20, 20)]
+
+
+def test_the_middle_button_still_pans_with_a_tool_in_the_hand(panel, qtbot):
+    panel.set_tool(RegionTool(False))
+    before = panel.view()
+    QTest.mousePress(panel, Qt.MouseButton.MiddleButton, Qt.KeyboardModifier.NoModifier, QPoint(100, 100))
+    QTest.mouseMove(panel, QPoint(150, 120))
+    QTest.mouseRelease(panel, Qt.MouseButton.MiddleButton, Qt.KeyboardModifier.NoModifier, QPoint(150, 120))
+    assert panel.view()[1:] != before[1:]
+
+
+def test_two_panels_look_alike(panel, show, rgb):
+    other = show(RenderPanel(), 400, 300)
+    other.set_image(rgb)
+    panel.set_zoom(11.0, QPointF(50, 60))
+    other.set_view(*panel.view())
+    assert other.view() == pytest.approx(panel.view())
+    np.testing.assert_array_equal(pixels(other)[5:-5, 5:-5], pixels(panel)[5:-5, 5:-5])
+
+
+def test_an_outline_and_a_title_lie_over_the_picture(panel, rgb):
+    plain = pixels(panel)
+    panel.set_outline([(10, 10), (60, 10), (60, 50), (10, 50)])
+    marked = pixels(panel)
+    assert (marked != plain).any(-1)[200:220, 40:60].any()  # along the left side
+    panel.set_title("run A")
+    assert (pixels(panel) != marked).any()
+    np.testing.assert_array_equal(panel.grab_image(), rgb)
+    panel.set_outline([])
+    panel.set_title("")
+    np.testing.assert_array_equal(pixels(panel), plain)

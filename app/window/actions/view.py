@@ -11,18 +11,26 @@ from app.look import Compare
 if TYPE_CHECKING:
     from app.window.main import MainWindow
 
-#: Keys 1 to 7, in the order of the layer list.
+#: Name, title and key of the layers, in the order of the layer list.
 LAYER_KEYS = (
-    ("rgb", "Colour"),
-    ("depth", "Depth"),
-    ("features", "Features"),
-    ("similarity", "Similarity"),
-    ("mask", "Masks"),
-    ("displacement", "Displacement"),
-    ("warp", "Spurious warp"),
-    ("support", "Motion support"),
+    ("rgb", "Colour", "1"),
+    ("depth", "Depth", "2"),
+    ("features", "Features", "3"),
+    ("similarity", "Similarity", "4"),
+    ("mask", "Masks", "5"),
+    ("displacement", "Displacement", "6"),
+    ("speed", "Speed", "9"),
+    ("rotation", "Rotation", ""),
+    ("scale", "Scale change", ""),
+    ("warp", "Spurious warp", "7"),
+    ("support", "Motion support", "8"),
 )
-COMPARES: tuple[tuple[Compare, str], ...] = (("off", "Compare: off"), ("wipe", "Compare: wipe"), ("difference", "Compare: difference"))
+COMPARES: tuple[tuple[Compare, str], ...] = (
+    ("off", "Compare: off"),
+    ("wipe", "Compare: wipe"),
+    ("blink", "Compare: blink"),
+    ("difference", "Compare: difference"),
+)
 
 
 def fill(registry: ActionRegistry, window: MainWindow) -> None:
@@ -64,11 +72,11 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
                 title,
                 partial(session.set_layer, name),
                 ("View", "Layer"),
-                (str(number),),
+                (key,) if key else (),
                 partial(can_show, name),
                 partial(is_shown, name),
             )
-            for number, (name, title) in enumerate(LAYER_KEYS, 1)
+            for name, title, key in LAYER_KEYS
         ),
         *(
             Action(
