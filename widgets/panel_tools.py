@@ -67,7 +67,7 @@ class RegionTool(QObject):
         outline, self._points = self._outline(), []
         box = outline.boundingRect()
         if min(box.width(), box.height()) >= SMALLEST:
-            self.drawn.emit([(corner.x(), corner.y()) for corner in outline])
+            self.drawn.emit([(corner.x(), corner.y()) for corner in outline.toList()])
 
     def paint(self, painter: QPainter, scale: float) -> None:
         if len(self._points) > 1:

@@ -93,7 +93,7 @@ def places(values: np.ndarray) -> list[tuple[float, float, float]]:
         y, x = np.unravel_index(int(strength.argmax()), strength.shape)
         if strength[y, x] <= 0:
             break
-        peaks.append((x + 0.5, y + 0.5, float(mean[y, x])))
+        peaks.append((float(x) + 0.5, float(y) + 0.5, float(mean[y, x])))
         strength[max(0, y - size) : y + size + 1, max(0, x - size) : x + size + 1] = 0
     return peaks
 
