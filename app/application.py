@@ -35,6 +35,7 @@ def run_window(path: Path | None = None) -> int:
         QTimer.singleShot(0, lambda: show_error(window, settings.complaint or ""))
     InterruptWatch(window)
     window.show()
+    path = path or window.keeping.left_behind()
     if path is not None:
         window.opening.open_path(path)
     return app.exec()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
 from app import session_file
 from app.look import Colour, ColourRange, Compare, Look, Prompt
 from app.part import Part
+from app.session_parts import CameraMode, LookPart, Place
+from app.session_store import SessionStore
 from app.signal import Signal
 from app.undo import UndoStack
 from engine.errors import PromptError
@@ -18,8 +19,6 @@ from engine.errors import PromptError
 if TYPE_CHECKING:
     from engine.clip import Clip
     from engine.scene import Scene
-
-CameraMode = Literal["surgeon", "free"]
 
 
 class Session:
@@ -43,18 +42,15 @@ class Session:
         self.look_changed: Signal[[Look, Look]] = Signal()
         self.camera_mode_changed: Signal[[str]] = Signal()
         self.probe_changed: Signal[[tuple[float, float] | None]] = Signal()
-        self.dirty_changed: Signal[[bool]] = Signal()
         self.scene: Scene | None = None
         self.clip: Clip | None = None
         self.undo = UndoStack(clock=clock)
-        self.parts: dict[str, Part] = {}
-        self._look = self._saved = Look()
-        self._frame = 0
+        self.store = SessionStore()
+        self.dirty_changed = self.store.dirty_changed
+        self._view, self._place = LookPart(), Place()
         self._playing = False
-        self._camera_mode: CameraMode = "surgeon"
-        self._probe: tuple[float, float] | None = None
-        self._kept: dict[str, Any] = {}
-        self._parts_dirty = False
+        self.register(session_file.LOOK, self._view)
+        self.register("place", self._place)
 
     # What is open
 
@@ -66,36 +62,48 @@ class Session:
         ValueError
             When the name is taken.
         """
-        if name in self.parts or name == session_file.LOOK:
-            raise ValueError(f"the session already has a part called {name!r}")
-        self.parts[name] = part
-        part.changed.connect(lambda record: self._part_changed(part))
+        self.store.register(name, part)
 
-    def open_scene(self, scene: Scene) -> None:
-        """Show a run, from the reference frame, with the session saved in its folder.
+    def open_scene(self, scene: Scene, keep: bool = True) -> None:
+        """Show a run, with the session saved in its folder. `store.unsaved` tells whether a crash left work there: see `recover`.
+
+        Parameters
+        ----------
+        keep : bool
+            Whether to save and to keep a journal; not for the sample.
+
+        Raises
+        ------
+        DamagedSession
+            When the session file is damaged. Nothing is open then.
+        """
+        self.close()
+        try:
+            self.store.open(scene.run.path, keep)
+            self.scene, self.clip = scene, scene.clip
+            self._place.frame = min(self._place.frame, max(0, self.frames - 1))
+        finally:
+            self.opened.emit()
+        if self._place.frame:
+            self.frame_changed.emit(self._place.frame)
+        if self._place.camera_mode != "surgeon":
+            self.camera_mode_changed.emit(self._place.camera_mode)
+        if self._place.probe is not None:
+            self.probe_changed.emit(self._place.probe)
+
+    def recover(self) -> None:
+        """Bring back what a crash left unsaved.
 
         Raises
         ------
         RunError
-            When the session file is damaged; the run is open then, with a fresh view.
+            When a part of it is damaged; what came before is back.
         """
-        self.close()
-        self.scene, self.clip = scene, scene.clip
+        before = self._view.look
         try:
-            self._load(scene.run.path)
+            self.store.recover()
         finally:
-            self._mark_saved()
-            self.opened.emit()
-
-    def _load(self, folder: Path) -> None:
-        source = folder / session_file.NAME
-        self._kept = session_file.read(source)
-        if session_file.LOOK in self._kept:
-            self._look = Look.from_json(self._kept[session_file.LOOK], str(source))
-        for name, part in self.parts.items():
-            part.load(folder)
-            if name in self._kept:
-                part.from_json(self._kept[name], str(source))
+            self.look_changed.emit(before, self._view.look)
 
     def open_clip(self, clip: Clip) -> None:
         """Show a clip that has no run yet."""
@@ -107,12 +115,7 @@ class Session:
         """Forget everything. Emits nothing about it: `open_scene` and `open_clip` do."""
         self.pause()
         self.scene = self.clip = None
-        self._look = self._saved = Look()
-        self._frame, self._probe, self._camera_mode = 0, None, "surgeon"
-        self._kept = {}
-        for part in self.parts.values():
-            part.clear()
-        self._parts_dirty = False
+        self.store.close()
         self.undo.clear()
 
     @property
@@ -133,19 +136,19 @@ class Session:
 
     @property
     def frame(self) -> int:
-        return self._frame
+        return self._place.frame
 
     def go_to(self, frame: int) -> None:
         """Show a frame; numbers outside the clip are clamped."""
         frame = min(max(0, int(frame)), max(0, self.frames - 1))
-        if frame != self._frame:
-            self._frame = frame
+        if frame != self._place.frame:
+            self._place.frame = frame
             self.frame_changed.emit(frame)
 
     def step(self, frames: int) -> None:
         """Stop and go some frames on (or back)."""
         self.pause()
-        self.go_to(self._frame + frames)
+        self.go_to(self._place.frame + frames)
 
     @property
     def playing(self) -> bool:
@@ -169,35 +172,35 @@ class Session:
 
     @property
     def look(self) -> Look:
-        return self._look
+        return self._view.look
 
     def edit(self, name: str, look: Look, key: str | None = None) -> None:
         """Show another look, as an undoable step called `name`. Edits with the same `key` in quick succession become one step."""
-        if look != self._look:
-            before = self._look
+        if look != self._view.look:
+            before = self._view.look
             self._set_look(look)
             self.undo.push(name, self._set_look, before, look, key)
 
     def set_layer(self, layer: str) -> None:
-        self.edit(f"Show {layer}", replace(self._look, layer=layer))
+        self.edit(f"Show {layer}", replace(self._view.look, layer=layer))
 
     def set_decoder(self, decoder: str) -> None:
-        self.edit(f"Decode masks with {decoder}", replace(self._look, decoder=decoder))
+        self.edit(f"Decode masks with {decoder}", replace(self._view.look, decoder=decoder))
 
     def set_overlay_opacity(self, opacity: float) -> None:
-        self.edit("Mask opacity", replace(self._look, overlay_opacity=min(1.0, max(0.0, opacity))), key="opacity")
+        self.edit("Mask opacity", replace(self._view.look, overlay_opacity=min(1.0, max(0.0, opacity))), key="opacity")
 
     def set_compare(self, compare: Compare) -> None:
-        self.edit(f"Compare: {compare}", replace(self._look, compare=compare))
+        self.edit(f"Compare: {compare}", replace(self._view.look, compare=compare))
 
     def set_range(self, layer: str, colour_range: ColourRange) -> None:
-        self.edit(f"Colour range of {layer}", self._look.with_range(layer, colour_range), key=f"range-{layer}")
+        self.edit(f"Colour range of {layer}", self._view.look.with_range(layer, colour_range), key=f"range-{layer}")
 
     def set_threshold(self, threshold: float) -> None:
-        self.edit("Mask threshold", replace(self._look, threshold=threshold), key="threshold")
+        self.edit("Mask threshold", replace(self._view.look, threshold=threshold), key="threshold")
 
     def set_masks_shown(self, shown: bool) -> None:
-        self.edit("Show masks" if shown else "Hide masks", replace(self._look, masks_shown=shown))
+        self.edit("Show masks" if shown else "Hide masks", replace(self._view.look, masks_shown=shown))
 
     def add_prompt(self, text: str, colour: Colour | None = None) -> Prompt:
         """Show the mask of a text, in the next free colour when none is given.
@@ -214,56 +217,54 @@ class Session:
             raise PromptError("Open a run first: prompts are answered by a reconstructed scene.")
         if not text:
             raise PromptError("Type what to look for, such as gallbladder.")
-        if any(prompt.text.casefold() == text.casefold() for prompt in self._look.prompts):
+        if any(prompt.text.casefold() == text.casefold() for prompt in self._view.look.prompts):
             raise PromptError(f"“{text}” is already in the list.")
         self.scene.meanings(text)
-        prompt = Prompt(text, colour or self._look.next_colour())
-        self.edit(f"Prompt {text}", replace(self._look, prompts=(*self._look.prompts, prompt)))
+        prompt = Prompt(text, colour or self._view.look.next_colour())
+        self.edit(f"Prompt {text}", replace(self._view.look, prompts=(*self._view.look.prompts, prompt)))
         return prompt
 
     def remove_prompt(self, text: str) -> None:
-        gone = self._look.prompt(text)
-        self.edit(f"Remove {gone.text}", replace(self._look, prompts=tuple(p for p in self._look.prompts if p is not gone)))
+        gone = self._view.look.prompt(text)
+        self.edit(f"Remove {gone.text}", replace(self._view.look, prompts=tuple(p for p in self._view.look.prompts if p is not gone)))
 
     def set_visible(self, text: str, visible: bool) -> None:
-        prompt = self._look.prompt(text)
+        prompt = self._view.look.prompt(text)
         self._change_prompt(f"{'Show' if visible else 'Hide'} {prompt.text}", replace(prompt, visible=visible))
 
     def set_colour(self, text: str, colour: Colour) -> None:
-        prompt = self._look.prompt(text)
+        prompt = self._view.look.prompt(text)
         self._change_prompt(f"Colour of {prompt.text}", replace(prompt, colour=colour))
 
     def _change_prompt(self, name: str, prompt: Prompt) -> None:
-        self.edit(name, replace(self._look, prompts=tuple(prompt if p.text == prompt.text else p for p in self._look.prompts)))
+        self.edit(name, replace(self._view.look, prompts=tuple(prompt if p.text == prompt.text else p for p in self._view.look.prompts)))
 
     def _set_look(self, look: Look) -> None:
-        before, was_dirty = self._look, self.dirty
-        self._look = look
+        before, self._view.look = self._view.look, look
+        self._view.changed.emit(None)
         self.look_changed.emit(before, look)
-        if self.dirty != was_dirty:
-            self.dirty_changed.emit(self.dirty)
 
     # Camera and probe
 
     @property
     def camera_mode(self) -> CameraMode:
         """`surgeon`: both views through the clip's camera. `free`: the 3D view goes where the user turns it."""
-        return self._camera_mode
+        return self._place.camera_mode
 
     @camera_mode.setter
     def camera_mode(self, mode: CameraMode) -> None:
-        if mode != self._camera_mode:
-            self._camera_mode = mode
+        if mode != self._place.camera_mode:
+            self._place.camera_mode = mode
             self.camera_mode_changed.emit(mode)
 
     @property
     def probe(self) -> tuple[float, float] | None:
         """The clicked pixel (x, y) of the surgeon's picture whose curves are shown."""
-        return self._probe
+        return self._place.probe
 
     @probe.setter
     def probe(self, pixel: tuple[float, float] | None) -> None:
-        self._probe = pixel
+        self._place.probe = pixel
         self.probe_changed.emit(pixel)
 
     # Saving
@@ -271,33 +272,8 @@ class Session:
     @property
     def dirty(self) -> bool:
         """Whether there is work that the run folder does not hold."""
-        return self._look != self._saved or self._parts_dirty
+        return self.store.dirty
 
     def save(self) -> None:
-        """Write everything into the run folder, where `open_scene` finds it. Parts of the file that nobody registered stay in it.
-
-        Raises
-        ------
-        DegenseError
-            When the folder cannot be written; what was there before stays, and so does `dirty`.
-        """
-        if self.scene is None:
-            return
-        folder, was_dirty = self.scene.run.path, self.dirty
-        for part in self.parts.values():
-            part.store(folder)
-        parts = {name: part.to_json() for name, part in self.parts.items()}
-        self._kept = {**self._kept, session_file.LOOK: self._look.to_json(), **parts}
-        session_file.write(folder / session_file.NAME, self._kept)
-        self._mark_saved()
-        if was_dirty:
-            self.dirty_changed.emit(False)
-
-    def _mark_saved(self) -> None:
-        self._saved, self._parts_dirty = self._look, False
-
-    def _part_changed(self, part: Part) -> None:
-        was_dirty = self.dirty
-        self._parts_dirty |= part.counts and self.scene is not None
-        if self.dirty != was_dirty:
-            self.dirty_changed.emit(True)
+        """Write everything into the run folder, where `open_scene` finds it. Errors as `SessionStore.save`."""
+        self.store.save()

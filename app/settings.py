@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import platformdirs
 
 from engine.files import write_text
 
 RECENT_LIMIT = 10
+Theme = Literal["dark", "light", "system"]
 
 
 def config_folder() -> Path:
@@ -30,16 +31,31 @@ class Settings:
     ----------
     recent : tuple of str
         Clips and runs opened last, newest first.
+    open_run : str
+        The run that is open now; still there at the next start when the program was not closed.
     speed : float
         Playback speed, 1 = as recorded.
+    autosave : float
+        Minutes after a change until it is saved; 0 saves only when asked and at the end.
+    undo_memory : float
+        Megabytes that undo may hold.
+    shortcuts : dict of str to list of str
+        Keys that the user gave to actions, by action id; actions that are not named have their own.
+    training : dict
+        What the training dialog was last started with.
     geometry, state : str
         The window's size and docks, as Qt saves them, base64.
     """
 
-    theme: Literal["dark", "light"] = "dark"
+    theme: Theme = "dark"
     recent: tuple[str, ...] = field(default=())
     last_folder: str = ""
+    open_run: str = ""
     speed: float = 1.0
+    autosave: float = 1.0
+    undo_memory: float = 256.0
+    shortcuts: dict[str, list[str]] = field(default_factory=dict)
+    training: dict[str, Any] = field(default_factory=dict)
     geometry: str = ""
     state: str = ""
 
@@ -102,24 +118,42 @@ class SettingsFile:
         return Settings()
 
 
+#: What numbers may be.
+LIMITS = {"speed": (0.05, 16.0), "autosave": (0.0, 60.0), "undo_memory": (16.0, 8192.0)}
+
+
 def _parse(data: Any) -> Settings:
     """Settings from JSON. Unknown keys (of a newer version) are dropped; a known key of the wrong type is an error."""
     if not isinstance(data, dict):
         raise ValueError("not a JSON object")
-    known = {item.name: data[item.name] for item in fields(Settings) if item.name in data}
-    defaults = Settings()
-    for name, value in known.items():
-        wanted = getattr(defaults, name)
-        if name == "recent":
-            if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
+    return Settings(**{item.name: _checked(item.name, data[item.name]) for item in fields(Settings) if item.name in data})
+
+
+def _checked(name: str, value: Any) -> Any:
+    if name in LIMITS:
+        low, high = LIMITS[name]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise ValueError(f"{name} is no number between {low:g} and {high:g}")
+        return float(value)
+    match name:
+        case "recent":
+            if not _texts(value):
                 raise ValueError("recent is not a list of paths")
-            known[name] = tuple(value[:RECENT_LIMIT])
-        elif isinstance(wanted, float):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.05 <= value <= 16:
-                raise ValueError(f"{name} is no number between 0.05 and 16")
-            known[name] = float(value)
-        elif not isinstance(value, str):
-            raise ValueError(f"{name} is not a text")
-    if known.get("theme", "dark") not in ("dark", "light"):
-        raise ValueError("theme is neither dark nor light")
-    return Settings(**known)
+            return tuple(value[:RECENT_LIMIT])
+        case "shortcuts":
+            if not isinstance(value, dict) or not all(map(_texts, value.values())):
+                raise ValueError("shortcuts are not lists of keys")
+        case "training":
+            if not isinstance(value, dict):
+                raise ValueError("training is not a JSON object")
+        case "theme":
+            if value not in get_args(Theme):
+                raise ValueError(f"theme is none of {', '.join(get_args(Theme))}")
+        case _:
+            if not isinstance(value, str):
+                raise ValueError(f"{name} is not a text")
+    return value
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)

@@ -14,6 +14,8 @@ from app.window import actions
 from app.window.controls import Controls
 from app.window.drawing import Drawing
 from app.window.exporting import Exporting
+from app.window.keeping import Keeping
+from app.window.layout import WindowLayout
 from app.window.menus import Menus
 from app.window.messages import show_about, show_cheat_sheet, show_error, show_text
 from app.window.opening import Opening
@@ -49,9 +51,11 @@ class MainWindow(QMainWindow):
         self.drawing = Drawing(self.session, self.service, self.parts)
         self.controls = Controls(self.session, settings, self.parts)
         self.probing = Probing(self.session, self.service, self.parts, self.drawing)
-        self.opening = Opening(self.session, self.service, settings, self.parts)
+        self.keeping = Keeping(self.session, settings, self.parts)
+        self.opening = Opening(self.session, self.service, settings, self.parts, self.keeping)
         self.exporting = Exporting(self.session, self.service, self.parts, self.drawing)
         self.training = Training(self.session, self.parts, self.opening)
+        self.session.register("window", WindowLayout(self.session, self.parts, self.drawing))
         self.registry = ActionRegistry()
         actions.fill(self.registry, self)
         self.menus = Menus(self.registry, self, self.complaint.emit)
@@ -150,11 +154,11 @@ class MainWindow(QMainWindow):
             self.opening.open_path(path)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        if not self.training.may_close(self.close):
+        if not (self.training.may_close(self.close) and self.keeping.may_leave(self.close)):
             event.ignore()
             return
         self.session.pause()
-        self.opening.save_session()
+        self.keeping.end()
         geometry = bytes(self.saveGeometry().toBase64().data()).decode("ascii")
         state = bytes(self.saveState().toBase64().data()).decode("ascii")
         self.settings.update(geometry=geometry, state=state)

@@ -13,7 +13,9 @@ from PySide6.QtWidgets import QFileDialog
 from app.demo import demo_run, is_demo
 from app.render_service import RenderService
 from app.session import Session
+from app.session_file import DamagedSession
 from app.settings import SettingsFile
+from app.window.keeping import Keeping
 from app.window.messages import show_error
 from app.window.parts import Parts
 from engine.errors import DegenseError
@@ -35,9 +37,10 @@ class Opening(QObject):
 
     failed = Signal()
 
-    def __init__(self, session: Session, service: RenderService, settings: SettingsFile, parts: Parts) -> None:
+    def __init__(self, session: Session, service: RenderService, settings: SettingsFile, parts: Parts, keeping: Keeping) -> None:
         super().__init__(parts)
         self.session, self.service, self.settings, self.parts = session, service, settings, parts
+        self.keeping = keeping
         self.clip_answers: dict[str, Any] = {}
         parts.facts.corrected.connect(self._reopen)
 
@@ -72,7 +75,8 @@ class Opening(QObject):
 
     def open_path(self, path: Path, answers: dict[str, Any] | None = None) -> None:
         """Open a run folder or a clip. `answers` are `ClipOptions` that the user gave."""
-        self.save_session()
+        if not self.keeping.may_leave(lambda: self.open_path(path, answers)):
+            return
         self.parts.set_busy(f"Opening {path.name}")
         if self.session.frames == 0:
             self.parts.panel.set_message(f"Opening {path.name} …")
@@ -105,7 +109,12 @@ class Opening(QObject):
         self.clip_answers = {}
         self.parts.facts.show_facts(run_facts(scene), correctable=False)
         self._remember(path)
-        self.session.open_scene(scene)
+        try:
+            self.session.open_scene(scene, keep=not is_demo(path))
+        except DamagedSession as error:
+            self.parts.facts.show_facts([], correctable=False)
+            self.keeping.offer_backups(error, lambda: self.open_path(path))
+            return
         self.parts.say(scene.clip_missing or f"{scene.name}: {scene.frames} frames")
 
     def _show_clip(self, path: Path, clip: Clip, answers: dict[str, Any]) -> None:
@@ -126,16 +135,6 @@ class Opening(QObject):
     def _remember(self, path: Path) -> None:
         if not is_demo(path):
             self.settings.store(self.settings.value.opened(path))
-
-    def save_session(self) -> None:
-        """Keep the look of the run that is open. The sample stays as it came."""
-        scene = self.session.scene
-        if scene is None or is_demo(scene.run.path):
-            return
-        try:
-            self.session.save()
-        except DegenseError as error:
-            show_error(self.parts.window, str(error))
 
 
 def _open_run(path: Path) -> Scene:

@@ -25,7 +25,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         Action("file.open-video", "Open video…", opening.ask_for_video, ("File",), help="clip from a movie file"),
         Action("file.open-run", "Open run…", opening.ask_for_run, ("File",), ("Ctrl+R",), help="reconstruction scene"),
         Action("file.demo", "Demo", opening.open_demo, ("File",), help="sample example"),
-        Action("file.save", "Save view", opening.save_session, ("File",), ("Ctrl+S",), lambda: has_scene() and session.dirty, group=1),
+        Action("file.save", "Save view", window.keeping.save, ("File",), ("Ctrl+S",), lambda: has_scene() and session.dirty, group=1),
         Action(
             "export.picture",
             "Picture as shown…",

@@ -1,0 +1,65 @@
+"""The parts that every session has: the look, and the place one is at."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, get_args
+
+from app.look import Look
+from app.part import Part
+from engine.errors import RunError
+
+CameraMode = Literal["surgeon", "free"]
+
+
+class LookPart(Part):
+    """The look as part of what is saved."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.look = Look()
+
+    def clear(self) -> None:
+        self.look = Look()
+
+    def to_json(self) -> Any:
+        return self.look.to_json()
+
+    def from_json(self, data: Any, source: str) -> None:
+        self.look = Look.from_json(data, source)
+
+
+class Place(Part):
+    """Which instant and where from. It is saved, but a change of it is no work that would be missed.
+
+    Attributes
+    ----------
+    probe : (x, y) or None
+        The clicked pixel of the surgeon's picture.
+    """
+
+    counts = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.clear()
+
+    def clear(self) -> None:
+        self.frame = 0
+        self.camera_mode: CameraMode = "surgeon"
+        self.probe: tuple[float, float] | None = None
+
+    def to_json(self) -> Any:
+        return {"frame": self.frame, "camera_mode": self.camera_mode, "probe": self.probe}
+
+    def from_json(self, data: Any, source: str) -> None:
+        try:
+            frame, mode, probe = int(data["frame"]), data["camera_mode"], data["probe"]
+            if mode not in get_args(CameraMode):
+                raise ValueError(f"{mode!r} is no camera mode")
+            pixel = None if probe is None else (float(probe[0]), float(probe[1]))
+            if pixel is not None and not all(map(math.isfinite, pixel)):
+                raise ValueError("the probe is nowhere")
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
+            raise RunError(f"{source} does not hold a place in time ({error}).") from error
+        self.frame, self.camera_mode, self.probe = max(0, frame), mode, pixel

@@ -1,0 +1,74 @@
+"""A session without a window that is painted in, also as a child process that a test may kill."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+from app.part import Part
+from app.session import Session
+from engine.errors import PromptError, RunError
+
+
+class FakeScene:
+    """What the session uses of a scene."""
+
+    def __init__(self, folder: Path, frames: int = 10) -> None:
+        self.name, self.frames, self.clip_size, self.clip = "fake", frames, (48, 40), None
+        self.run = SimpleNamespace(path=folder)
+
+    def meanings(self, prompt: str) -> None:
+        if prompt == "xyzzy":
+            raise PromptError("'xyzzy' is not in the vocabulary.")
+
+
+class Strokes(Part):
+    """A part whose changes are small records of something that grows."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.strokes: list[int] = []
+        self.weight = 0
+
+    def add(self, stroke: int) -> None:
+        self.strokes.append(stroke)
+        self.changed.emit({"stroke": stroke})
+
+    def clear(self) -> None:
+        self.strokes = []
+
+    def to_json(self) -> dict:
+        return {"strokes": list(self.strokes), "weight": "x" * self.weight}
+
+    def from_json(self, data, source) -> None:
+        if not isinstance(data, dict) or not isinstance(data.get("strokes"), list):
+            raise RunError(f"{source} holds no strokes")
+        self.strokes = [int(stroke) for stroke in data["strokes"]]
+
+    def replay(self, record, source) -> None:
+        self.strokes.append(int(record["stroke"]))
+
+
+def opened(folder: Path) -> tuple[Session, Strokes]:
+    session, strokes = Session(), Strokes()
+    session.register("strokes", strokes)
+    session.open_scene(FakeScene(folder))
+    return session, strokes
+
+
+def _paint(folder: Path, save_every: int, weight: int) -> Iterator[int]:
+    """Stroke by stroke, each number after it was told; a save every so many strokes."""
+    session, strokes = opened(folder)
+    strokes.weight = weight
+    for stroke in range(10**9):
+        strokes.add(stroke)
+        yield stroke
+        if save_every and stroke % save_every == save_every - 1:
+            session.save()
+
+
+if __name__ == "__main__":
+    for number in _paint(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])):
+        print(number, flush=True)

@@ -1,0 +1,179 @@
+"""Work survives: closing and opening again, a killed window, a damaged session file, a full disk."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QMessageBox
+
+from app.session_store import JOURNAL
+from engine.errors import DegenseError
+from engine.files import write_text
+
+#: A window in a process of its own: opens a run, adds a prompt as a user would, tells the journal, and waits to be killed.
+WINDOW = """
+import sys
+from pathlib import Path
+from PySide6.QtCore import QTimer
+from PySide6.QtWidgets import QApplication
+from app.settings import SettingsFile
+from app.window.main import MainWindow
+
+app = QApplication([])
+window = MainWindow(SettingsFile(Path(sys.argv[2])))
+window.session.opened.connect(lambda: QTimer.singleShot(0, work))
+
+def work():
+    window.session.add_prompt("liver")
+    window.session.set_layer("depth")
+    QTimer.singleShot(1500, lambda: print("worked", flush=True))
+
+window.opening.open_path(Path(sys.argv[1]))
+app.exec()
+"""
+
+
+def click(qtbot, box: QMessageBox, text: str) -> None:
+    button = next(button for button in box.buttons() if button.text().replace("&", "").startswith(text))
+    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+
+
+def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
+    session, parts = opened.session, opened.parts
+    session.add_prompt("liver")
+    session.set_layer("depth")
+    session.go_to(6)
+    idle()
+    qtbot.mousePress(parts.splats._canvas, Qt.MouseButton.LeftButton, pos=parts.splats.rect().center())
+    qtbot.mouseMove(parts.splats._canvas, parts.splats.rect().center() / 2)
+    qtbot.mouseRelease(parts.splats._canvas, Qt.MouseButton.LeftButton, pos=parts.splats.rect().center() / 2)
+    assert session.camera_mode == "free"
+    camera = parts.splats.camera()
+    parts.log_dock.show()
+    opened.registry.run("file.save")
+    parts.log_dock.hide()
+    session.go_to(2)
+    opened.opening.open_demo()
+    idle()
+    assert session.look.prompts == ()
+    opened.opening.open_path(run)
+    idle()
+    qtbot.wait(50)
+    assert (session.look.layer, [prompt.text for prompt in session.look.prompts]) == ("depth", ["liver"])
+    assert (session.frame, parts.timeline.frame(), session.camera_mode) == (2, 2, "free")  # left at 2, saved on leaving
+    assert np.allclose(parts.splats.camera().viewmat, camera.viewmat)
+    assert not parts.log_dock.isVisible()
+    assert not opened.isWindowModified()
+    screenshot(opened, "reopened")
+
+
+def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, run, idle, tmp_path, screenshot):
+    settings = tmp_path / "other.json"
+    with subprocess.Popen([sys.executable, "-c", WINDOW, str(run), str(settings)], stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "worked\n"
+        os.kill(child.pid, signal.SIGKILL)
+    write_text(window.settings.path, settings.read_text())
+    window.settings.__init__(window.settings.path)  # as the next start reads them
+    path = window.keeping.left_behind()
+    assert path == run.resolve()
+    window.opening.open_path(path)
+    idle()
+    box = window.findChild(QMessageBox, "recovery")
+    assert "(view)" in box.informativeText()
+    assert window.session.look.prompts == ()
+    screenshot(window, "recovery")
+    click(qtbot, box, "Restore")
+    idle()
+    assert (window.session.look.layer, [prompt.text for prompt in window.session.look.prompts]) == ("depth", ["liver"])
+    assert window.isWindowModified()
+    window.registry.run("file.save")
+    assert not (run / JOURNAL).exists()
+    assert not window.isWindowModified()
+
+
+def test_a_damaged_session_offers_its_backup(qtbot, opened, run, idle, screenshot):
+    opened.session.add_prompt("liver")
+    opened.registry.run("file.save")
+    opened.session.set_layer("depth")
+    opened.registry.run("file.save")
+    opened.opening.open_demo()
+    idle()
+    (run / "session.json").write_text("{half a fi")
+    opened.opening.open_path(run)
+    idle()
+    assert opened.session.scene is None
+    box = opened.findChild(QMessageBox, "damaged session")
+    screenshot(opened, "damaged-session")
+    click(qtbot, box, "Backup of")
+    idle()
+    assert [prompt.text for prompt in opened.session.look.prompts] == ["liver"]
+    assert (run / "session.json.bad").read_text() == "{half a fi"
+
+
+def test_autosave_waits_for_its_time_and_for_the_hand(qtbot, opened, run, monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr("app.window.keeping.time.monotonic", lambda: now[0])
+    opened.settings.update(autosave=2.0)
+    opened.session.set_threshold(0.25)
+    opened.keeping.tick()
+    now[0] += 119
+    opened.keeping.tick()
+    assert opened.session.dirty
+    monkeypatch.setattr("app.window.keeping.QApplication.mouseButtons", lambda: Qt.MouseButton.LeftButton)
+    now[0] += 2
+    opened.keeping.tick()
+    assert opened.session.dirty  # amid a drag
+    monkeypatch.undo()
+    monkeypatch.setattr("app.window.keeping.time.monotonic", lambda: now[0])
+    opened.keeping.tick()
+    assert not opened.session.dirty
+
+
+def test_work_that_cannot_be_saved_is_not_left_silently(qtbot, opened, idle, monkeypatch, screenshot):
+    opened.session.add_prompt("liver")
+
+    def full(path: Path, parts: object) -> None:
+        raise DegenseError(f"{path} cannot be written: No space left on device; what was there before is untouched.")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("app.session_file.write", full)
+        opened.close()
+        assert opened.isVisible()
+        box = opened.findChild(QMessageBox, "unsaved")
+        assert "No space left" in box.text()
+        screenshot(opened, "unsaved")
+        click(qtbot, box, "Stay")
+    assert opened.isVisible()
+    assert opened.isWindowModified()
+    opened.registry.run("file.save")
+    assert not opened.isWindowModified()
+
+
+@pytest.mark.parametrize("answer", ["Discard", "Restore"])
+def test_recovered_work_is_asked_about_once(qtbot, opened, run, idle, answer):
+    opened.session.set_threshold(0.25)
+    opened.session.store.tell_pending()
+    journal = (run / JOURNAL).read_bytes()
+    opened.opening.open_demo()
+    idle()
+    (run / "session.json").unlink()
+    (run / JOURNAL).write_bytes(journal)
+    for asked in (True, False):
+        opened.opening.open_path(run)
+        idle()
+        box = opened.findChild(QMessageBox, "recovery")
+        assert (box is not None) is asked
+        if box is not None:
+            click(qtbot, box, answer)
+            qtbot.wait(10)
+        assert opened.session.look.threshold == (0.25 if answer == "Restore" else 0.5)
+        opened.opening.open_demo()
+        idle()
