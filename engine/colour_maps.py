@@ -31,6 +31,27 @@ _STOPS = {
 
 COLOUR_MAPS = tuple(_STOPS)
 
+#: Of classes and prompts. Okabe–Ito without black, then Tol's bright and muted colours: told apart by colour-blind readers and on dark
+#: tissue.
+CLASS_COLOURS = (
+    (230, 159, 0),
+    (86, 180, 233),
+    (0, 158, 115),
+    (240, 228, 66),
+    (0, 114, 178),
+    (213, 94, 0),
+    (204, 121, 167),
+    (102, 204, 238),
+    (204, 187, 68),
+    (170, 51, 119),
+    (136, 204, 238),
+    (68, 170, 153),
+    (221, 204, 119),
+    (204, 102, 119),
+    (51, 34, 136),
+    (153, 153, 51),
+)
+
 #: What a number that is not known looks like.
 UNKNOWN = (128, 128, 128)
 

@@ -6,27 +6,12 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
 
+from engine import colour_maps
+
 THEMES = ("dark", "light", "system")
 
-#: Okabe–Ito without black, then Tol's bright and muted colours: told apart by colour-blind readers and on dark tissue.
-CLASS_COLOURS = (
-    "#e69f00",
-    "#56b4e9",
-    "#009e73",
-    "#f0e442",
-    "#0072b2",
-    "#d55e00",
-    "#cc79a7",
-    "#66ccee",
-    "#ccbb44",
-    "#aa3377",
-    "#88ccee",
-    "#44aa99",
-    "#ddcc77",
-    "#cc6677",
-    "#332288",
-    "#999933",
-)
+#: Codes of `engine.colour_maps.CLASS_COLOURS`.
+CLASS_COLOURS = tuple(f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in colour_maps.CLASS_COLOURS)
 
 _ROLES = {
     "dark": {

@@ -1,0 +1,246 @@
+"""The label maps of a clip while they are being made: edited, undone, carried to other frames, accepted or rejected, reviewed."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from engine.annotation.classes import LabelClass, check_classes
+from engine.annotation.edits import Edit, Piece, State, Status
+from engine.annotation.packed import pack, unpack
+from engine.annotation.painting import Region, region_of
+from engine.annotation.propagation import Carried
+from engine.clip import UNLABELLED
+
+#: Maps that stay decoded.
+KEPT = 8
+#: Confidence below which a carried map asks to be looked at first.
+DOUBTFUL = 0.75
+
+#: A label map of its own: compressed, or a function that reads it from disk.
+Labels = bytes | Callable[[], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of one frame."""
+
+    labels: Labels | None = None
+    by_hand: bool = False
+    status: Status = "open"
+    carried: Carried | None = None
+
+
+EMPTY = Record()
+
+
+class Annotations:
+    """Label maps, uint8 [H, W] with values that index `classes` and `UNLABELLED` (255), of which only a few are decoded at a time.
+
+    Parameters
+    ----------
+    classes : sequence of LabelClass
+    shape : (height, width)
+    count : int
+        Frames of the clip.
+    original : callable
+        The label map that a frame came with, or None. It is never changed.
+    """
+
+    def __init__(
+        self,
+        classes: Sequence[LabelClass],
+        shape: tuple[int, int],
+        count: int,
+        original: Callable[[int], np.ndarray | None] = lambda frame: None,
+    ):
+        check_classes(classes)
+        self.classes, self.shape, self.count = tuple(classes), shape, count
+        self.original = original
+        self.records: dict[int, Record] = {}
+        self._decoded: OrderedDict[int, np.ndarray] = OrderedDict()
+
+    # -- looking ---------------------------------------------------------------------------------------------------------------------------
+    def record(self, frame: int) -> Record:
+        return self.records.get(frame, EMPTY)
+
+    def labels(self, frame: int) -> np.ndarray:
+        """The frame's own map, else the one it came with, else nothing labelled; read-only."""
+        if frame not in self._decoded:
+            self._keep(frame, self._read(frame))
+        self._decoded.move_to_end(frame)
+        return self._decoded[frame]
+
+    def shown(self, frame: int) -> np.ndarray:
+        """The proposal that waits for an answer, else `labels`; read-only."""
+        carried = self.record(frame).carried
+        return self.labels(frame) if carried is None else carried.labels
+
+    def is_labelled(self, frame: int) -> bool:
+        """Whether the frame has a map, its own or one that it came with."""
+        return self.record(frame).labels is not None or self.original(frame) is not None
+
+    def sources(self, frame: int | None = None) -> list[int]:
+        """Frames to carry to the others: those that a hand has worked on, and `frame` if it has a map."""
+        found = {index for index, record in self.records.items() if record.by_hand}
+        if frame is not None and self.is_labelled(frame):
+            found.add(frame)
+        return sorted(found)
+
+    def waiting(self) -> list[int]:
+        """Frames with a proposal that is neither accepted nor rejected."""
+        return sorted(index for index, record in self.records.items() if record.carried is not None)
+
+    def next_flagged(self, frame: int) -> int | None:
+        """The next frame to look at after this one, then from the start: flagged, or with a doubtful proposal; None when there is none."""
+        found = [
+            index
+            for index, record in self.records.items()
+            if record.status == "flagged" or (record.carried is not None and record.carried.confidence < DOUBTFUL)
+        ]
+        return min(found, key=lambda index: (index <= frame, index), default=None)
+
+    def _read(self, frame: int) -> np.ndarray:
+        labels = self.record(frame).labels
+        if isinstance(labels, bytes):
+            return unpack(labels, self.shape)
+        found = labels() if labels is not None else self.original(frame)
+        return np.full(self.shape, UNLABELLED, np.uint8) if found is None else found
+
+    def _keep(self, frame: int, labels: np.ndarray) -> None:
+        labels.flags.writeable = False
+        self._decoded[frame] = labels
+        while len(self._decoded) > KEPT:
+            self._decoded.popitem(last=False)
+
+    # -- editing ---------------------------------------------------------------------------------------------------------------------------
+    def stroke(self, frame: int, name: str) -> Stroke:
+        """Begin to paint. Nothing else may change the frame until the stroke is finished."""
+        return Stroke(self, frame, name)
+
+    def paint(self, frame: int, name: str, region: Region | None, value: int, inside: int | None = None) -> Edit | None:
+        """Give the pixels of a region a label; with `inside` only those that have that label now. None when nothing changes."""
+        stroke = self.stroke(frame, name)
+        if region is not None:
+            stroke.paint(region, value, inside)
+        return stroke.finish()
+
+    def replace_labels(self, maps: Mapping[int, np.ndarray], name: str) -> Edit | None:
+        """Give frames other label maps, uint8 [H, W], as if by hand."""
+        return self._edit(
+            name, {frame: Record(pack(labels), True, "done", None) for frame, labels in maps.items()}, pixels=True
+        )
+
+    def set_status(self, frame: int, status: Status) -> Edit | None:
+        return self._edit(f"Frame {frame}: {status}", {frame: replace(self.record(frame), status=status)})
+
+    def propose(self, carried: Mapping[int, Carried]) -> Edit | None:
+        """Take carried maps as proposals, but for frames that a hand has worked on."""
+        news = {frame: replace(self.record(frame), carried=new) for frame, new in carried.items() if not self.record(frame).by_hand}
+        return self._edit(f"Carry labels to {len(news)} frames", news)
+
+    def accept(self, frames: Iterable[int]) -> Edit | None:
+        """Make proposals the maps of their frames."""
+        news = {}
+        for frame in frames:
+            carried = self.record(frame).carried
+            if carried is not None:
+                news[frame] = Record(carried.packed, False, "done", None)
+        return self._edit(f"Accept frame {next(iter(news))}" if len(news) == 1 else f"Accept {len(news)} frames", news, pixels=True)
+
+    def reject(self, frames: Iterable[int]) -> Edit | None:
+        """Throw proposals away: the frames show what they had before."""
+        news = {frame: replace(self.record(frame), carried=None) for frame in frames if self.record(frame).carried is not None}
+        return self._edit(f"Reject frame {next(iter(news))}" if len(news) == 1 else f"Reject {len(news)} frames", news)
+
+    def restore(self, state: State) -> None:
+        """Put frames back into a state of an `Edit`. ValueError when it does not fit (a damaged journal)."""
+        for piece in state:
+            self._restore(piece)
+
+    def _restore(self, piece: Piece) -> None:
+        height, width = self.shape
+        fits = 0 <= piece.top <= piece.top + piece.height <= height and 0 <= piece.left <= piece.left + piece.width <= width
+        if not fits or not 0 <= piece.frame < self.count or (piece.carried is not None and piece.carried.shape != self.shape):
+            raise ValueError(f"an edit of frame {piece.frame} does not fit a clip of {self.count} frames of {width} × {height}")
+        labels = self.record(piece.frame).labels
+        if not piece.labelled:
+            labels = None
+            self._decoded.pop(piece.frame, None)
+        elif piece.height:
+            whole = self.labels(piece.frame).copy()
+            box = slice(piece.top, piece.top + piece.height), slice(piece.left, piece.left + piece.width)
+            whole[box] = unpack(piece.packed, (piece.height, piece.width))
+            labels = pack(whole)
+            self._keep(piece.frame, whole)
+        record = Record(labels, piece.by_hand, piece.status, piece.carried)
+        if record == EMPTY:
+            self.records.pop(piece.frame, None)
+        else:
+            self.records[piece.frame] = record
+
+    def piece(self, frame: int, region: Region | None = None) -> Piece:
+        """The frame's present state, with the pixels of the region's box."""
+        record = self.record(frame)
+        top, left, height, width, packed = 0, 0, 0, 0, b""
+        if region is not None:
+            (top, left), (height, width) = (region.top, region.left), region.mask.shape
+            packed = pack(self.labels(frame)[region.box])
+        return Piece(frame, top, left, height, width, packed, record.labels is not None, record.by_hand, record.status, record.carried)
+
+    def _edit(self, name: str, news: Mapping[int, Record], *, pixels: bool = False) -> Edit | None:
+        """Set records; `pixels`: their maps differ too."""
+        whole = Region(0, 0, np.ones(self.shape, bool)) if pixels else None
+        news = {frame: record for frame, record in news.items() if record != self.record(frame)}
+        if not news:
+            return None
+        before = tuple(self.piece(frame, whole) for frame in news)
+        for frame, record in news.items():
+            self.records[frame] = record
+            if pixels:
+                self._decoded.pop(frame, None)
+        return Edit(name, before, tuple(self.piece(frame, whole) for frame in news))
+
+
+class Stroke:
+    """Painting that is one step of undo. A frame that shows a proposal is painted on the proposal, which thereby is accepted.
+
+    Attributes
+    ----------
+    labels : uint8 [H, W]
+        As painted so far.
+    """
+
+    def __init__(self, annotations: Annotations, frame: int, name: str):
+        self.annotations, self.frame, self.name = annotations, frame, name
+        self.labels = annotations.shown(frame).copy()
+        self._start = annotations.labels(frame)
+        self._changed = False
+
+    def paint(self, region: Region, value: int, inside: int | None = None) -> Region | None:
+        """Paint a region; returns what changed, None when nothing did."""
+        part = self.labels[region.box]
+        mask = region.mask & (part != value)
+        if inside is not None:
+            mask &= part == inside
+        if not mask.any():
+            return None
+        part[mask] = value
+        self._changed = True
+        return Region(region.top, region.left, mask)
+
+    def finish(self) -> Edit | None:
+        """End the stroke; None when it changed nothing."""
+        if not self._changed:
+            return None
+        annotations, frame = self.annotations, self.frame
+        region = region_of(self._start != self.labels)
+        before = annotations.piece(frame, region)
+        record = annotations.record(frame)
+        status: Status = "flagged" if record.status == "flagged" else "in progress"
+        annotations.records[frame] = Record(pack(self.labels), True, status, None)
+        annotations._keep(frame, self.labels)
+        return Edit(self.name, (before,), (annotations.piece(frame, region),))

@@ -1,0 +1,109 @@
+"""Edits of label maps as states to go back to: the changed box before and after, compressed."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from engine.annotation.propagation import Carried
+
+Status = Literal["open", "in progress", "done", "flagged"]
+STATUSES: tuple[Status, ...] = get_args(Status)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The state of one frame, as far as an edit touches it.
+
+    Attributes
+    ----------
+    frame : int
+    top, left, height, width : int
+        The box; an empty one (height 0) where the edit does not touch pixels.
+    packed : bytes
+        The labels in the box.
+    labelled : bool
+        Whether the frame has a label map of its own.
+    by_hand : bool
+        Whether a hand has worked on it: such frames are carried to the others.
+    status : Status
+    carried : Carried or None
+        The proposal from other frames that waits for an answer.
+    """
+
+    frame: int
+    top: int
+    left: int
+    height: int
+    width: int
+    packed: bytes
+    labelled: bool
+    by_hand: bool
+    status: Status
+    carried: Carried | None
+
+    @property
+    def size(self) -> int:
+        """Bytes that it holds."""
+        return 200 + len(self.packed) + (len(self.carried.packed) if self.carried else 0)
+
+    def to_json(self) -> dict[str, Any]:
+        carried = None
+        if self.carried is not None:
+            carried = {"labels": _text(self.carried.packed), "shape": self.carried.shape, "confidence": self.carried.confidence}
+        box = [self.top, self.left, self.height, self.width]
+        return {
+            "frame": self.frame,
+            "box": box,
+            "labels": _text(self.packed),
+            "labelled": self.labelled,
+            "by_hand": self.by_hand,
+            "status": self.status,
+            "carried": carried,
+        }
+
+    @classmethod
+    def from_json(cls, data: Any) -> Piece:
+        """What `to_json` wrote; ValueError, TypeError or KeyError otherwise."""
+        top, left, height, width = (int(number) for number in data["box"])
+        carried = data["carried"]
+        if carried is not None:
+            rows, columns = (int(number) for number in carried["shape"])
+            carried = Carried(_bytes(carried["labels"]), (rows, columns), min(1.0, max(0.0, float(carried["confidence"]))))
+        if data["status"] not in STATUSES:
+            raise ValueError(f"{data['status']!r} is no status")
+        packed = _bytes(data["labels"])
+        flags = bool(data["labelled"]), bool(data["by_hand"])
+        return cls(int(data["frame"]), top, left, height, width, packed, *flags, data["status"], carried)
+
+
+#: All frames that one edit touches.
+State = tuple[Piece, ...]
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One step: what to call it, and the states before and after."""
+
+    name: str
+    before: State
+    after: State
+
+    @property
+    def size(self) -> int:
+        return sum(piece.size for piece in (*self.before, *self.after))
+
+
+def _text(data: bytes) -> str:
+    return base64.b85encode(data).decode("ascii")
+
+
+def _bytes(text: Any) -> bytes:
+    if not isinstance(text, str):
+        raise TypeError("packed labels must be text")
+    try:
+        return base64.b85decode(text)
+    except (ValueError, binascii.Error) as error:
+        raise ValueError("packed labels are damaged") from error
