@@ -1,5 +1,1 @@
-"""Label maps made and corrected by hand, and carried through time."""
-
-from engine.annotation.propagation import Carried, propagate
-
-__all__ = ["Carried", "propagate"]
+"""Label maps made and corrected by hand, and carried through time. Only `propagation` and what it stands on need torch."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from engine.annotation.carried import Carried
 from engine.annotation.classes import LabelClass, check_classes
 from engine.annotation.edits import Edit, Piece, State, Status
 from engine.annotation.packed import pack, unpack
 from engine.annotation.painting import Region, region_of
-from engine.annotation.propagation import Carried
 from engine.clip import UNLABELLED
 
 #: Maps that stay decoded.
@@ -130,9 +130,7 @@ class Annotations:
 
     def replace_labels(self, maps: Mapping[int, np.ndarray], name: str) -> Edit | None:
         """Give frames other label maps, uint8 [H, W], as if by hand."""
-        return self._edit(
-            name, {frame: Record(pack(labels), True, "done", None) for frame, labels in maps.items()}, pixels=True
-        )
+        return self._edit(name, {frame: Record(pack(labels), True, "done", None) for frame, labels in maps.items()}, pixels=True)
 
     def set_status(self, frame: int, status: Status) -> Edit | None:
         return self._edit(f"Frame {frame}: {status}", {frame: replace(self.record(frame), status=status)})

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from engine.annotation.annotations import Annotations, Record
+from engine.annotation.carried import Carried
 from engine.annotation.classes import LabelClass, check_classes
 from engine.annotation.edits import STATUSES
 from engine.annotation.label_png import label_png, read_label_png
 from engine.annotation.packed import pack, unpack
-from engine.annotation.propagation import Carried
 from engine.clip import UNLABELLED
 from engine.errors import DegenseError, RunError
 from engine.files import replacing, write_text
@@ -88,9 +88,7 @@ def save(annotations: Annotations, folder: Path) -> None:
     _remove_others(folder, entries)
 
 
-def load(
-    folder: Path, shape: tuple[int, int], count: int, original: Callable[[int], np.ndarray | None]
-) -> Annotations | None:
+def load(folder: Path, shape: tuple[int, int], count: int, original: Callable[[int], np.ndarray | None]) -> Annotations | None:
     """What `save` wrote; None when there is nothing. Label maps are read when they are looked at.
 
     Raises
@@ -113,9 +111,7 @@ def load(
         raise RunError(f"{path} does not hold annotations of this clip ({error}); put it back from a backup.") from error
 
 
-def _annotations(
-    data: Any, folder: Path, shape: tuple[int, int], count: int, original: Callable[[int], np.ndarray | None]
-) -> Annotations:
+def _annotations(data: Any, folder: Path, shape: tuple[int, int], count: int, original: Callable[[int], np.ndarray | None]) -> Annotations:
     if int(data["format"]) > FORMAT:
         raise ValueError("it was written by a newer degense; update to open it")
     if (data["size"][1], data["size"][0], data["count"]) != (*shape, count):

@@ -78,9 +78,7 @@ def _fitted(inputs: np.ndarray, targets: np.ndarray, count: int, seed: int) -> n
     loss = nn.CrossEntropyLoss(weight=weights / weights.sum() * (counts > 0).sum(), label_smoothing=SMOOTHING)
     with torch.random.fork_rng(devices=[]), torch.enable_grad():
         torch.manual_seed(seed)
-        network = nn.Sequential(
-            nn.Linear(x.shape[1], WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, count)
-        )
+        network = nn.Sequential(nn.Linear(x.shape[1], WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, count))
         optimizer = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=1e-3)
         for step in range(STEPS):
             for group in optimizer.param_groups:

@@ -63,12 +63,14 @@ def brush(start: Point, end: Point, radius: float, shape: tuple[int, int]) -> Re
 
 
 def polygon(points: Sequence[Point], shape: tuple[int, int]) -> Region | None:
-    """The inside of a closed outline of three or more points (x, y), its edge included."""
+    """The inside of a closed outline of three or more points (x, y), its edge included. ValueError for points that are no numbers."""
     if len(points) < 3:
         return None
     height, width = shape
     mask = np.zeros(shape, np.uint8)
     corners = np.clip(np.asarray(points, np.float64) - 0.5, -4 * max(shape), 5 * max(shape))
+    if np.isnan(corners).any():
+        raise ValueError("a corner that is no number")
     cv2.fillPoly(mask, [np.round(corners * 16).astype(np.int32)], 1, shift=4)
     return region_of(mask.astype(bool)[:height, :width])
 

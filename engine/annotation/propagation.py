@@ -13,15 +13,15 @@ enters, leaves, or changes in place. Islands too small to be any of the class's 
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from engine.annotation.carried import Carried
 from engine.annotation.field_votes import FieldVotes
 from engine.annotation.flow_votes import FlowVotes
 from engine.annotation.looks import Looks
-from engine.annotation.packed import pack, unpack
+from engine.annotation.packed import pack
 from engine.clip import UNLABELLED, Clip
 from engine.errors import DegenseError
 from engine.scene import Scene
@@ -34,29 +34,6 @@ SOFTENED = 2.0
 #: than the first in a frame altogether is not there.
 LEAST_SHARE, SPECK = 0.08, 1e-3
 ROUNDS = 4  # of dropping: a dropped island may make another
-
-
-@dataclass(frozen=True)
-class Carried:
-    """A label map that came from other frames.
-
-    Attributes
-    ----------
-    packed : bytes
-        The map, see `engine.annotation.packed`.
-    shape : (height, width)
-    confidence : float
-        In [0, 1]: the expected intersection over union, averaged over the classes in the map.
-    """
-
-    packed: bytes
-    shape: tuple[int, int]
-    confidence: float
-
-    @property
-    def labels(self) -> np.ndarray:
-        """uint8 [H, W]."""
-        return unpack(self.packed, self.shape)
 
 
 def propagate(

@@ -1,0 +1,45 @@
+"""Formats of label maps, in and out. Each file has `write(maps, out)`, which yields the frames that are done, and `read`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from engine.annotation.formats import coco, cvat, indexed, nifti, yolo
+from engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
+from engine.annotation.formats.map_set import MapSet
+
+__all__ = ["LABEL_FORMATS", "LabelFormat", "MapSet"]
+
+
+@dataclass(frozen=True)
+class LabelFormat:
+    """One way in and out.
+
+    Attributes
+    ----------
+    title : str
+    suffix : str
+        Of the file; empty for a folder.
+    write : (maps, out) → frames done, one by one
+        DegenseError when it cannot be written.
+    read : (path, shape, names of the clip's frames) → MapSet
+        ClipError when it is damaged or does not fit the clip.
+    """
+
+    title: str
+    suffix: str
+    write: Callable[[MapSet, Path], Iterator[int]]
+    read: Callable[[Path, tuple[int, int], Sequence[str]], MapSet]
+
+
+LABEL_FORMATS = {
+    "masks-png": LabelFormat("label maps (indexed PNG)", "", indexed.write, indexed.read),
+    "coco": LabelFormat("COCO (JSON, run lengths)", ".json", coco.write, coco.read),
+    "cvat": LabelFormat("CVAT for images 1.1 (XML)", ".xml", cvat.write, cvat.read),
+    "yolo": LabelFormat("YOLO segments", "", yolo.write, yolo.read),
+    "nifti": LabelFormat("NIfTI label volume", ".nii.gz", nifti.write, nifti.read),
+    "cholecseg8k": LabelFormat("CholecSeg8k colour masks", "", CHOLECSEG8K.write, CHOLECSEG8K.read),
+    "endovis18": LabelFormat("EndoVis 2018 colour masks", "", ENDOVIS18.write, ENDOVIS18.read),
+}

@@ -1,0 +1,120 @@
+"""COCO: one JSON file, masks as run lengths down the columns; polygons and compressed run lengths are read too."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine.annotation.classes import check_classes, named_classes
+from engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, read_text
+from engine.annotation.formats.run_lengths import from_run_lengths, run_lengths
+from engine.annotation.painting import polygon, region_of
+from engine.clip import UNLABELLED
+from engine.errors import ClipError, DegenseError
+from engine.files import write_text
+from engine.readers.files import shown
+
+
+def write(maps: MapSet, out: Path) -> Iterator[int]:
+    """Write the file `out`: each class in each frame is an annotation with an uncompressed run-length mask; yields the frames done."""
+    height, width = maps.shape
+    annotations: list[dict[str, Any]] = []
+    for frame in maps.frames:
+        labels = maps.read(frame)
+        for index in range(len(maps.classes)):
+            region = region_of(labels == index)
+            if region is None:
+                continue
+            rows, columns = region.mask.shape
+            annotations.append(
+                {
+                    "id": len(annotations) + 1,
+                    "image_id": frame,
+                    "category_id": index + 1,
+                    "iscrowd": 1,
+                    "area": int(region.mask.sum()),
+                    "bbox": [region.left, region.top, columns, rows],
+                    "segmentation": {"size": [height, width], "counts": run_lengths((labels == index).ravel(order="F"))},
+                }
+            )
+        yield frame
+    data = {
+        "info": {"description": "Masks made by DeGense", "date_created": datetime.now(timezone.utc).isoformat(timespec="seconds")},
+        "images": [{"id": i, "file_name": f"{maps.names[i]}.png", "width": width, "height": height} for i in maps.frames],
+        "categories": [{"id": index + 1, "name": kind.name} for index, kind in enumerate(maps.classes)],
+        "annotations": annotations,
+    }
+    write_text(out, json.dumps(data))
+
+
+def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
+    """The masks of a file; where two overlap, the later one is on top. ClipError when they do not fit the clip."""
+    try:
+        data = json.loads(read_text(path))
+        categories = {item["id"]: index for index, item in enumerate(data["categories"])}
+        classes = named_classes(str(item["name"]) for item in data["categories"])
+        check_classes(classes)
+        frames: dict[Any, int] = {}
+        for image in data["images"]:
+            check_picture_size((image["width"], image["height"]), shape, path)
+            frames[image["id"]] = frame_of(str(image["file_name"]), names, path)
+        found: dict[int, list[tuple[int, Any]]] = defaultdict(list, {frame: [] for frame in frames.values()})
+        for item in data["annotations"]:
+            found[frames[item["image_id"]]].append((categories[item["category_id"]], item["segmentation"]))
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise ClipError(f"{shown(path)} is not a COCO file that can be read ({type(error).__name__}: {error}).") from error
+    except ClipError:
+        raise
+    except DegenseError as error:
+        raise ClipError(f"{shown(path)}: {error}") from error
+
+    def labels(frame: int) -> np.ndarray:
+        drawn = np.full(shape, UNLABELLED, np.uint8)
+        for index, segmentation in found[frame]:
+            drawn[_mask(segmentation, shape, path)] = index
+        return drawn
+
+    return MapSet(classes, shape, tuple(names), tuple(sorted(found)), labels)
+
+
+def _mask(segmentation: Any, shape: tuple[int, int], path: Path) -> np.ndarray:
+    """bool [H, W] of polygons or run lengths."""
+    try:
+        if isinstance(segmentation, list):
+            mask = np.zeros(shape, bool)
+            for outline in segmentation:
+                region = polygon(list(zip(outline[0::2], outline[1::2], strict=True)), shape)
+                if region is not None:
+                    mask[region.box] |= region.mask
+            return mask
+        counts = segmentation["counts"]
+        if tuple(segmentation["size"]) != shape:
+            raise ValueError(f"a mask of size {segmentation['size']}")
+        lengths = _decompressed(counts) if isinstance(counts, str) else counts
+        return from_run_lengths(lengths, shape[0] * shape[1]).reshape(shape, order="F")
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
+        raise ClipError(f"{shown(path)} has a mask that cannot be read ({error}).") from error
+
+
+def _decompressed(text: str) -> list[int]:
+    """COCO's compressed counts: six-bit groups, five of them number; from the third on differences to the count before the last."""
+    counts: list[int] = []
+    value = shift = 0
+    for letter in text.encode("ascii"):
+        code = letter - 48
+        if not 0 <= code < 64 or shift > 60:
+            raise ValueError("run lengths with letters that COCO does not use")
+        value |= (code & 31) << shift
+        shift += 5
+        if not code & 32:
+            if code & 16:
+                value -= 1 << shift
+            counts.append(value + (counts[-2] if len(counts) > 2 else 0))
+            value = shift = 0
+    return counts

@@ -1,0 +1,129 @@
+"""Colour masks of public data sets: one RGB picture a frame, whose colours a published table names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from engine.annotation.classes import LabelClass
+from engine.annotation.formats.map_set import MapSet, frame_of
+from engine.clip import UNLABELLED
+from engine.errors import ClipError, DegenseError
+from engine.files import replacing
+from engine.readers import cholecseg8k
+from engine.readers.files import list_files, shown
+from engine.readers.images import check_sizes, checked, read_rgb
+
+
+@dataclass(frozen=True)
+class ColourTable:
+    """A data set's classes.
+
+    Attributes
+    ----------
+    title : str
+    classes : tuple of LabelClass
+        In the data set's own colours.
+    ending : str
+        What a mask's file name adds to the stem of its frame.
+    nothing : (int, int, int)
+        The colour of unlabelled pixels; of no class.
+    others : dict of str to str
+        Other names, in small letters, that mean a class of the table.
+    """
+
+    title: str
+    classes: tuple[LabelClass, ...]
+    ending: str
+    nothing: tuple[int, int, int]
+    others: dict[str, str]
+
+    def index(self, name: str) -> int | None:
+        """The class that a name means; None when there is none."""
+        wanted = _plain(self.others.get(_plain(name), name))
+        return next((index for index, kind in enumerate(self.classes) if _plain(kind.name) == wanted), None)
+
+    def write(self, maps: MapSet, out: Path) -> Iterator[int]:
+        """Write into the folder `out`; yields the frames done. DegenseError when a class that is used is not in the table."""
+        indices = [self.index(kind.name) for kind in maps.classes]
+        unknown = [kind.name for kind, index in zip(maps.classes, indices, strict=True) if index is None]
+        if unknown:
+            known = ", ".join(kind.name for kind in self.classes)
+            raise DegenseError(f"{self.title} has no class for {', '.join(unknown)}; rename to one of: {known}.")
+        colours = np.tile(np.array(self.nothing, np.uint8), (UNLABELLED + 1, 1))
+        for value, index in enumerate(indices):
+            assert index is not None
+            colours[value] = self.classes[index].colour
+        for frame in maps.frames:
+            done, data = cv2.imencode(".png", colours[maps.read(frame)][..., ::-1])
+            if not done:
+                raise DegenseError(f"frame {frame} cannot be written as PNG")
+            with replacing(out / f"{maps.names[frame]}{self.ending}.png") as temporary:
+                temporary.write_bytes(data.tobytes())
+            yield frame
+
+    def read(self, path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
+        """The masks of a folder; unknown colours are unlabelled. ClipError when they do not fit the clip."""
+        found = [file for file in list_files(path, path, (".png",)) if file.stem.endswith(self.ending)]
+        files = {frame_of(file.stem.removesuffix(self.ending), names, file): file for file in found}
+        if not files:
+            raise ClipError(f"{shown(path)} holds no *{self.ending}.png.")
+        size = shape[1], shape[0]
+        check_sizes(files.values(), size)
+        return MapSet(
+            self.classes,
+            shape,
+            tuple(names),
+            tuple(sorted(files)),
+            lambda frame: self.from_colours(checked(read_rgb(files[frame]), files[frame], size)),
+        )
+
+    def from_colours(self, rgb: np.ndarray) -> np.ndarray:
+        """Label map of a colour mask uint8 [H, W, 3]."""
+        labels = np.full(rgb.shape[:2], UNLABELLED, np.uint8)
+        for index, kind in enumerate(self.classes):
+            labels[(rgb == kind.colour).all(-1)] = index
+        return labels
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.casefold().replace("_", " ").replace("-", " ").split())
+
+
+CHOLECSEG8K = ColourTable(
+    "CholecSeg8k",
+    tuple(LabelClass(name, colour) for name, _, colour in cholecseg8k.CLASSES),
+    "_color_mask",
+    (255, 255, 255),
+    {
+        "background": "Black Background",
+        "gi tract": "Gastrointestinal Tract",
+        "ligament": "Liver Ligament",
+        "hook": "L-hook Electrocautery",
+        "l hook": "L-hook Electrocautery",
+    },
+)
+ENDOVIS18 = ColourTable(
+    "EndoVis 2018",
+    (
+        LabelClass("background-tissue", (0, 0, 0)),
+        LabelClass("instrument-shaft", (0, 255, 0)),
+        LabelClass("instrument-clasper", (0, 255, 255)),
+        LabelClass("instrument-wrist", (125, 255, 12)),
+        LabelClass("kidney-parenchyma", (255, 55, 0)),
+        LabelClass("covered-kidney", (24, 55, 125)),
+        LabelClass("thread", (187, 155, 25)),
+        LabelClass("clamps", (0, 255, 125)),
+        LabelClass("suturing-needle", (255, 255, 125)),
+        LabelClass("suction-instrument", (123, 15, 175)),
+        LabelClass("small-intestine", (124, 155, 5)),
+        LabelClass("ultrasound-probe", (12, 255, 141)),
+    ),
+    "",
+    (255, 255, 255),
+    {"background": "background-tissue"},
+)

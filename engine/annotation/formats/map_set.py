@@ -1,0 +1,68 @@
+"""Label maps that are handed over to a format, or come from one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from engine.annotation.classes import LabelClass
+from engine.errors import ClipError
+from engine.readers.files import last_number, shown
+
+#: Text files larger than this are refused.
+LARGEST_TEXT = 512 << 20
+
+
+@dataclass(frozen=True)
+class MapSet:
+    """Label maps of some frames of a clip.
+
+    Attributes
+    ----------
+    classes : tuple of LabelClass
+    shape : (height, width)
+    names : tuple of str
+        Of all frames of the clip: the stems of their files.
+    frames : tuple of int
+        Those that have a map, ascending.
+    read : callable
+        frame → uint8 [H, W], values index `classes` or are `UNLABELLED`.
+    """
+
+    classes: tuple[LabelClass, ...]
+    shape: tuple[int, int]
+    names: tuple[str, ...]
+    frames: tuple[int, ...]
+    read: Callable[[int], np.ndarray]
+
+
+def frame_of(name: str, names: Sequence[str], source: Path) -> int:
+    """The frame that a file name (with or without suffix and folders) means: by its stem, else by its number. ClipError when none."""
+    stem = Path(name.replace("\\", "/")).stem
+    if stem in names:
+        return names.index(stem)
+    number = last_number(Path(stem))
+    numbers = [last_number(Path(own)) for own in names]
+    if number is not None and numbers.count(number) == 1:
+        return numbers.index(number)
+    raise ClipError(f"{shown(source)} has labels of {shown(Path(name))}, which is no frame of this clip; its first is {names[0]}.")
+
+
+def read_text(path: Path) -> str:
+    """A UTF-8 text file of bounded size. ClipError otherwise."""
+    try:
+        if path.stat().st_size > LARGEST_TEXT:
+            raise ClipError(f"{shown(path)} is larger than {LARGEST_TEXT >> 20} MB; split it.")
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ClipError(f"{shown(path)} cannot be read: {error}.") from error
+
+
+def check_picture_size(found: tuple[int, int], shape: tuple[int, int], path: Path) -> None:
+    """ClipError when labels are for pictures of another (width, height)."""
+    if found != (shape[1], shape[0]):
+        told = f"{found[0]} × {found[1]}"
+        raise ClipError(f"{shown(path)} is for pictures of {told} pixels, but the clip's are {shape[1]} × {shape[0]}; scale it first.")

@@ -1,0 +1,125 @@
+"""YOLO segments: `data.yaml` with the names, and for each frame `labels/NAME.txt` with one polygon a line, in shares of the picture.
+
+A polygon has no holes: parts with holes are cut into pieces without, so that what is written is read again to the pixel.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from engine.annotation.classes import check_classes, named_classes
+from engine.annotation.formats.map_set import MapSet, frame_of, read_text
+from engine.annotation.painting import polygon
+from engine.clip import UNLABELLED
+from engine.errors import ClipError, DegenseError
+from engine.files import write_text
+from engine.readers.files import list_files, regular_file, shown
+
+_ENTRY = re.compile(r"^\s+(?:(\d+)\s*:|-)\s*(.+?)\s*$")
+
+
+def write(maps: MapSet, out: Path) -> Iterator[int]:
+    """Write into the folder `out`; yields the frames that are done."""
+    height, width = maps.shape
+    for frame in maps.frames:
+        labels, lines = maps.read(frame), []
+        for index in range(len(maps.classes)):
+            for outline in outlines(labels == index):
+                shares = (outline + 0.5) / (width, height)
+                lines.append(" ".join([str(index), *(f"{share:.8g}" for share in shares.ravel())]))
+        write_text(out / "labels" / f"{maps.names[frame]}.txt", "\n".join(lines) + ("\n" if lines else ""))
+        yield frame
+    names = "".join(f"  {index}: {json.dumps(kind.name, ensure_ascii=False)}\n" for index, kind in enumerate(maps.classes))
+    write_text(out / "data.yaml", f"path: .\ntrain: images\nval: images\nnames:\n{names}")
+
+
+def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
+    """The polygons of a folder; later lines are on top. ClipError when they do not fit the clip."""
+    yaml = path / "data.yaml"
+    if not yaml.exists():
+        raise ClipError(f"{shown(path)} has no data.yaml that names the classes; choose the folder that holds it.")
+    classes = named_classes(_names(read_text(regular_file(yaml, path)), yaml))
+    try:
+        check_classes(classes)
+    except DegenseError as error:
+        raise ClipError(f"{shown(yaml)}: {error}") from error
+    files = {frame_of(file.name, names, file): file for file in list_files(path / "labels", path, (".txt",))}
+    if not files:
+        raise ClipError(f"{shown(path / 'labels')} holds no .txt files.")
+
+    def labels(frame: int) -> np.ndarray:
+        drawn = np.full(shape, UNLABELLED, np.uint8)
+        for number, line in enumerate(read_text(files[frame]).splitlines(), 1):
+            if not line.strip():
+                continue
+            try:
+                index, *shares = line.split()
+                corners = np.array([float(share) for share in shares]).reshape(-1, 2)
+                if not 0 <= int(index) < len(classes) or not ((corners >= 0) & (corners <= 1)).all():
+                    raise ValueError("a class or a corner that there is not")
+                region = polygon([(x * shape[1], y * shape[0]) for x, y in corners.tolist()], shape)
+            except ValueError as error:
+                raise ClipError(f"{shown(files[frame])}, line {number}, is no YOLO segment ({error}).") from error
+            if region is not None:
+                drawn[region.box][region.mask] = int(index)
+        return drawn
+
+    return MapSet(classes, shape, tuple(names), tuple(sorted(files)), labels)
+
+
+def outlines(mask: np.ndarray) -> Iterator[np.ndarray]:
+    """Polygons int [n, 2] of (x, y) pixels, n ≥ 3, whose insides, edges included, are together just the mask bool [H, W]."""
+    count, parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
+    for part in range(1, count):
+        yield from _without_holes(parts == part)
+
+
+def _without_holes(part: np.ndarray) -> Iterator[np.ndarray]:
+    contours, tree = cv2.findContours(part.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    hole = next((contour for contour, relation in zip(contours, tree[0], strict=True) if relation[3] >= 0), None)
+    if hole is None:
+        corners = contours[0][:, 0]
+        yield np.concatenate([corners, corners[:1].repeat(max(0, 3 - len(corners)), 0)])
+        return
+    column = int(hole[:, 0, 0].min()) + 1  # through the hole: either side has one hole less
+    for side in (slice(None, column), slice(column, None)):
+        half = np.zeros_like(part)
+        half[:, side] = part[:, side]
+        yield from outlines(half)
+
+
+def _names(text: str, path: Path) -> list[str]:
+    """The entries of `names:` in a data.yaml, as mapping or list, block or flow; other keys are not looked at."""
+    found: dict[int, str] = {}
+    lines = iter(text.splitlines())
+    for line in lines:
+        if not line.startswith("names:"):
+            continue
+        flow = line.removeprefix("names:").strip()
+        if flow.startswith("[") and flow.endswith("]"):
+            return [_unquoted(name) for name in flow[1:-1].split(",") if name.strip()]
+        for entry in lines:
+            match = _ENTRY.match(entry)
+            if match is None:
+                break
+            found[int(match[1]) if match[1] else len(found)] = _unquoted(match[2])
+        break
+    if not found or sorted(found) != list(range(len(found))):
+        raise ClipError(f"{shown(path)} does not list its classes under names: as 0, 1, 2, ….")
+    return [found[index] for index in range(len(found))]
+
+
+def _unquoted(text: str) -> str:
+    text = text.strip()
+    if text.startswith('"'):
+        try:
+            return str(json.loads(text))
+        except ValueError:
+            return text.strip('"')
+    return text.strip("'")

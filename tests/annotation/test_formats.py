@@ -1,0 +1,286 @@
+"""What is exported is imported again to the pixel, other tools' ways of writing are understood, and nothing hostile is believed."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from engine.annotation.classes import LabelClass, named_classes
+from engine.annotation.formats import LABEL_FORMATS, MapSet
+from engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
+from engine.annotation.formats.run_lengths import run_lengths
+from engine.annotation.formats.yolo import outlines
+from engine.annotation.painting import polygon
+from engine.clip import UNLABELLED
+from engine.errors import ClipError, DegenseError
+
+SHAPE, NAMES = (48, 64), tuple(f"frame_{i:03d}" for i in range(4))
+
+
+def blobs(seed: int, classes: int) -> np.ndarray:
+    """Labels with parts, holes, single pixels and islands."""
+    random = np.random.default_rng(seed)
+    coarse = random.integers(0, classes + 1, (12, 16))
+    labels = np.where(coarse == classes, UNLABELLED, coarse).astype(np.uint8).repeat(4, 0).repeat(4, 1)
+    specks = random.random(SHAPE) < 0.03
+    labels[specks] = random.integers(0, classes, specks.sum())
+    labels[10:30, 10:40] = 0
+    labels[15:25, 15:35] = 1
+    labels[18:22, 18:30] = UNLABELLED
+    labels[0, 0] = labels[-1, -1] = 1
+    return labels
+
+
+def maps_of(classes: tuple[LabelClass, ...]) -> MapSet:
+    return MapSet(classes, SHAPE, NAMES, (0, 2, 3), lambda frame: blobs(frame, len(classes)))
+
+
+@pytest.fixture
+def maps() -> MapSet:
+    return maps_of(named_classes(("Grasper", "gallbladder, 'inner' \"wall\"", "Fett: weiß & <gelb>")))
+
+
+def exported(name: str, maps: MapSet, folder: Path) -> Path:
+    out = folder / f"{name}{LABEL_FORMATS[name].suffix}"
+    assert tuple(LABEL_FORMATS[name].write(maps, out))[: len(maps.frames)]
+    return out
+
+
+@pytest.mark.parametrize("name", [name for name in LABEL_FORMATS if name not in ("cholecseg8k", "endovis18")])
+def test_round_trip(name, maps, tmp_path):
+    again = LABEL_FORMATS[name].read(exported(name, maps, tmp_path), SHAPE, NAMES)
+    assert [kind.name for kind in again.classes] == [kind.name for kind in maps.classes]
+    assert again.frames == maps.frames
+    for frame in maps.frames:
+        assert np.array_equal(again.read(frame), maps.read(frame)), f"frame {frame}"
+
+
+@pytest.mark.parametrize(("name", "table"), [("cholecseg8k", CHOLECSEG8K), ("endovis18", ENDOVIS18)])
+def test_round_trip_of_colour_masks(name, table, tmp_path):
+    own = maps_of((table.classes[3], table.classes[1], LabelClass(table.classes[4].name.upper().replace(" ", "_"), (1, 2, 3))))
+    again = LABEL_FORMATS[name].read(exported(name, own, tmp_path), SHAPE, NAMES)
+    order = np.full(256, UNLABELLED, np.uint8)
+    order[:3] = 3, 1, 4
+    for frame in own.frames:
+        assert np.array_equal(again.read(frame), order[own.read(frame)])
+    with pytest.raises(DegenseError, match="no class for unicorn"):
+        list(table.write(maps_of(named_classes(("unicorn",))), tmp_path / "other"))
+
+
+def test_cholecseg8k_export_opens_as_a_clip(tmp_path):
+    from engine.readers import open_clip
+
+    names = tuple(f"frame_{i}_endo" for i in range(3))
+    own = MapSet((CHOLECSEG8K.classes[2], CHOLECSEG8K.classes[5]), SHAPE, names, (0, 1, 2), lambda frame: blobs(frame, 2))
+    list(CHOLECSEG8K.write(own, tmp_path))
+    for name in names:
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((*SHAPE, 3), 90, np.uint8))
+    clip = open_clip(tmp_path)
+    assert np.array_equal(clip.labels(1) == 5, own.read(1) == 1)
+
+
+def test_polygons_without_holes_cover_just_the_mask():
+    for seed in range(6):
+        mask = np.random.default_rng(seed).random((20, 24)) < 0.6
+        drawn = np.zeros_like(mask)
+        for outline in outlines(mask):
+            region = polygon((outline + 0.5).tolist(), mask.shape)
+            drawn[region.box] |= region.mask
+        assert np.array_equal(drawn, mask)
+
+
+def test_nifti_is_what_the_standard_says(maps, tmp_path):
+    data = gzip.decompress(exported("nifti", maps, tmp_path).read_bytes())
+    assert struct.unpack_from("<i", data)[0] == 348
+    assert struct.unpack_from("<8h", data, 40)[:4] == (3, 64, 48, 4)
+    offset = int(struct.unpack_from("<f", data, 108)[0])
+    assert offset % 16 == 0
+    volume = np.frombuffer(data[offset:], np.uint8).reshape(4, 48, 64)
+    assert np.array_equal(volume[2], maps.read(2) + np.uint8(1))
+    assert not volume[1].any()
+
+
+@pytest.mark.parametrize("kind", ["<i2", ">u2", "<f4"])
+def test_nifti_of_other_tools(kind, tmp_path):
+    """Another number type and byte order, no comment, a fourth dimension, uncompressed."""
+    order = kind[0]
+    header = bytearray(352)
+    struct.pack_into(f"{order}i", header, 0, 348)
+    struct.pack_into(f"{order}8h", header, 40, 4, 64, 48, 1, 4, 1, 1, 1)
+    struct.pack_into(f"{order}hh", header, 70, {"i2": 4, "u2": 512, "f4": 16}[kind[1:]], 0)
+    struct.pack_into(f"{order}3f", header, 108, 352, 1, 0)
+    header[344:348] = b"n+1\0"
+    volume = np.random.default_rng(0).integers(0, 3, (4, *SHAPE))
+    path = tmp_path / "seg.nii"
+    path.write_bytes(bytes(header) + volume.astype(kind).tobytes())
+    again = LABEL_FORMATS["nifti"].read(path, SHAPE, NAMES)
+    assert [kind.name for kind in again.classes] == ["label 1", "label 2"]
+    assert np.array_equal(again.read(2), volume[2].astype(np.uint8) - np.uint8(1))
+
+
+COCO_ONE = {
+    "images": [{"id": 7, "file_name": "images/frame_001.jpg", "width": 64, "height": 48}],
+    "categories": [{"id": 3, "name": "fat"}, {"id": 9, "name": "hook"}],
+}
+
+
+def test_coco_of_other_tools(tmp_path):
+    """Polygons, and run lengths compressed as pycocotools does."""
+    mask = np.zeros(SHAPE, bool)
+    mask[5:15, 10:20] = True
+    square = [20.0, 20.0, 40.0, 20.0, 40.0, 30.0, 20.0, 30.0]
+    annotations = [
+        {"image_id": 7, "category_id": 9, "segmentation": {"size": [48, 64], "counts": compressed(mask)}},
+        {"image_id": 7, "category_id": 3, "segmentation": [square]},
+    ]
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({**COCO_ONE, "annotations": annotations}))
+    again = LABEL_FORMATS["coco"].read(path, SHAPE, NAMES)
+    labels = again.read(1)
+    assert again.frames == (1,)
+    assert np.array_equal(labels == 1, mask)
+    assert (labels[21:29, 21:39] == 0).all()
+
+
+def compressed(mask: np.ndarray) -> str:
+    """As COCO's maskApi.c writes run lengths."""
+    counts, text = run_lengths(mask.ravel(order="F")), ""
+    for i, count in enumerate(counts):
+        x = count - (counts[i - 2] if i > 2 else 0)
+        more = True
+        while more:
+            code = x & 31
+            x >>= 5
+            more = x != -1 if code & 16 else x != 0
+            text += chr((code | 32 if more else code) + 48)
+    return text
+
+
+def test_cvat_of_other_tools(tmp_path):
+    path = tmp_path / "a.xml"
+    path.write_text(
+        """<?xml version="1.0" encoding="utf-8"?><annotations><version>1.1</version>
+        <meta><job><labels><label><name>liver</name><color>#102030</color></label></labels></job></meta>
+        <image id="0" name="x/frame_002.png" width="64" height="48">
+        <box label="hook" occluded="0" xtl="2.0" ytl="3.0" xbr="12.0" ybr="13.0" z_order="1"></box>
+        <polygon label="liver" points="0.00,0.00;30.00,0.00;30.00,20.00;0.00,20.00" z_order="0"></polygon>
+        <points label="liver" points="1,1" z_order="0"></points>
+        <mask label="hook" rle="1, 2, 1" left="60" top="40" width="2" height="2" z_order="0"></mask></image></annotations>"""
+    )
+    again = LABEL_FORMATS["cvat"].read(path, SHAPE, NAMES)
+    assert again.classes == (LabelClass("liver", (16, 32, 48)), LabelClass("hook", again.classes[1].colour))
+    labels = again.read(2)
+    assert (labels[4:12, 3:11] == 1).all()
+    assert labels[18, 25] == 0
+    assert labels[40:42, 60:62].tolist() == [[255, 1], [1, 255]]
+
+
+def read_all(name: str, path: Path) -> None:
+    found = LABEL_FORMATS[name].read(path, SHAPE, NAMES)
+    for frame in found.frames:
+        found.read(frame)
+
+
+def text(name: str, content: str):
+    def write(folder: Path) -> Path:
+        path = folder / name
+        path.write_text(content)
+        return path
+
+    return write
+
+
+def cvat(body: str):
+    image = '<image id="0" name="frame_001.png" width="64" height="48">'
+    return text("a.xml", f"<annotations>{image}{body}</image></annotations>")
+
+
+def coco(**values):
+    segmentation = {"size": [48, 64], "counts": [48 * 64]}
+    annotations = [{"image_id": 7, "category_id": 3, "segmentation": segmentation, **values.pop("annotation", {})}]
+    return text("a.json", json.dumps({**COCO_ONE, "annotations": annotations, **values}))
+
+
+def yolo(line: str, names: str = "names: [fat]"):
+    def write(folder: Path) -> Path:
+        (folder / "labels").mkdir()
+        (folder / "labels" / "frame_001.txt").write_text(line)
+        (folder / "data.yaml").write_text(names)
+        return folder
+
+    return write
+
+
+def nifti(change):
+    def write(folder: Path) -> Path:
+        path = folder / "a.nii"
+        maps = maps_of(named_classes(("fat", "hook")))
+        list(LABEL_FORMATS["nifti"].write(maps, path))
+        data = bytearray(path.read_bytes())
+        path.write_bytes(change(data) or data)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        ("cvat", text("a.xml", '<!DOCTYPE a [<!ENTITY b "bb">]><annotations>&b;</annotations>')),
+        ("cvat", text("a.xml", "<annotations>")),
+        ("cvat", text("a.xml", "<annotations/>")),
+        ("cvat", cvat('<mask label="a" rle="999999999999" left="0" top="0" width="2" height="2"/>')),
+        ("cvat", cvat('<mask label="a" rle="1,3" left="63" top="0" width="2" height="2"/>')),
+        ("cvat", cvat('<mask label="a" rle="-1,5" left="0" top="0" width="2" height="2"/>')),
+        ("cvat", cvat('<polygon label="a" points="1,2;x,3;4,5"/>')),
+        ("cvat", cvat('<polygon label="a" points="1,2;nan,3;4,5"/>')),
+        ("cvat", cvat('<box label="" xtl="1" ytl="1" xbr="2" ybr="2"/>')),
+        ("coco", text("a.json", "{")),
+        ("coco", text("a.json", "[" * 200_000)),
+        ("coco", coco(images=[{"id": 7, "file_name": "frame_001.png", "width": 65, "height": 48}])),
+        ("coco", coco(images=[{"id": 7, "file_name": "frame_99.png", "width": 64, "height": 48}])),
+        ("coco", coco(categories=[])),
+        ("coco", coco(annotation={"segmentation": {"size": [48, 64], "counts": [10**30]}})),
+        ("coco", coco(annotation={"segmentation": {"size": [48, 64], "counts": [0.5]}})),
+        ("coco", coco(annotation={"segmentation": {"size": [1, 1], "counts": [1]}})),
+        ("coco", coco(annotation={"segmentation": {"size": [48, 64], "counts": "~~~"}})),
+        ("coco", coco(annotation={"segmentation": [["a", "b", "c", "d", "e", "f"]]})),
+        ("yolo", yolo("0 0.1 0.1 0.2 0.2 7 7")),
+        ("yolo", yolo("5 0.1 0.1 0.2 0.2 0.3 0.1")),
+        ("yolo", yolo("0 0.1 nan 0.2 0.2 0.3 0.1")),
+        ("yolo", yolo("0 0.1 0.1 0.2")),
+        ("yolo", yolo("", names="names: 3")),
+        ("nifti", nifti(lambda data: data[:-1])),
+        ("nifti", nifti(lambda data: data[:100])),
+        ("nifti", nifti(lambda data: b"\x1f\x8b" + bytes(90))),
+        ("nifti", nifti(lambda data: struct.pack_into("<8h", data, 40, 3, 32767, 32767, 32767, 1, 1, 1, 1))),
+        ("nifti", nifti(lambda data: struct.pack_into("<8h", data, 40, 7, 64, 48, 4, 32767, 32767, 32767, 32767))),
+        ("nifti", nifti(lambda data: struct.pack_into("<f", data, 108, float("inf")))),
+        ("nifti", nifti(lambda data: struct.pack_into("<f", data, 108, float("nan")))),
+        ("nifti", nifti(lambda data: struct.pack_into("<h", data, 70, 128))),
+        ("nifti", nifti(lambda data: struct.pack_into("<ff", data, 112, 0.5, 0.3))),
+        ("masks-png", lambda folder: folder),
+        ("endovis18", lambda folder: folder),
+    ],
+)
+def test_hostile_files_are_refused_in_a_sentence(name, make, tmp_path):
+    with pytest.raises(ClipError):
+        read_all(name, make(tmp_path))
+
+
+def test_a_gzip_bomb_is_not_unpacked(tmp_path, maps):
+    """What follows the volume is never read."""
+    path = tmp_path / "a.nii.gz"
+    list(LABEL_FORMATS["nifti"].write(maps, path))
+    data = gzip.decompress(path.read_bytes())
+    with gzip.open(path, "wb", compresslevel=1) as file:
+        file.write(data)
+        for _ in range(64):
+            file.write(bytes(1 << 20))
+    assert np.array_equal(LABEL_FORMATS["nifti"].read(path, SHAPE, NAMES).read(2), maps.read(2))
