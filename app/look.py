@@ -24,13 +24,27 @@ PROMPT_COLOURS: tuple[Colour, ...] = (
 )
 
 
+#: Each decoder that works pixel by pixel, and the one that decides alike on regions and along the edges of the picture.
+REFINED = {"threshold": "rnse", "argmax": "rnse+argmax"}
+
+
+def decoder_refined(decoder: str, refined: bool) -> str:
+    """The decoder that decides as `decoder` does, refined or coarse."""
+    coarse = {fine: plain for plain, fine in REFINED.items()}
+    return REFINED.get(decoder, decoder) if refined else coarse.get(decoder, decoder)
+
+
 @dataclass(frozen=True)
 class Prompt:
-    """A text whose mask is shown. Texts are unique in a look, whatever their case."""
+    """A text whose mask is shown, or, when `negative`, one that takes pixels from the masks of the others.
+
+    Texts are unique in a look, whatever their case.
+    """
 
     text: str
     colour: Colour
     visible: bool = True
+    negative: bool = False
 
 
 @dataclass(frozen=True)
@@ -43,12 +57,15 @@ class ColourRange:
         The range of this frame, of the whole sequence, or fixed from `low` to `high`.
     cmap : str
         Colour map; empty for the layer's own.
+    clip : float
+        Percentage of the values left out at each end of the ranges of a frame and of the sequence.
     """
 
     mode: RangeMode = "sequence"
     low: float = 0.0
     high: float = 1.0
     cmap: str = ""
+    clip: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +104,13 @@ class Look:
 
     @property
     def visible_prompts(self) -> tuple[Prompt, ...]:
-        return tuple(prompt for prompt in self.prompts if prompt.visible)
+        """Those whose masks are shown."""
+        return tuple(prompt for prompt in self.prompts if prompt.visible and not prompt.negative)
+
+    @property
+    def negative_texts(self) -> tuple[str, ...]:
+        """What takes pixels from the masks."""
+        return tuple(prompt.text for prompt in self.prompts if prompt.visible and prompt.negative)
 
     def next_colour(self) -> Colour:
         """The first palette colour that no prompt has, or the one used least."""
@@ -125,12 +148,13 @@ class Look:
 def _prompt(data: dict[str, Any]) -> Prompt:
     _only_known(data, Prompt)
     red, green, blue = (min(255, max(0, int(channel))) for channel in data["colour"])
-    return Prompt(str(data["text"])[:200], (red, green, blue), bool(data["visible"]))
+    return Prompt(str(data["text"])[:200], (red, green, blue), bool(data["visible"]), bool(data.get("negative", False)))
 
 
 def _colour_range(data: dict[str, Any]) -> ColourRange:
     _only_known(data, ColourRange)
-    return ColourRange(_one_of(data["mode"], RangeMode), float(data["low"]), float(data["high"]), str(data["cmap"]))
+    clip = min(49.0, max(0.0, float(data.get("clip", 1.0))))
+    return ColourRange(_one_of(data["mode"], RangeMode), float(data["low"]), float(data["high"]), str(data["cmap"]), clip)
 
 
 def _one_of(value: Any, choices: Any) -> Any:
@@ -140,5 +164,6 @@ def _one_of(value: Any, choices: Any) -> Any:
 
 
 def _only_known(data: Any, kind: type) -> None:
-    if not isinstance(data, dict) or set(data) != {item.name for item in fields(kind)}:
+    """ValueError for anything but a dictionary of the kind's fields; those that came later may be missing."""
+    if not isinstance(data, dict) or not set(data) <= {item.name for item in fields(kind)}:
         raise ValueError(f"not the fields of a {kind.__name__.lower()}")

@@ -1,4 +1,4 @@
-"""What is known of one spot: its values at this instant, and how it went on over time."""
+"""What is known of every pixel of one instant."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from app.pictures import get_layer
-from app.terminal import Steps
-from engine.errors import DegenseError
 
 if TYPE_CHECKING:
     from engine.scene import Scene
 
-#: Gaussians that a spot is followed by, and how far (pixels) their centres may lie from it.
-FOLLOWED, REACH = 32, 12.0
+#: Values that are looked up under the pointer, those that cost little first.
+PROBED = ("depth", "displacement", "speed", "rotation", "scale", "warp")
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class ProbeMaps:
     Attributes
     ----------
     scalars : dict of str to float [H, W]
-        Of `depth`, `displacement` and `warp`.
+        Of `PROBED`.
     uncertain : dict of str to bool [H, W]
         Where one of them is a guess.
     best : uint8 [H, W]
@@ -65,7 +63,7 @@ def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps
     request = LayerRequest(frame=frame)
     maps = ProbeMaps(frame, scene.picture(frame), {}, tuple(scene.classes))
     yield maps
-    for name in ("depth", "displacement", "warp"):
+    for name in PROBED:
         if get_layer(name).missing(scene, ()):
             continue
         image = get_layer(name).image(scene, request)
@@ -76,70 +74,3 @@ def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps
     if scene.has_semantics and scene.classes:
         maps = replace(maps, best=scene.query(frame).label_map(scene.vectors(scene.classes), "argmax"))
     return maps
-
-
-@dataclass(frozen=True)
-class Curves:
-    """How a spot went on.
-
-    Attributes
-    ----------
-    frames : int [T]
-    displacement : float [T]
-        Distance from its place at the reference frame.
-    similarity : dict of str to float [T]
-        Cosine to each prompt.
-    where : str
-        Which spot, in words.
-    """
-
-    frames: np.ndarray
-    displacement: np.ndarray
-    unit: str
-    similarity: dict[str, np.ndarray]
-    where: str
-
-
-def follow(scene: Scene, frame: int, x: float, y: float, prompts: tuple[str, ...]) -> Steps[Curves]:
-    """Follow the tissue seen at pixel (x, y) of `frame` through the whole sequence.
-
-    The spot is the weighted mean of the nearest Gaussians that lie on the visible surface there; as Gaussians keep their identity in
-    time, this follows the material, not the pixel. Yields (fraction, words).
-
-    Raises
-    ------
-    DegenseError
-        When nothing is drawn at that pixel.
-    """
-    yield 0.0, "finding the spot"
-    indices, weights = spot(scene, frame, x, y)
-    reference = scene.splats(scene.reference_frame).means[indices].cpu().numpy()
-    basis = scene.basis
-    meanings = [basis.project(scene.meanings(prompt)) for prompt in prompts] if basis is not None else []
-    displacement = np.zeros(scene.frames)
-    similarity = np.zeros((len(meanings), scene.frames))
-    for index in range(scene.frames):
-        yield index / scene.frames, f"frame {index}"
-        splats = scene.splats(index)
-        displacement[index] = weights @ np.linalg.norm(splats.means[indices].cpu().numpy() - reference, axis=1)
-        if meanings:
-            latent = weights @ splats.semantics[indices].cpu().numpy()
-            latent /= max(1e-12, float(np.linalg.norm(latent)))
-            similarity[:, index] = [(meaning @ latent).max() for meaning in meanings]
-    where = f"spot at ({x:.0f}, {y:.0f}) of frame {frame}"
-    named = dict(zip(prompts, similarity, strict=False))  # none without semantics
-    return Curves(np.arange(scene.frames), displacement, scene.unit, named, where)
-
-
-def spot(scene: Scene, frame: int, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices [k] and weights [k] (sum 1) of the Gaussians that make the visible surface at a pixel."""
-    splats = scene.splats(frame)
-    pixels, depth = scene.camera(frame).project(splats.means.cpu().numpy().astype(np.float64))
-    surface = float(scene.render(frame, what=("depth",))["depth"][int(y), int(x)])  # NaN where nothing is drawn: then nothing is near
-    distance = np.hypot(pixels[:, 0] - x, pixels[:, 1] - y)
-    near = np.flatnonzero((distance < REACH) & (np.abs(depth - surface) < 0.1 * surface))
-    weights = splats.opacities.cpu().numpy()[near] * np.exp(-((distance[near] / (REACH / 3)) ** 2) / 2)
-    best = np.argsort(weights)[-FOLLOWED:]
-    if not len(best) or weights[best].sum() < 1e-6:
-        raise DegenseError("Nothing is reconstructed at this spot; click on tissue.")
-    return near[best], weights[best] / weights[best].sum()

@@ -8,11 +8,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from app import session_file
-from app.look import Colour, ColourRange, Compare, Look, Prompt
+from app.look import Colour, ColourRange, Compare, Look, Prompt, decoder_refined
 from app.part import Part
 from app.session_parts import CameraMode, LookPart, Place
 from app.session_store import SessionStore
 from app.signal import Signal
+from app.targets import Target
 from app.undo import UndoStack
 from engine.errors import PromptError
 
@@ -30,7 +31,7 @@ class Session:
     -------
     opened()
         Another scene or clip, or none.
-    frame_changed(frame), playing_changed(playing), camera_mode_changed(mode), probe_changed(pixel or None), dirty_changed(dirty)
+    frame_changed(frame), playing_changed(playing), camera_mode_changed(mode), probe_changed(target or None), dirty_changed(dirty)
     look_changed(before, after)
         Two `Look` values, for views that redraw only what changed.
     """
@@ -41,7 +42,7 @@ class Session:
         self.playing_changed: Signal[[bool]] = Signal()
         self.look_changed: Signal[[Look, Look]] = Signal()
         self.camera_mode_changed: Signal[[str]] = Signal()
-        self.probe_changed: Signal[[tuple[float, float] | None]] = Signal()
+        self.probe_changed: Signal[[Target | None]] = Signal()
         self.scene: Scene | None = None
         self.clip: Clip | None = None
         self.undo = UndoStack(clock=clock)
@@ -228,6 +229,15 @@ class Session:
         gone = self._view.look.prompt(text)
         self.edit(f"Remove {gone.text}", replace(self._view.look, prompts=tuple(p for p in self._view.look.prompts if p is not gone)))
 
+    def set_negative(self, text: str, negative: bool) -> None:
+        """Let a prompt take pixels from the masks of the others, or have a mask of its own."""
+        prompt = self._view.look.prompt(text)
+        self._change_prompt(f"{prompt.text}: {'negative' if negative else 'positive'}", replace(prompt, negative=negative))
+
+    def set_refined(self, refined: bool) -> None:
+        """Decide masks region by region along the edges of the picture, or pixel by pixel."""
+        self.set_decoder(decoder_refined(self._view.look.decoder, refined))
+
     def set_visible(self, text: str, visible: bool) -> None:
         prompt = self._view.look.prompt(text)
         self._change_prompt(f"{'Show' if visible else 'Hide'} {prompt.text}", replace(prompt, visible=visible))
@@ -258,14 +268,14 @@ class Session:
             self.camera_mode_changed.emit(mode)
 
     @property
-    def probe(self) -> tuple[float, float] | None:
-        """The clicked pixel (x, y) of the surgeon's picture whose curves are shown."""
+    def probe(self) -> Target | None:
+        """The spot, region or mask whose curves are shown."""
         return self._place.probe
 
     @probe.setter
-    def probe(self, pixel: tuple[float, float] | None) -> None:
-        self._place.probe = pixel
-        self.probe_changed.emit(pixel)
+    def probe(self, target: Target | None) -> None:
+        self._place.probe = target
+        self.probe_changed.emit(target)
 
     # Saving
 

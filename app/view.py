@@ -95,7 +95,7 @@ def layer_request(look: Look, frame: float) -> LayerRequest:
     from engine.layers import LayerRequest
 
     texts = tuple(prompt.text for prompt in look.visible_prompts)
-    return LayerRequest(frame=frame, prompts=texts, threshold=look.threshold, decoder=look.decoder)
+    return LayerRequest(frame=frame, prompts=texts, threshold=look.threshold, decoder=look.decoder, negatives=look.negative_texts)
 
 
 def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
@@ -113,7 +113,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     image = layer.image(scene, query)
     scalar = image.kind == "scalar"
     cmap = look.range(layer.name).cmap or layer.cmap
-    span = (request.span or layer_range(scene, layer, query, "frame")) if scalar else None
+    span = (request.span or layer_range(scene, layer, query, "frame", look.range(layer.name).clip)) if scalar else None
     rgb = mask_colours(look)[image.values] if image.kind == "mask" else layer_colours(image, *(span or (0.0, 1.0)), cmap)
     view = View(
         frame=frame,
@@ -130,7 +130,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     if not masked:
         return view
     yield replace(view, complete=False)
-    masks = prompt_masks(scene, frame, [prompt.text for prompt in masked], look.decoder, look.threshold)
+    masks = prompt_masks(scene, frame, [prompt.text for prompt in masked], look.decoder, look.threshold, look.negative_texts)
     fill = 0.0 if scalar or look.compare == "difference" else MASK_FILL  # numbers and differences keep their colours: outlines only
     return replace(view, masks=mask_overlay([(mask, prompt.colour) for mask, prompt in zip(masks, masked, strict=True)], fill))
 
@@ -167,11 +167,13 @@ def mask_colours(look: Look) -> np.ndarray:
     return table
 
 
-def prompt_masks(scene: Scene, frame: float, texts: Sequence[str], decoder: str | None, threshold: float | None) -> list[np.ndarray]:
+def prompt_masks(
+    scene: Scene, frame: float, texts: Sequence[str], decoder: str | None, threshold: float | None, negatives: tuple[str, ...] = ()
+) -> list[np.ndarray]:
     """The mask of each text, bool [H, W]. None leaves decoder and threshold to the layers."""
     from engine.layers import LayerRequest
 
-    request = LayerRequest(frame)
+    request = LayerRequest(frame, negatives=negatives)
     request = replace(request, decoder=decoder or request.decoder, threshold=request.threshold if threshold is None else threshold)
     layer = get_layer("mask")
     return [layer.image(scene, replace(request, prompts=(text,))).values.astype(bool) for text in texts]

@@ -15,6 +15,9 @@ from widgets.ticks import linear_ticks, short
 
 RANGE_MODES = ("frame", "sequence", "fixed")
 
+#: Percentages of the values beyond each end that are offered.
+CLIPS = (0.0, 0.5, 1.0, 2.0, 5.0)
+
 _MODE_TITLES = {"frame": "This frame", "sequence": "Whole sequence", "fixed": "Fixed"}
 
 
@@ -59,6 +62,7 @@ class ColourBar(QWidget):
     range_mode_changed = Signal(str)
     range_edited = Signal(float, float)
     cmap_changed = Signal(str)
+    clip_changed = Signal(float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -77,7 +81,13 @@ class ColourBar(QWidget):
         self._map_box.setAccessibleName("Colour map")
         self._map_box.addItems(list(COLOUR_MAPS))
         self._map_box.activated.connect(self._map_chosen)
-        for box in (self._mode_box, self._map_box):
+        self._clip_box = QComboBox(self)
+        self._clip_box.setAccessibleName("Share of the values beyond each end")
+        self._clip_box.setToolTip("Share of the values beyond each end of the range, so that a few strays do not darken the rest")
+        for share in CLIPS:
+            self._clip_box.addItem(f"clip {share:g} %" if share else "clip none", share)
+        self._clip_box.activated.connect(lambda: self.clip_changed.emit(self.clip()))
+        for box in (self._mode_box, self._clip_box, self._map_box):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
             box.setMinimumContentsLength(8)
             keep_keys(box, ARROWS | PRESS)
@@ -99,8 +109,10 @@ class ColourBar(QWidget):
         layout.addWidget(self._heading)
         layout.addWidget(self._gradient, 1)
         layout.addWidget(self._mode_box)
+        layout.addWidget(self._clip_box)
         layout.addLayout(form)
         layout.addWidget(self._map_box)
+        self.set_clip(1.0)
         self._show_range()
 
     def set_title(self, title: str) -> None:
@@ -134,6 +146,16 @@ class ColourBar(QWidget):
         if mode not in RANGE_MODES:
             raise ValueError(f"unknown range mode {mode!r}; there are {', '.join(RANGE_MODES)}")
         self._mode_box.setCurrentIndex(RANGE_MODES.index(mode))
+        self._clip_box.setEnabled(mode != "fixed")
+
+    def set_clip(self, share: float) -> None:
+        """Percentage of the values beyond each end; one that is not offered is added."""
+        if self._clip_box.findData(share) < 0:
+            self._clip_box.addItem(f"clip {share:g} %", share)
+        self._clip_box.setCurrentIndex(self._clip_box.findData(share))
+
+    def clip(self) -> float:
+        return self._clip_box.currentData()
 
     def range_mode(self) -> str:
         return self._mode_box.currentData()

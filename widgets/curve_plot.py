@@ -22,6 +22,7 @@ class _Series:
     colour: QColor
     x: list[float]
     y: list[float]
+    band: tuple[np.ndarray, np.ndarray] | None = None
 
 
 class CurvePlot(QWidget):
@@ -43,13 +44,20 @@ class CurvePlot(QWidget):
         self._pointer: float | None = None  # widget x of the pointer
         self._pressed = False
 
-    def set_series(self, name: str, x: np.ndarray, y: np.ndarray, colour: QColor | None = None) -> None:
-        """Add or replace a curve, x ascending."""
+    def set_series(
+        self,
+        name: str,
+        x: np.ndarray,
+        y: np.ndarray,
+        colour: QColor | None = None,
+        band: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> None:
+        """Add or replace a curve, x ascending. A band (low, high), as long as the curve, is shaded behind it."""
         if len(x) != len(y):
             raise ValueError(f"the curve {name!r} has {len(x)} positions and {len(y)} values")
         if colour is None:
             colour = self._series[name].colour if name in self._series else class_colour(len(self._series))
-        self._series[name] = _Series(colour, [float(v) for v in x], [float(v) for v in y])
+        self._series[name] = _Series(colour, [float(v) for v in x], [float(v) for v in y], band)
         self.update()
 
     def append(self, name: str, x: float, y: float) -> None:
@@ -104,6 +112,7 @@ class CurvePlot(QWidget):
         """(x low, x high, y low, y high) of the finite points, y in plotted units, or None without any."""
         xs = [np.asarray(s.x) for s in self._series.values() if s.x]
         ys = [self._values(s) for s in self._series.values() if s.y]
+        ys += [edge for s in self._series.values() if s.band is not None and not self._log for edge in s.band]
         if not xs:
             return None
         y = np.concatenate(ys)
@@ -191,6 +200,8 @@ class CurvePlot(QWidget):
         # A long run has more points than pixels; one point a half pixel is all that can be seen.
         keep = max(1, len(x) // (2 * max(int(area.width()), 1)))
         finite = np.isfinite(y)
+        if series.band is not None and not self._log:
+            self._paint_band(painter, series, area, limits)
         painter.setPen(QPen(series.colour, 1.6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin))
         for run in np.split(np.arange(len(y)), np.flatnonzero(np.diff(finite.astype(np.int8))) + 1):
             if len(run) == 0 or not finite[run[0]]:
@@ -203,6 +214,20 @@ class CurvePlot(QWidget):
                 painter.setBrush(Qt.BrushStyle.NoBrush)
             else:
                 painter.drawPolyline(QPolygonF(points))
+
+    def _paint_band(self, painter: QPainter, series: _Series, area: QRectF, limits: tuple) -> None:
+        assert series.band is not None
+        low, high = series.band
+        known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+        shade = QColor(series.colour)
+        shade.setAlpha(45)
+        for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+            there = [QPointF(self._to_x(series.x[i], area, limits), self._to_y(high[i], area, limits)) for i in run]
+            back = [QPointF(self._to_x(series.x[i], area, limits), self._to_y(low[i], area, limits)) for i in run[::-1]]
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(shade)
+            painter.drawPolygon(QPolygonF(there + back))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
 
     def _paint_legend(self, painter: QPainter, area: QRectF, limits: tuple) -> None:
         """Names in a row on top; under the pointer, with the values there."""

@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
 
 from widgets.curve_plot import CurvePlot
 from widgets.glyphs import GlyphButton
+from widgets.images import to_array
 from widgets.keys import ARROWS, keep_keys
 
 
@@ -101,9 +102,24 @@ class ProbePanel(QWidget):
         self._place.setText(text or "Under the pointer")
         self._unpin.setVisible(bool(text))
 
-    def set_curve(self, name: str, frames: np.ndarray, values: np.ndarray, colour: QColor | None = None, unit: str = "") -> None:
-        """Add or replace a curve over the frames; the unit is added to its name."""
-        self._plot.set_series(f"{name} [{unit}]" if unit else name, frames, values, colour)
+    def set_curve(
+        self,
+        name: str,
+        frames: np.ndarray,
+        values: np.ndarray,
+        colour: QColor | None = None,
+        unit: str = "",
+        band: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> None:
+        """Add or replace a curve over the frames; the unit is added to its name. A band (low, high) is shaded behind it."""
+        self._plot.set_series(f"{name} [{unit}]" if unit else name, frames, values, colour, band)
+
+    def plot_image(self) -> np.ndarray:
+        """The plot as it is shown, uint8 [H, W, 3]."""
+        return to_array(self._plot.grab().toImage())
+
+    def curve_names(self) -> list[str]:
+        return self._plot.series_names()
 
     def clear_curves(self) -> None:
         self._plot.clear()

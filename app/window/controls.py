@@ -79,6 +79,7 @@ class Controls(QObject):
         parts.colour_bar.set_title(layer.title)
         parts.colour_bar.set_cmap(chosen.cmap or layer.cmap)
         parts.colour_bar.set_range_mode(chosen.mode)
+        parts.colour_bar.set_clip(chosen.clip)
 
     # Timeline
 
@@ -161,6 +162,7 @@ class Controls(QObject):
         bar.range_mode_changed.connect(self._range_mode_changed)
         bar.range_edited.connect(lambda low, high: self._set_range(mode="fixed", low=low, high=high))
         bar.cmap_changed.connect(lambda cmap: self._set_range(cmap=cmap))
+        bar.clip_changed.connect(lambda clip: self._set_range(clip=clip))
 
     def _range_mode_changed(self, mode: str) -> None:
         if mode in get_args(RangeMode):

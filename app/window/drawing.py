@@ -40,7 +40,7 @@ class Drawing(QObject):
         self.session, self.service, self.parts = session, service, parts
         self.view: View | None = None
         self.milliseconds: deque[float] = deque(maxlen=200)
-        self._spans: dict[tuple[str, tuple[str, ...]], tuple[float, float]] = {}
+        self._spans: dict[tuple[str, tuple[str, ...], float], tuple[float, float]] = {}
         self._camera: Camera | None = None
         self._asked = 0.0
         session.opened.connect(self._opened)
@@ -95,8 +95,9 @@ class Drawing(QObject):
             return chosen.low, chosen.high
         if chosen.mode == "frame" or get_layer(look.layer).kind != "scalar":
             return None
-        key = (look.layer, tuple(prompt.text for prompt in look.visible_prompts) if get_layer(look.layer).needs_prompt else ())
-        if key not in self._spans and not get_layer(look.layer).missing(scene, key[1]):
+        texts = tuple(prompt.text for prompt in look.visible_prompts) if get_layer(look.layer).needs_prompt else ()
+        key = (look.layer, texts, chosen.clip)
+        if key not in self._spans and not get_layer(look.layer).missing(scene, texts):
 
             def found(span: tuple[float, float]) -> None:
                 self._spans[key] = span
@@ -181,4 +182,4 @@ def _sequence_range(scene: Scene, look: Look) -> Steps[tuple[float, float]]:
     for done, frame in enumerate(frames):
         yield done / len(frames), "range"
         layer.image(scene, replace(request, frame=float(frame)))
-    return layer_range(scene, layer, request, "sequence")
+    return layer_range(scene, layer, request, "sequence", look.range(look.layer).clip)

@@ -25,7 +25,7 @@ from app.window.probing import Probing
 from app.window.training import Training
 from widgets.theme import apply_theme
 
-CHANNELS = ("open", "view", "range", "probe", "curves", "export", "doctor")
+CHANNELS = ("open", "view", "range", "material", "probe", "curves", "export", "doctor")
 
 
 class MainWindow(QMainWindow):

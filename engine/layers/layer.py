@@ -31,6 +31,8 @@ class LayerRequest:
         On the cosine.
     decoder : str
         One of `engine.masks.DECODERS`.
+    negatives : tuple of str
+        A pixel that is as similar to one of these as to a prompt belongs to no mask of that prompt.
     """
 
     frame: float
@@ -38,6 +40,7 @@ class LayerRequest:
     prompts: tuple[str, ...] = ()
     threshold: float = DEFAULT_THRESHOLD
     decoder: str = DEFAULT_DECODER
+    negatives: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ import numpy as np
 from engine.errors import DegenseError
 from engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
 from engine.layers.layer import Layer, LayerRequest
+from engine.masks import MaskQuery
+from engine.masks.decoders import reads_regions
 from engine.motion import spurious
 from engine.scene import NO_SUPPORT, REVEALED, Scene
 
@@ -56,9 +58,9 @@ def _similarity(scene: Scene, request: LayerRequest) -> np.ndarray:
     return scene.query(request.frame, request.camera).similarity(vectors)
 
 
-def _splat_similarities(scene: Scene, request: LayerRequest) -> np.ndarray:
-    """Cosine of every Gaussian's latent with every prompt, [N, prompts]."""
-    meanings = [scene.meanings(prompt) for prompt in _prompted(request)]
+def _splat_similarities(scene: Scene, request: LayerRequest, texts: tuple[str, ...]) -> np.ndarray:
+    """Cosine of every Gaussian's latent with every text, [N, texts]."""
+    meanings = [scene.meanings(text) for text in texts]
     assert scene.basis is not None
     latents = scene.splats(request.frame).semantics.cpu().numpy()
     latents = latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
@@ -66,7 +68,7 @@ def _splat_similarities(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _similarity_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return _splat_similarities(scene, request).max(1).astype(np.float32)
+    return _splat_similarities(scene, request, _prompted(request)).max(1).astype(np.float32)
 
 
 def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -77,13 +79,24 @@ def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:
     out = np.zeros((camera.height, camera.width), np.uint8)
     for k, meaning in enumerate(meanings):
         rivals = np.concatenate([scene.vectors(scene.classes), *(other for other in meanings if other is not meaning)])
-        out[query.mask(meaning, request.decoder, request.threshold, rivals)] = k + 1
+        out[query.mask(meaning, request.decoder, request.threshold, rivals) & _beats(query, meaning, scene, request)] = k + 1
     return out
 
 
+def _beats(query: MaskQuery, meaning: np.ndarray, scene: Scene, request: LayerRequest) -> np.ndarray | bool:
+    """Pixels more similar to a prompt than to every negative, bool [H, W]; True without negatives."""
+    if not request.negatives:
+        return True
+    similarity = query.refined if reads_regions(request.decoder) else query.similarity
+    return similarity(meaning) > similarity(np.concatenate([scene.meanings(text) for text in request.negatives]))
+
+
 def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    similarity = _splat_similarities(scene, request)
-    return np.where(similarity.max(1) >= request.threshold, similarity.argmax(1) + 1, 0).astype(np.uint8)
+    similarity = _splat_similarities(scene, request, _prompted(request))
+    found = similarity.max(1) >= request.threshold
+    if request.negatives:
+        found &= similarity.max(1) > _splat_similarities(scene, request, request.negatives).max(1)
+    return np.where(found, similarity.argmax(1) + 1, 0).astype(np.uint8)
 
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.probe import spot
+from app.places import Spot, material
 
 
 def rows(window) -> dict[str, str]:
@@ -31,19 +31,19 @@ def test_clicking_follows_the_spot(opened, idle, screenshot):
     idle()
     parts.panel.clicked.emit(48, 40)
     idle()
-    indices, weights = spot(session.scene, 8, 48.5, 40.5)
+    indices, weights = material(session.scene, Spot(8, 48.5, 40.5))
     moved = [session.scene.displacement(frame)[indices].numpy() @ weights for frame in range(10)]
     assert parts.similarity.series_names() == ["gallbladder"]
     assert parts.similarity.isVisible()
     curves = opened.probing.curves
-    assert np.allclose(curves.displacement, moved, atol=1e-5)
+    assert np.allclose(curves.layers["displacement"][0], moved, atol=1e-5)
     screenshot(opened, "probe")
     parts.probe.frame_clicked.emit(2)
     assert session.frame == 2
     session.add_prompt("liver")
     idle()
     assert set(opened.probing.curves.similarity) == {"gallbladder", "liver"}
-    assert np.allclose(opened.probing.curves.displacement, moved, atol=1e-5)  # still the spot of frame 8
+    assert np.allclose(opened.probing.curves.layers["displacement"][0], moved, atol=1e-5)  # still the spot of frame 8
     parts.probe.unpin_requested.emit()
     assert session.probe is None
     assert not parts.similarity.isVisible()
@@ -61,5 +61,5 @@ def test_a_click_on_a_splat_is_a_click_on_its_pixel(opened, idle):
     pixels, _ = scene.camera(0).project(scene.splats(0).means.numpy().astype(float))
     index = int(np.argmin(np.hypot(*(pixels - (48, 40)).T)))
     opened.parts.splats.picked.emit(index)
-    assert np.allclose(opened.session.probe, pixels[index])
+    assert np.allclose((opened.session.probe.x, opened.session.probe.y), pixels[index])
     idle()

@@ -1,49 +1,103 @@
-"""Following a spot, on splats whose motion is known."""
+"""Following spots, regions and masks, on splats whose motion is known."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from app.curves import follow, summary, to_csv
 from app.look import Look, Prompt
-from app.probe import follow, probe_maps, spot
+from app.places import Found, Region, Spot, inside_of, material
+from app.probe import probe_maps
 from app.terminal import Bar, run_steps
 from app.view import ViewRequest, draw_view
 from engine.errors import DegenseError
 
+LOOK = Look(prompts=(Prompt("gallbladder", (230, 159, 0)), Prompt("liver", (86, 180, 233))))
+
+
+def curves_of(scene, place, look=LOOK):
+    return run_steps(follow(scene, place, look), Bar())
+
 
 def test_the_curve_is_the_motion_of_the_gaussians_there(scene):
-    frame, x, y = 4, 50.0, 40.0
-    curves = run_steps(follow(scene, frame, x, y, ("gallbladder", "liver")), Bar())
-    indices, weights = spot(scene, frame, x, y)
+    place = Spot(4, 50.0, 40.0)
+    curves = curves_of(scene, place)
+    indices, weights = material(scene, place)
     assert weights.sum() == pytest.approx(1)
     moved = [scene.displacement(index)[indices].numpy() @ weights for index in range(scene.frames)]
-    assert np.allclose(curves.displacement, moved, atol=1e-5)
-    assert curves.displacement[scene.reference_frame] == 0
+    mean, low, high = curves.layers["displacement"]
+    assert np.allclose(mean, moved, atol=1e-5)
+    assert mean[scene.reference_frame] == 0
+    assert ((low <= mean) & (mean <= high)).all()
+    assert set(curves.layers) == {"displacement", "speed", "rotation", "scale"}
     assert set(curves.similarity) == {"gallbladder", "liver"}
-    rendered = scene.query(frame).similarity(scene.meanings("gallbladder"))[int(y), int(x)]
-    assert curves.similarity["gallbladder"][frame] == pytest.approx(rendered, abs=0.15)
+    rendered = scene.query(4).similarity(scene.meanings("gallbladder"))[int(place.y), int(place.x)]
+    assert curves.similarity["gallbladder"][4] == pytest.approx(rendered, abs=0.15)
 
 
 def test_a_spot_lies_where_one_clicked(scene):
-    indices, weights = spot(scene, 2, 30.0, 60.0)
+    indices, weights = material(scene, Spot(2, 30.0, 60.0))
     pixels, _ = scene.camera(2).project(scene.splats(2).means[indices].numpy().astype(float))
     assert np.hypot(*(weights @ pixels - (30, 60))) < 4
+
+
+def test_a_region_is_followed_as_material(scene):
+    outline = ((20.0, 20.0), (60.0, 20.0), (60.0, 50.0), (20.0, 50.0))
+    indices, weights = material(scene, Region(4, outline))
+    pixels, _ = scene.camera(4).project(scene.splats(4).means[indices].numpy().astype(float))
+    assert ((pixels > (19.5, 19.5)) & (pixels < (60.5, 50.5))).all()
+    curves = curves_of(scene, Region(4, outline), replace(LOOK, layer="depth"))
+    z = scene.camera(7).project(scene.splats(7).means[indices].numpy().astype(float))[1]
+    assert curves.layers["depth"][0, 7] == pytest.approx(z @ weights, rel=1e-4)
+    moved = scene.displacement(7)[indices].numpy()
+    assert moved.min() <= curves.layers["displacement"][1, 7] <= np.median(moved) <= curves.layers["displacement"][2, 7] <= moved.max()
+
+
+def test_inside_of_an_outline_by_its_pixel_middles():
+    assert inside_of(((2, 1), (5, 1), (5, 3), (2, 3)), 8, 6).tolist() == [[1 <= y < 3 and 2 <= x < 5 for x in range(8)] for y in range(6)]
+    assert not inside_of(((-9, -9), (-5, -9), (-5, -4)), 8, 6).any()
+
+
+def test_what_a_prompt_finds_is_looked_for_in_each_frame(scene):
+    look = replace(LOOK, decoder="threshold", layer="depth")
+    curves = curves_of(scene, Found("gallbladder"), look)
+    mask = scene.query(6).similarity(scene.meanings("gallbladder")) > look.threshold
+    assert curves.area[6] == pytest.approx(mask.mean())
+    assert curves.layers["depth"][0, 6] == pytest.approx(np.nanmean(scene.render(6, what=("depth",))["depth"][mask]), rel=1e-4)
+    assert curves.similarity == {}
+
+
+def test_the_table_names_its_units_and_leaves_gaps_empty(scene):
+    curves = curves_of(scene, Found("gallbladder"), replace(LOOK, decoder="threshold", threshold=2.0))  # nothing is found
+    head, first, *_ = [line.split(",") for line in to_csv(curves).splitlines()]
+    assert head[:2] == ["frame", "displacement mean [mm]"]
+    assert head[-1] == "area [share of the picture]"
+    assert first[:3] == ["0", "", ""]
+    assert first[-1] == "0"
+
+
+def test_a_summary_is_weighted_and_ignores_what_is_not_known():
+    numbers, weights = np.array([1.0, np.nan, 3.0, 100.0]), np.array([1.0, 5.0, 1.0, 0.0])
+    assert summary(numbers, weights)[0] == 2.0
+    assert np.isnan(summary(numbers[1:2], weights[1:2])).all()
 
 
 def test_nothing_is_followed_where_nothing_is(scene):
     scene.splats(0).opacities.zero_()
     with pytest.raises(DegenseError, match="Nothing is reconstructed"):
-        run_steps(follow(scene, 0, 5, 5, ()), Bar())
+        curves_of(scene, Spot(0, 5, 5), Look())
 
 
 def test_maps_hold_what_the_layers_show(scene):
     steps = probe_maps(scene, 3)
-    growing = [len(next(steps).scalars) for _ in range(4)]
+    growing = [len(next(steps).scalars) for _ in range(7)]
     with pytest.raises(StopIteration) as end:
         next(steps)
     maps = end.value.value
-    assert growing == [0, 1, 2, 3]
+    assert growing == [0, 1, 2, 3, 4, 5, 6]
     rows = dict(maps.rows(40, 30))
     depth = scene.render(3, what=("depth",))["depth"][30, 40]
     assert rows["depth"].startswith(f"{depth:.3g}")
