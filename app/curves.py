@@ -12,8 +12,9 @@ import numpy as np
 
 from app.look import Look
 from app.pictures import get_layer
-from app.places import Found, Place, material
+from app.targets import Found, Target, material
 from app.terminal import Steps
+from app.view import layer_request, masks_of
 
 if TYPE_CHECKING:
     from engine.layers import Layer, LayerRequest
@@ -59,7 +60,7 @@ def followed_layers(scene: Scene, look: Look) -> list[Layer]:
     return layers
 
 
-def follow(scene: Scene, place: Place, look: Look) -> Steps[Curves]:
+def follow(scene: Scene, place: Target, look: Look) -> Steps[Curves]:
     """Follow a place through the whole sequence. Yields (fraction, words).
 
     A spot or a region is followed as material: the mean over its Gaussians, wherever they go. What a prompt finds is looked for in each
@@ -70,8 +71,6 @@ def follow(scene: Scene, place: Place, look: Look) -> Steps[Curves]:
     DegenseError
         When nothing is reconstructed at the place, or the prompt cannot be answered.
     """
-    from engine.layers import LayerRequest
-
     layers = followed_layers(scene, look)
     texts = tuple(prompt.text for prompt in look.visible_prompts)
     values = {layer.name: np.full((3, scene.frames), np.nan) for layer in layers}
@@ -79,14 +78,14 @@ def follow(scene: Scene, place: Place, look: Look) -> Steps[Curves]:
     yield 0.0, "finding the place"
     if isinstance(place, Found):
         curves = replace(curves, area=np.zeros(scene.frames))
-        measure = _pixels(scene, place, look, curves)
+        measure = _pixels(scene, place, curves)
     else:
         if scene.has_semantics:
             curves = replace(curves, similarity={text: np.zeros(scene.frames) for text in texts})
         measure = _gaussians(scene, *material(scene, place), curves)
     for frame in range(scene.frames):
         yield frame / scene.frames, f"frame {frame}"
-        request = LayerRequest(frame, prompts=texts, threshold=look.threshold, decoder=look.decoder)
+        request = layer_request(look, frame)
         for layer, (numbers, weights) in measure(request, layers).items():
             values[layer][:, frame] = summary(numbers, weights)
     return curves
@@ -110,11 +109,9 @@ def _gaussians(scene: Scene, indices: np.ndarray, weights: np.ndarray, curves: C
     return measure
 
 
-def _pixels(scene: Scene, place: Found, look: Look, curves: Curves) -> Measure:
-    from app.view import prompt_masks
-
+def _pixels(scene: Scene, place: Found, curves: Curves) -> Measure:
     def measure(request: LayerRequest, layers: list[Layer]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        [mask] = prompt_masks(scene, request.frame, [place.prompt], look.decoder, look.threshold, look.negative_texts)
+        [mask] = masks_of(scene, request, [place.prompt])
         assert curves.area is not None
         curves.area[int(request.frame)] = mask.mean()
         return {layer.name: (layer.picture(scene, request)[mask], np.ones(int(mask.sum()))) for layer in layers}

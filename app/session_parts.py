@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Literal, get_args
 
 from app.look import Look
 from app.part import Part
+from app.targets import Target, target_from_json, target_to_json
 from engine.errors import RunError
 
 CameraMode = Literal["surgeon", "free"]
@@ -34,8 +34,8 @@ class Place(Part):
 
     Attributes
     ----------
-    probe : (x, y) or None
-        The clicked pixel of the surgeon's picture.
+    probe : Target or None
+        What is followed through time.
     """
 
     counts = False
@@ -47,19 +47,17 @@ class Place(Part):
     def clear(self) -> None:
         self.frame = 0
         self.camera_mode: CameraMode = "surgeon"
-        self.probe: tuple[float, float] | None = None
+        self.probe: Target | None = None
 
     def to_json(self) -> Any:
-        return {"frame": self.frame, "camera_mode": self.camera_mode, "probe": self.probe}
+        return {"frame": self.frame, "camera_mode": self.camera_mode, "probe": target_to_json(self.probe)}
 
     def from_json(self, data: Any, source: str) -> None:
         try:
             frame, mode, probe = int(data["frame"]), data["camera_mode"], data["probe"]
             if mode not in get_args(CameraMode):
                 raise ValueError(f"{mode!r} is no camera mode")
-            pixel = None if probe is None else (float(probe[0]), float(probe[1]))
-            if pixel is not None and not all(map(math.isfinite, pixel)):
-                raise ValueError("the probe is nowhere")
+            target = target_from_json(probe)
         except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise RunError(f"{source} does not hold a place in time ({error}).") from error
-        self.frame, self.camera_mode, self.probe = max(0, frame), mode, pixel
+        self.frame, self.camera_mode, self.probe = max(0, frame), mode, target

@@ -40,6 +40,8 @@ class ViewRequest:
         Whether the Gaussians are wanted too, for the 3D view.
     quick : bool
         While time runs or is scrubbed: masks are decoded by threshold, which needs no superpixels. The exact ones follow in the end.
+    camera : Camera or None
+        Where the picture is seen from; None for the surgeon's camera.
     """
 
     frame: int
@@ -47,6 +49,7 @@ class ViewRequest:
     span: tuple[float, float] | None = None
     splats: bool = True
     quick: bool = False
+    camera: Camera | None = None
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
     if request.quick:
         look = replace(look, decoder="threshold")
-    query = layer_request(look, frame)
+    query = replace(layer_request(look, frame), camera=request.camera)
     image = layer.image(scene, query)
     scalar = image.kind == "scalar"
     cmap = look.range(layer.name).cmap or layer.cmap
@@ -117,12 +120,12 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     rgb = mask_colours(look)[image.values] if image.kind == "mask" else layer_colours(image, *(span or (0.0, 1.0)), cmap)
     view = View(
         frame=frame,
-        camera=scene.camera(frame),
+        camera=request.camera or scene.camera(frame),
         rgb=rgb,
         span=span,
         unit=image.unit,
         cmap=cmap,
-        observed=scene.observed(frame) if look.compare != "off" else None,
+        observed=scene.observed(frame) if look.compare != "off" and request.camera is None else None,
         splats=splat_arrays(scene, layer, query, look, span, cmap) if request.splats else None,
         uncertain=layer.uncertain_words if image.uncertain is not None and image.uncertain.any() else "",
     )
@@ -130,7 +133,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     if not masked:
         return view
     yield replace(view, complete=False)
-    masks = prompt_masks(scene, frame, [prompt.text for prompt in masked], look.decoder, look.threshold, look.negative_texts)
+    masks = masks_of(scene, query, [prompt.text for prompt in masked])
     fill = 0.0 if scalar or look.compare == "difference" else MASK_FILL  # numbers and differences keep their colours: outlines only
     return replace(view, masks=mask_overlay([(mask, prompt.colour) for mask, prompt in zip(masks, masked, strict=True)], fill))
 
@@ -167,14 +170,17 @@ def mask_colours(look: Look) -> np.ndarray:
     return table
 
 
-def prompt_masks(
-    scene: Scene, frame: float, texts: Sequence[str], decoder: str | None, threshold: float | None, negatives: tuple[str, ...] = ()
-) -> list[np.ndarray]:
+def prompt_masks(scene: Scene, frame: float, texts: Sequence[str], decoder: str | None, threshold: float | None) -> list[np.ndarray]:
     """The mask of each text, bool [H, W]. None leaves decoder and threshold to the layers."""
     from engine.layers import LayerRequest
 
-    request = LayerRequest(frame, negatives=negatives)
+    request = LayerRequest(frame)
     request = replace(request, decoder=decoder or request.decoder, threshold=request.threshold if threshold is None else threshold)
+    return masks_of(scene, request, texts)
+
+
+def masks_of(scene: Scene, request: LayerRequest, texts: Sequence[str]) -> list[np.ndarray]:
+    """The mask of each text, bool [H, W], decoded as the request says."""
     layer = get_layer("mask")
     return [layer.image(scene, replace(request, prompts=(text,))).values.astype(bool) for text in texts]
 

@@ -6,7 +6,7 @@ import math
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPalette
-from PySide6.QtWidgets import QComboBox, QFormLayout, QLabel, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
 
 from engine.colour_maps import COLOUR_MAPS, colour_table
 from widgets.images import to_qimage
@@ -28,8 +28,8 @@ class _Gradient(QWidget):
         super().__init__(parent)
         self.low, self.high, self.cmap = 0.0, 1.0, COLOUR_MAPS[0]
         self.setAccessibleName("Colours and their numbers")
-        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
-        self.setMinimumHeight(140)
+        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
+        self.setMinimumHeight(120)
 
     def sizeHint(self) -> QSize:
         return QSize(90, 200)
@@ -101,17 +101,20 @@ class ColourBar(QWidget):
         form = QFormLayout()
         form.setHorizontalSpacing(6)
         form.setVerticalSpacing(4)
+        form.addRow(self._mode_box)
+        form.addRow(self._clip_box)
         form.addRow("Max", self._high_field)
         form.addRow("Min", self._low_field)
+        form.addRow(self._map_box)
+        beside = QHBoxLayout()
+        beside.setSpacing(6)
+        beside.addWidget(self._gradient)
+        beside.addLayout(form, 1)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(6)
         layout.addWidget(self._heading)
-        layout.addWidget(self._gradient, 1)
-        layout.addWidget(self._mode_box)
-        layout.addWidget(self._clip_box)
-        layout.addLayout(form)
-        layout.addWidget(self._map_box)
+        layout.addLayout(beside, 1)
         self.set_clip(1.0)
         self._show_range()
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QButtonGroup, QCheckBox, QHBoxLayout, QLabel, QRadioButton, QSlider, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QButtonGroup, QCheckBox, QGridLayout, QHBoxLayout, QLabel, QRadioButton, QSlider, QVBoxLayout, QWidget
 
 from widgets.keys import ARROWS, PRESS, keep_keys
+
+#: So many layers stand in two columns, one below the other in each.
+TWO_COLUMNS_FROM = 7
 
 
 class LayerList(QWidget):
@@ -23,8 +26,9 @@ class LayerList(QWidget):
         self._group = QButtonGroup(self)
         self._buttons: dict[str, QRadioButton] = {}
         self._tips: dict[str, str] = {}
-        self._list = QVBoxLayout()
-        self._list.setSpacing(2)
+        self._list = QGridLayout()
+        self._list.setVerticalSpacing(2)
+        self._list.setHorizontalSpacing(10)
         self._masks = QCheckBox("Masks", self)
         self._masks.setToolTip("Lay the masks of the prompts over the layer")
         self._masks.setChecked(True)
@@ -64,14 +68,15 @@ class LayerList(QWidget):
             button.deleteLater()
         self._buttons.clear()
         self._tips.clear()
-        for name, title, unit, description in layers:
+        rows = len(layers) if len(layers) < TWO_COLUMNS_FROM else (len(layers) + 1) // 2
+        for place, (name, title, unit, description) in enumerate(layers):
             button = QRadioButton(f"{title}  [{unit}]" if unit else title, self)
             button.clicked.connect(lambda _checked=False, name=name: self.layer_changed.emit(name))
             keep_keys(button, ARROWS | PRESS)
             self._tips[name] = description
             button.setToolTip(description)
             self._group.addButton(button)
-            self._list.addWidget(button)
+            self._list.addWidget(button, place % rows, place // rows)
             self._buttons[name] = button
         if self._buttons:
             self.set_current(current if current in self._buttons else next(iter(self._buttons)))

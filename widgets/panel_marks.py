@@ -27,10 +27,12 @@ def paint_tag(painter: QPainter, corner: QPointF, text: str, right_aligned: bool
     painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
 
 
-def paint_legend(painter: QPainter, corner: QPointF, entries: Sequence[tuple[str, QColor]]) -> None:
-    """Names with their colours; `corner` is the lower left one."""
+def paint_legend(painter: QPainter, corner: QPointF, entries: Sequence[tuple[str, QColor]], widest: float) -> None:
+    """Names with their colours; `corner` is the lower left one. Names that need more room than `widest` end in dots."""
     metrics = painter.fontMetrics()
     row, swatch = metrics.height() + 4, metrics.ascent()
+    room = max(round(widest) - swatch - 22, 20)
+    entries = [(metrics.elidedText(name, Qt.TextElideMode.ElideRight, room), colour) for name, colour in entries]
     width = max(metrics.horizontalAdvance(name) for name, _ in entries) + swatch + 22
     box = QRectF(corner.x(), corner.y() - row * len(entries) - 6, width, row * len(entries) + 6)
     _veil(painter, box)

@@ -24,6 +24,9 @@ from widgets.glyphs import GlyphButton
 from widgets.images import to_array
 from widgets.keys import ARROWS, keep_keys
 
+#: Rows of values that are seen without scrolling however little room there is.
+FEWEST_ROWS = 4
+
 
 class ProbePanel(QWidget):
     """A table of values and a plot of curves for one place, which follows the pointer or is pinned."""
@@ -68,8 +71,8 @@ class ProbePanel(QWidget):
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(6)
         layout.addLayout(top)
-        layout.addWidget(self._table)
-        layout.addWidget(self._plot, 1)
+        layout.addWidget(self._table, 3)
+        layout.addWidget(self._plot, 2)
         self.clear()
 
     def set_values(self, rows: Sequence[tuple[str, str]]) -> None:
@@ -77,7 +80,8 @@ class ProbePanel(QWidget):
         if self._table.rowCount() != len(rows):
             self._table.setRowCount(len(rows))
             header = self._table.verticalHeader()
-            self._table.setFixedHeight(header.defaultSectionSize() * max(len(rows), 1) + 2)
+            self._table.setMinimumHeight(header.defaultSectionSize() * min(max(len(rows), 1), FEWEST_ROWS) + 2)
+            self._table.setMaximumHeight(header.defaultSectionSize() * max(len(rows), 1) + 2)
         for i, texts in enumerate(rows):
             for column, text in enumerate(texts):
                 item = self._table.item(i, column)

@@ -252,7 +252,7 @@ class RenderPanel(QWidget):
         if self._marker is not None:
             paint_cross(painter, self._look.to_widget(self._marker))
         if self._legend:
-            paint_legend(painter, QPointF(8, self.height() - 8), self._legend)
+            paint_legend(painter, QPointF(8, self.height() - 8), self._legend, self.width() - 16)
         if words := "  ·  ".join(filter(None, (self._title, self._compare_words()))):
             paint_tag(painter, QPointF(8, 8), words)
 

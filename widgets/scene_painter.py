@@ -33,20 +33,6 @@ def projection_matrix(camera: Camera, near: float, far: float) -> np.ndarray:
     )
 
 
-def letterboxed(camera: Camera, width: int, height: int) -> Camera:
-    """The camera whose picture fills a viewport of `width` × `height` pixels and shows the whole image of `camera`, centred."""
-    scale = min(width / camera.width, height / camera.height)
-    return Camera(
-        width=width,
-        height=height,
-        fx=camera.fx * scale,
-        fy=camera.fy * scale,
-        cx=(camera.cx - camera.width / 2) * scale + width / 2,
-        cy=(camera.cy - camera.height / 2) * scale + height / 2,
-        viewmat=camera.viewmat,
-    )
-
-
 def as_bytes(colours: np.ndarray) -> np.ndarray:
     """Colours as uint8; floats are taken to lie in [0, 1]."""
     colours = np.asarray(colours)

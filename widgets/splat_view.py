@@ -10,10 +10,10 @@ from pyvistaqt import QtInteractor
 
 from engine.camera import Camera
 from engine.colour_maps import colourise
-from widgets.camera_moves import dolly, framing, orbit, pan, splat_at
+from widgets.camera_moves import dolly, framing, letterboxed, orbit, pan, splat_at
 from widgets.images import to_array
 from widgets.keys import ARROWS, keep_keys
-from widgets.scene_painter import Gaussians, ScenePainter, as_bytes, letterboxed, tamed
+from widgets.scene_painter import Gaussians, ScenePainter, as_bytes, tamed
 from widgets.theme import picture_background
 
 #: Points give way to sorted splats this long after the last movement, milliseconds.
@@ -22,7 +22,9 @@ IDLE_MS = 120
 #: A press and release closer than this is a click, pixels.
 CLICK_SLACK = 4
 
-HIGHLIGHT = np.array([255, 64, 255], np.uint8)
+#: Colour of marked splats, its share beside their own, which shines through, and their least opacity.
+HIGHLIGHT = np.array([255, 64, 255], np.float32)
+MARKED = 0.6
 
 
 class SplatView(QWidget):
@@ -180,14 +182,14 @@ class SplatView(QWidget):
         colours = self._colours if self._scalars is None else colourise(*self._scalars)
         if self._highlight is not None:
             colours = colours.copy()
-            colours[self._highlight] = HIGHLIGHT
+            colours[self._highlight] = (HIGHLIGHT * np.float32(MARKED) + colours[self._highlight] * np.float32(1 - MARKED)).astype(np.uint8)
         return colours
 
     def _shown_opacities(self, gaussians: Gaussians) -> np.ndarray:
         if self._highlight is None:
             return gaussians.opacities
         opacities = gaussians.opacities.copy()
-        opacities[self._highlight] = np.maximum(opacities[self._highlight], 0.8)
+        opacities[self._highlight] = np.maximum(opacities[self._highlight], MARKED)
         return opacities
 
     def _recolour(self) -> None:

@@ -19,6 +19,8 @@ from app.view import EXCLUDED, View, ViewRequest, draw_clip, draw_view, layer_re
 from app.window.parts import WELCOME, Parts
 from engine.camera import Camera
 from engine.colour_maps import UNKNOWN
+from widgets.camera_moves import letterboxed
+from widgets.render_panel import RenderPanel
 
 if TYPE_CHECKING:
     from engine.scene import Scene
@@ -31,6 +33,11 @@ class Drawing(QObject):
     -------
     shown(View)
         After both views show it.
+
+    Attributes
+    ----------
+    from_free_camera : bool
+        Whether the picture is drawn from where the 3D view has been turned to, and not from the surgeon's camera.
     """
 
     shown = Signal(object)
@@ -43,6 +50,7 @@ class Drawing(QObject):
         self._spans: dict[tuple[str, tuple[str, ...], float], tuple[float, float]] = {}
         self._camera: Camera | None = None
         self._asked = 0.0
+        self.from_free_camera = False
         session.opened.connect(self._opened)
         session.frame_changed.connect(lambda frame: self.request())
         session.look_changed.connect(lambda before, after: self.request())
@@ -53,6 +61,7 @@ class Drawing(QObject):
         """The 3D view is there now."""
         assert self.parts.splats is not None
         self.parts.splats.locked_changed.connect(self._locked_changed)
+        self.parts.splats.camera_moved.connect(self._camera_moved)
         self.parts.splats.setVisible(self.session.scene is not None)
         self.request()
 
@@ -63,7 +72,7 @@ class Drawing(QObject):
         if session.scene is not None:
             scene, look = session.scene, session.look
             splats = self.parts.splats is not None and not self.parts.splats.isHidden()
-            wanted = ViewRequest(session.frame, look, self._span(scene, look), splats, quick=session.playing)
+            wanted = ViewRequest(session.frame, look, self._span(scene, look), splats, session.playing, self.free_camera())
             self.service.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
             clip, frame = session.clip, session.frame
@@ -119,25 +128,14 @@ class Drawing(QObject):
     def _show(self, view: View) -> None:
         same_frame = self.view is not None and self.view.frame == view.frame
         self.view = view
-        parts, look = self.parts, self.session.look
-        parts.panel.set_image(view.rgb)
-        if view.complete or not same_frame:
-            parts.panel.set_overlay(view.masks)
-        parts.panel.set_overlay_opacity(look.overlay_opacity)
-        parts.panel.set_observed(view.observed)
-        parts.panel.set_compare_mode(look.compare)
-        shown = look.visible_prompts if view.masks is not None or look.layer == "mask" else ()
-        legend = [(prompt.text, QColor(*prompt.colour)) for prompt in shown]
-        if self.session.scene is None and view.masks is not None:
-            legend = [("left out: instrument or outside the field of view", QColor(*EXCLUDED))]
-        if view.uncertain:
-            legend.append((view.uncertain, QColor(*UNKNOWN)))
-        parts.panel.set_legend(legend)
+        parts = self.parts
+        self.fill(parts.panel, view, keep_overlay=same_frame)
         if view.span is not None:
             parts.colour_bar.set_range(*view.span)
             parts.colour_bar.set_unit(view.unit)
             parts.colour_bar.set_cmap(view.cmap)
         parts.colour_bar.setVisible(view.span is not None)
+        self._show_bars(view)
         if view.splats is not None and parts.splats is not None:
             arrays = view.splats
             parts.splats.set_splats(arrays.means, arrays.quats, arrays.scales, arrays.opacities, arrays.colours)
@@ -147,8 +145,39 @@ class Drawing(QObject):
             self.milliseconds.append(1000 * (time.perf_counter() - self._asked))
             self.shown.emit(view)
 
+    def fill(self, panel: RenderPanel, view: View, keep_overlay: bool = False) -> None:
+        """Show a view in a panel: picture, masks, what was observed, and what the colours mean.
+
+        With `keep_overlay` the masks that lie there stay until the new ones are known.
+        """
+        look = self.session.look
+        panel.set_image(view.rgb)
+        if view.complete or not keep_overlay:
+            panel.set_overlay(view.masks)
+        panel.set_overlay_opacity(look.overlay_opacity)
+        panel.set_observed(view.observed)
+        panel.set_compare_mode(look.compare)
+        shown = look.visible_prompts if view.masks is not None or look.layer == "mask" else ()
+        legend = [(prompt.text, QColor(*prompt.colour)) for prompt in shown]
+        if self.session.scene is None and view.masks is not None:
+            legend = [("left out: instrument or outside the field of view", QColor(*EXCLUDED))]
+        if view.uncertain:
+            legend.append((view.uncertain, QColor(*UNKNOWN)))
+        panel.set_legend(legend)
+
+    def _show_bars(self, view: View) -> None:
+        """The colour bar in both views."""
+        title = get_layer(self.session.look.layer).title
+        for bar in self.parts.bars:
+            if view.span is None:
+                bar.hide()
+            else:
+                bar.show_range(f"{title} [{view.unit}]" if view.unit else title, *view.span, view.cmap)
+
     def _failed(self, message: str) -> None:
         self.view = None
+        for bar in self.parts.bars:
+            bar.hide()
         self.parts.panel.set_image(None)
         self.parts.panel.set_overlay(None)
         self.parts.panel.set_message(message)
@@ -168,6 +197,17 @@ class Drawing(QObject):
                 self._camera = camera
         elif splats.is_locked():
             splats.set_free_camera(splats.camera())
+
+    def free_camera(self) -> Camera | None:
+        """Where the 3D view has been turned to, as a camera of the clip's size, when the pictures are to be drawn from there too."""
+        splats, scene = self.parts.splats, self.session.scene
+        if not self.from_free_camera or splats is None or scene is None or splats.is_locked():
+            return None
+        return letterboxed(splats.camera(), *scene.clip_size)
+
+    def _camera_moved(self, camera: Camera) -> None:
+        if self.from_free_camera:
+            self.request()
 
     def _locked_changed(self, locked: bool) -> None:
         self.session.camera_mode = "surgeon" if locked else "free"

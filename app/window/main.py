@@ -22,10 +22,12 @@ from app.window.opening import Opening
 from app.window.palette import Palette
 from app.window.parts import Parts
 from app.window.probing import Probing
+from app.window.ranking import RankingControl
+from app.window.runs import Runs
 from app.window.training import Training
 from widgets.theme import apply_theme
 
-CHANNELS = ("open", "view", "range", "material", "probe", "curves", "export", "doctor")
+CHANNELS = ("open", "view", "range", "material", "second", "second-view", "probe", "curves", "rank", "export", "doctor")
 
 
 class MainWindow(QMainWindow):
@@ -51,6 +53,8 @@ class MainWindow(QMainWindow):
         self.drawing = Drawing(self.session, self.service, self.parts)
         self.controls = Controls(self.session, settings, self.parts)
         self.probing = Probing(self.session, self.service, self.parts, self.drawing)
+        self.ranking = RankingControl(self.session, self.service, self.parts, self.drawing)
+        self.runs = Runs(self.session, self.service, settings, self.parts, self.drawing)
         self.keeping = Keeping(self.session, settings, self.parts)
         self.opening = Opening(self.session, self.service, settings, self.parts, self.keeping)
         self.exporting = Exporting(self.session, self.service, self.parts, self.drawing)
@@ -69,7 +73,11 @@ class MainWindow(QMainWindow):
         self.session.playing_changed.connect(lambda playing: self.menus.refresh())
         self.session.camera_mode_changed.connect(lambda mode: self.menus.refresh())
         self.session.dirty_changed.connect(lambda dirty: self._refresh())
+        self.session.probe_changed.connect(lambda place: self.menus.refresh())
         self.training.changed.connect(self.menus.refresh)
+        self.probing.tool_changed.connect(self.menus.refresh)
+        self.ranking.changed.connect(self.menus.refresh)
+        self.runs.changed.connect(self.menus.refresh)
         self.parts.log.attach()
         self.setAcceptDrops(True)
         self.resize(1440, 900)

@@ -27,9 +27,11 @@ from widgets.history_list import HistoryList
 from widgets.layer_list import LayerList
 from widgets.probe_panel import ProbePanel
 from widgets.prompt_bar import PromptBar
+from widgets.ranking_list import RankingList
 from widgets.render_panel import RenderPanel
 from widgets.timeline import Timeline
 from widgets.training_monitor import TrainingMonitor
+from widgets.view_bar import ViewBar
 
 if TYPE_CHECKING:
     from widgets.splat_view import SplatView
@@ -44,6 +46,8 @@ class Parts(QObject):
     ----------
     similarity : CurvePlot
         Similarity to the prompts over time, below the probe's displacement: another unit, another plot.
+    bars : list of ViewBar
+        The colour bar in each view.
     splats : SplatView or None
         The 3D view. It comes after the window is on the screen (`add_splat_view`), because loading VTK takes a second.
     """
@@ -63,6 +67,8 @@ class Parts(QObject):
         self.similarity = CurvePlot()
         self.similarity.set_labels("frame", "cosine")
         self.similarity.hide()
+        self.ranking = RankingList()
+        self.bars = [ViewBar(self.panel)]
         self.facts = Facts()
         self.monitor = TrainingMonitor()
         self.log = LogView()
@@ -77,6 +83,7 @@ class Parts(QObject):
 
         self.splats = SplatView()
         self.views.insertWidget(0, self.splats)
+        self.bars.append(ViewBar(self.splats))
         self.views.setStretchFactor(0, 1)
         self.views.setStretchFactor(1, 1)
         self.views.setSizes([1000, 1000])
@@ -126,13 +133,15 @@ class Parts(QObject):
         below.addWidget(self.probe, 3)
         below.addWidget(self.similarity, 2)
         self.probe_dock = self._dock("Probe", probe, right)
+        self.ranking_dock = self._dock("Findings", self.ranking, right)
         self.facts_dock = self._dock("Clip and run", self.facts, right)
         self.history_dock = self._dock("History", self.history, right)
         self.monitor_dock = self._dock("Training", self.monitor, bottom)
         self.log_dock = self._dock("Log", self.log, bottom)
         self.monitor_dock.hide()
         self.log_dock.hide()
-        window.tabifyDockWidget(self.probe_dock, self.facts_dock)
+        window.tabifyDockWidget(self.probe_dock, self.ranking_dock)
+        window.tabifyDockWidget(self.ranking_dock, self.facts_dock)
         window.tabifyDockWidget(self.facts_dock, self.history_dock)
         window.resizeDocks([self.layers_dock, self.prompts_dock, self.probe_dock], [240, 160, 420], Qt.Orientation.Vertical)
         window.resizeDocks([self.layers_dock], [360], Qt.Orientation.Horizontal)
@@ -153,7 +162,7 @@ class Parts(QObject):
 
     @property
     def docks(self) -> tuple[QDockWidget, ...]:
-        right = (self.layers_dock, self.prompts_dock, self.probe_dock, self.facts_dock, self.history_dock)
+        right = (self.layers_dock, self.prompts_dock, self.probe_dock, self.ranking_dock, self.facts_dock, self.history_dock)
         return *right, self.monitor_dock, self.log_dock
 
     def _status(self) -> None:

@@ -12,10 +12,10 @@ from PySide6.QtGui import QColor
 from app.curves import Curves, follow, to_csv
 from app.look import Look
 from app.pictures import get_layer, write_png
-from app.places import Found, Place, Region, Spot, material
 from app.probe import ProbeMaps, probe_maps
 from app.render_service import RenderService
 from app.session import Session
+from app.targets import Found, Region, Spot, Target, material
 from app.view import View
 from app.window.drawing import Drawing
 from app.window.parts import Parts
@@ -86,7 +86,8 @@ class Probing(QObject):
     def _draw_maps(self) -> None:
         """Ask for the maps of this frame when they will be looked at, and nothing is moving."""
         scene, frame = self.session.scene, self.session.frame
-        wanted = scene is not None and not self.session.playing and (self._cursor or isinstance(self.session.probe, Spot))
+        still = not self.session.playing and self.drawing.free_camera() is None
+        wanted = scene is not None and still and (self._cursor or isinstance(self.session.probe, Spot))
         if not wanted or (self._maps is not None and self._maps.frame == frame):
             return
         assert scene is not None
@@ -110,8 +111,15 @@ class Probing(QObject):
 
     # Choosing a place
 
+    def _surgeons(self) -> bool:
+        """Whether the picture is what the surgeon sees; places are chosen in no other."""
+        if self.drawing.free_camera() is not None:
+            self.parts.say("Go back to the surgeon's view (V) to choose a place.")
+            return False
+        return True
+
     def _clicked(self, x: int, y: int) -> None:
-        if self.session.scene is not None:
+        if self.session.scene is not None and self._surgeons():
             self.session.probe = Spot(self.session.frame, x + 0.5, y + 0.5)
 
     def _picked(self, index: int) -> None:
@@ -136,7 +144,7 @@ class Probing(QObject):
 
     def _outlined(self, outline: list[tuple[float, float]]) -> None:
         self.take_tool(None)
-        if self.session.scene is not None:
+        if self.session.scene is not None and self._surgeons():
             self.session.probe = Region(self.session.frame, tuple(outline))
 
     def follow_mask(self) -> None:
@@ -151,7 +159,7 @@ class Probing(QObject):
 
     # Following it
 
-    def _probe_changed(self, place: Place | None) -> None:
+    def _probe_changed(self, place: Target | None) -> None:
         parts = self.parts
         self._clear_curves()
         self._mark(place)
@@ -167,7 +175,7 @@ class Probing(QObject):
         self._set_cursor(frame)
         self._mark(self.session.probe)
 
-    def _mark(self, place: Place | None) -> None:
+    def _mark(self, place: Target | None) -> None:
         """Show the place in both views: in the frame where it was chosen the outline, and its Gaussians in 3D at all times."""
         panel, splats = self.parts.panel, self.parts.splats
         panel.set_marker(place.x, place.y) if isinstance(place, Spot) else panel.clear_marker()
@@ -185,7 +193,7 @@ class Probing(QObject):
             known = after.layer in self.curves.layers or get_layer(after.layer).kind != "scalar"
             self._show_curves(self.curves) if known else self._follow(place)
 
-    def _follow(self, place: Place) -> None:
+    def _follow(self, place: Target) -> None:
         scene, look = self.session.scene, self.session.look
         assert scene is not None
 
@@ -195,7 +203,7 @@ class Probing(QObject):
         self.service.submit("curves", lambda: follow(scene, place, look), self._show_curves, self.parts.probe.set_pinned, progress)
         self._light_up(scene, place)
 
-    def _light_up(self, scene: Scene, place: Place) -> None:
+    def _light_up(self, scene: Scene, place: Target) -> None:
         """Mark the Gaussians of a place in the 3D view."""
         splats = self.parts.splats
         if splats is None or isinstance(place, Found):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.places import Spot, material
+from app.targets import Spot, material
 
 
 def rows(window) -> dict[str, str]:

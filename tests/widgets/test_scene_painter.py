@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.widgets.splatting import psnr, splatted
-from widgets.scene_painter import as_bytes, draw_offscreen, letterboxed, projection_matrix
+from widgets.camera_moves import letterboxed
+from widgets.scene_painter import as_bytes, draw_offscreen, projection_matrix
 
 
 def test_matches_the_oracle(qapp, splats, camera):

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 from engine.colour_maps import colourise
 from tests.widgets.splatting import psnr, splatted
-from widgets.scene_painter import letterboxed
+from widgets.camera_moves import letterboxed
 from widgets.splat_view import SplatView
 
 LEFT, NONE, SHIFT = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier

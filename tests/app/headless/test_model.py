@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from app.look import PROMPT_COLOURS, ColourRange, Look, Prompt
 from app.session import Session
 from app.signal import Signal
+from app.targets import Spot
 from app.undo import UndoStack
 from engine.errors import DegenseError, PromptError, RunError
 from tests.app.painting import FakeScene, Strokes
@@ -249,7 +250,7 @@ def test_parts_are_saved_by_name_and_those_of_others_stay_in_the_file(session, t
 
 def test_the_place_comes_back_and_is_told_to_the_views(session, tmp_path):
     session.go_to(7)
-    session.camera_mode, session.probe = "free", (3.5, 4.5)
+    session.camera_mode, session.probe = "free", Spot(7, 3.5, 4.5)
     assert not session.dirty
     session.save()
     session.close()
@@ -257,8 +258,8 @@ def test_the_place_comes_back_and_is_told_to_the_views(session, tmp_path):
     for signal in (again.frame_changed, again.camera_mode_changed, again.probe_changed):
         signal.connect(heard.append)
     again.open_scene(FakeScene(tmp_path))
-    assert heard == [7, "free", (3.5, 4.5)]
-    assert (again.frame, again.camera_mode, again.probe, again.dirty) == (7, "free", (3.5, 4.5), False)
+    assert heard == [7, "free", Spot(7, 3.5, 4.5)]
+    assert (again.frame, again.camera_mode, again.probe, again.dirty) == (7, "free", Spot(7, 3.5, 4.5), False)
 
 
 def test_a_clip_replaces_a_scene(session):

@@ -9,8 +9,8 @@ import pytest
 
 from app.curves import follow, summary, to_csv
 from app.look import Look, Prompt
-from app.places import Found, Region, Spot, inside_of, material
 from app.probe import probe_maps
+from app.targets import Found, Region, Spot, inside_of, material
 from app.terminal import Bar, run_steps
 from app.view import ViewRequest, draw_view
 from engine.errors import DegenseError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 #: Gaussians that a spot is followed by, and how far (pixels) their centres may lie from it.
 FOLLOWED, REACH = 32, 12.0
+#: Corners of an outline, at most; a hand draws some hundreds.
+MOST_CORNERS = 100_000
 #: How far (share of the depth) a Gaussian may lie from the visible surface and still be part of it.
 THICKNESS = 0.1
 
@@ -53,7 +55,32 @@ class Found:
         return f"mask of {self.prompt}"
 
 
-Place = Spot | Region | Found
+Target = Spot | Region | Found
+
+
+def target_to_json(target: Target | None) -> Any:
+    """JSON values from which `target_from_json` makes the target again."""
+    match target:
+        case Spot():
+            return {"frame": target.frame, "spot": [target.x, target.y]}
+        case Region():
+            return {"frame": target.frame, "outline": [list(corner) for corner in target.outline]}
+        case Found():
+            return {"prompt": target.prompt}
+    return None
+
+
+def target_from_json(data: Any) -> Target | None:
+    """The target that `target_to_json` wrote. ValueError, KeyError or TypeError for anything else."""
+    if data is None:
+        return None
+    if "prompt" in data:
+        return Found(str(data["prompt"])[:200])
+    corners = tuple((float(x), float(y)) for x, y in ([data["spot"]] if "spot" in data else data["outline"]))
+    if not np.isfinite(corners).all() or len(corners) == 2 or len(corners) > MOST_CORNERS:
+        raise ValueError("what was followed is nowhere")
+    frame = max(0, int(data["frame"]))
+    return Spot(frame, *corners[0]) if len(corners) == 1 else Region(frame, corners)
 
 
 def material(scene: Scene, place: Spot | Region) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,179 @@
+"""Task: find where tissue moved, follow it, hold two runs against each other, and take the numbers away."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtWidgets import QFileDialog, QMessageBox
+
+from app.targets import Found, Region, Spot, material
+from engine.layers import LAYERS, LayerRequest
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+def at(panel, x: float, y: float) -> QPoint:
+    """Where pixel position (x, y) of the picture lies in the panel."""
+    scale, left, top = panel.view()
+    return QPoint(round(panel.width() / 2 + (x - left) * scale), round(panel.height() / 2 + (y - top) * scale))
+
+
+@pytest.fixture
+def saved_as(monkeypatch, tmp_path):
+    """The user's answer to each dialog that asks where to save."""
+
+    def answer(name: str):
+        path = tmp_path / name
+        monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *args: (str(path), ""))
+        return path
+
+    return answer
+
+
+def test_a_region_is_outlined_and_followed(qtbot, opened, idle, screenshot, saved_as):
+    session, panel = opened.session, opened.parts.panel
+    session.go_to(6)
+    session.set_layer("speed")
+    session.add_prompt("gallbladder")
+    idle()
+    panel.setFocus()
+    qtbot.keyClick(panel, Qt.Key.Key_B)
+    qtbot.mousePress(panel, LEFT, pos=at(panel, 30, 25))
+    qtbot.mouseMove(panel, at(panel, 50, 40))
+    qtbot.mouseMove(panel, at(panel, 66, 55))
+    qtbot.mouseRelease(panel, LEFT, pos=at(panel, 66, 55))
+    idle()
+    place = session.probe
+    assert isinstance(place, Region)
+    assert np.allclose(place.outline, [(30, 25), (66, 25), (66, 55), (30, 55)], atol=0.3)
+    indices, weights = material(session.scene, place)
+    speed = LAYERS["speed"].splats(session.scene, LayerRequest(3))[indices]
+    assert opened.probing.curves.layers["speed"][0, 3] == pytest.approx(speed @ weights, rel=1e-5)
+    assert opened.parts.probe.curve_names() == ["speed [mm/s]"]
+    assert np.array_equal(opened.parts.splats._highlight, indices)  # they light up in 3D
+    screenshot(opened, "inspect-region")
+    assert panel.tool() is None
+    session.set_layer("displacement")
+    idle()
+    assert opened.parts.probe.curve_names() == ["displacement [mm]"]
+    table = saved_as("curves.csv")
+    opened.registry.run("inspect.save-curves")
+    rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
+    assert len(rows) == 10
+    assert float(rows[3]["speed mean [mm/s]"]) == pytest.approx(speed @ weights, rel=1e-4)
+    picture = saved_as("curves.png")
+    opened.registry.run("inspect.save-curves")
+    assert np.ptp(cv2.imread(str(picture))) > 100
+    qtbot.keyClick(panel, Qt.Key.Key_Escape)
+    assert session.probe is None
+    assert opened.parts.splats._highlight is None
+
+
+def test_the_mask_of_a_prompt_is_followed(qtbot, opened, idle):
+    session, panel = opened.session, opened.parts.panel
+    session.set_decoder("threshold")
+    session.add_prompt("gallbladder")
+    session.add_prompt("liver")
+    idle()
+    panel.setFocus()
+    qtbot.keyClick(panel, Qt.Key.Key_K)
+    idle()
+    assert session.probe == Found("gallbladder")
+    mask = session.scene.query(4).similarity(session.scene.meanings("gallbladder")) > 0.5
+    assert opened.probing.curves.area[4] == pytest.approx(mask.mean())
+    session.set_threshold(0.9)
+    idle()
+    assert opened.probing.curves.area[4] < mask.mean()  # it follows the threshold
+    qtbot.keyClick(panel, Qt.Key.Key_K)
+    assert session.probe == Found("liver")
+    session.remove_prompt("liver")
+    assert session.probe is None
+    idle()
+
+
+def test_the_worst_places_are_listed_and_gone_to(qtbot, opened, idle, screenshot, saved_as):
+    session, panel, listed = opened.session, opened.parts.panel, opened.parts.ranking
+    panel.setFocus()
+    assert not opened.menus.actions["inspect.rank"].isEnabled()  # colour has no worst places
+    qtbot.keyClick(panel, Qt.Key.Key_6)
+    qtbot.keyClick(panel, Qt.Key.Key_W)
+    idle()
+    findings = opened.ranking.findings()
+    assert len(findings) == len(listed.rows()) > 3
+    assert [finding.value for finding in findings] == sorted((finding.value for finding in findings), reverse=True)
+    panel.setFocus()
+    qtbot.keyClick(panel, Qt.Key.Key_N)
+    idle()
+    worst = findings[0]
+    assert session.frame == worst.frame
+    assert session.probe == Spot(worst.frame, worst.x, worst.y)
+    screenshot(opened, "inspect-findings")
+    qtbot.keyClick(panel, Qt.Key.Key_N)
+    assert session.frame == findings[1].frame
+    idle()
+    table = saved_as("findings.csv")
+    opened.registry.run("inspect.save-findings")
+    rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
+    assert [int(row["frame"]) for row in rows] == [finding.frame for finding in findings]
+    assert float(rows[0]["value [mm]"]) == pytest.approx(worst.value, rel=1e-4)
+    sheet = saved_as("findings.png")
+    opened.registry.run("inspect.save-findings")
+    idle()
+    assert cv2.imread(str(sheet)).shape[1] == 4 * 320
+    session.set_layer("speed")
+    assert listed.rows() == []
+    idle()
+
+
+def test_two_runs_side_by_side(qtbot, opened, idle, run, screenshot, tiny_clip):
+    session, runs, panel = opened.session, opened.runs, opened.parts.panel
+    second = tiny_clip.parent / "second"
+    shutil.copytree(run, second)
+    session.set_layer("displacement")
+    session.go_to(5)
+    idle()
+    runs.open(second)
+    idle()
+    assert runs.panel.isVisible()
+    assert np.array_equal(runs.panel.grab_image(), panel.grab_image())  # the same run looks the same: frame, range, camera
+    screenshot(opened, "inspect-two-runs")
+    panel.set_zoom(9.0)
+    assert runs.panel.view() == pytest.approx(panel.view())
+    session.go_to(2)
+    idle()
+    assert runs.view.frame == 2
+    before = panel.grab_image()
+    opened.parts.splats.setFocus()
+    qtbot.keyClick(opened.parts.splats._canvas, Qt.Key.Key_Left)  # turn the camera
+    qtbot.waitUntil(lambda: session.camera_mode == "free")
+    qtbot.wait(200)
+    idle()
+    assert not np.array_equal(panel.grab_image(), before)
+    assert np.array_equal(runs.panel.grab_image(), panel.grab_image())  # through one camera
+    opened.registry.run("inspect.one-run")
+    idle()
+    assert not runs.panel.isVisible()
+    assert np.array_equal(panel.grab_image(), before)
+    shutil.rmtree(second)
+
+
+def test_a_run_of_another_clip_is_refused(opened, idle, run, tiny_clip):
+    import json
+
+    other = tiny_clip.parent / "other"
+    shutil.copytree(run, other)
+    info = json.loads((other / "run.json").read_text())
+    info["cameras"]["count"], info["cameras"]["viewmats"] = 7, info["cameras"]["viewmats"][:1]
+    (other / "run.json").write_text(json.dumps(info))
+    opened.runs.open(other)
+    idle()
+    box = opened.findChild(QMessageBox, "error")
+    assert "shows another clip" in box.text()
+    box.close()
+    assert opened.runs.scene is None
+    shutil.rmtree(other)
