@@ -32,6 +32,10 @@ class FieldConfig:
         Length of a semantic latent; 0 for a scene without semantics.
     appearance : bool
         Whether Ψ_app may change colour in time.
+    static : bool
+        Whether nothing moves, turns, resizes or fades: the canonical Gaussians are the scene at all times (a baseline).
+    fixed_latents : bool
+        Whether latents belong to the canonical Gaussians and never change, as in baselines without Ψ_sem.
     color_knots : int
         Times at which every Gaussian has a colour change of its own, beside the smooth one of Ψ_app: highlights are finer than any plane.
     channels, resolution, time_resolution, levels
@@ -46,6 +50,8 @@ class FieldConfig:
     resolution: int = 64
     time_resolution: int = 32
     levels: tuple[int, ...] = (1, 2)
+    static: bool = False
+    fixed_latents: bool = False
 
     def to_json(self) -> dict:
         return asdict(self) | {"levels": list(self.levels)}
@@ -124,12 +130,13 @@ class SceneModel(nn.Module):
         self.appearance = AppearanceBranch(latent) if config.appearance else None
         self.semantic_planes: HexPlane | None = None
         self.semantic: SemanticBranch | CoupledSemantics | None = None
-        if config.rank and config.routing == "isolated":
+        changing = config.rank > 0 and not config.fixed_latents
+        if changing and config.routing == "isolated":
             self.semantic_planes = HexPlane(8, config.resolution, config.time_resolution, config.levels)
             self.semantic = SemanticBranch(latent + self.semantic_planes.dimension, config.rank)
-        elif config.rank and config.routing == "paper":
+        elif changing and config.routing == "paper":
             self.semantic = SemanticBranch(latent, config.rank)
-        elif config.rank:
+        elif changing:
             self.semantic = CoupledSemantics(config.rank)
 
     def __len__(self) -> int:
@@ -161,7 +168,7 @@ class SceneModel(nn.Module):
             A second time, at which only the centres are wanted.
         """
         latents = self.canonical["semantics"] if semantics else self.canonical["semantics"][:, :0]
-        if not deform:
+        if not deform or self.config.static:
             return State(self._splats(t, None, None, latents), None, None, None, None if other is None else self.means_at(other))
         rows = slice(None) if self.moving is None else self.moving
         points = self.normalised(self.canonical["means"].detach()[rows])
@@ -185,6 +192,8 @@ class SceneModel(nn.Module):
 
     def means_at(self, t: float | Tensor) -> Tensor:
         """Only the centres [N, 3] at time `t`: what motion supervision and displacement layers need."""
+        if self.config.static:
+            return self.canonical["means"]
         points = self.normalised(self.canonical["means"].detach())
         return self.canonical["means"] + self.geometry(self.kinematics(self.planes(points, t)))[:, :3]
 

@@ -25,6 +25,8 @@ def find_moving(model: SceneModel, times: Sequence[float], focal: float) -> Tens
     focal : float
         Pixels: at the scene's unit depth a length d covers `focal` · d of them.
     """
+    if model.config.static:
+        return torch.zeros(0, dtype=torch.int64, device=model.bounds.device)
     kept, model.moving = model.moving, None
     latents = model.canonical["semantics"]
     moves = torch.zeros(len(model), dtype=torch.bool, device=latents.device)

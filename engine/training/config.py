@@ -66,6 +66,12 @@ class TrainConfig:
     early_stop : bool
         Watch a few training frames, and cool down as soon as they stop improving. It costs some of the colour of those frames' moments, so
         only long trainings gain by it (docs/decisions/0011).
+    static, fixed_latents : bool
+        Of the field: whether nothing moves, and whether latents never change. For baselines (`engine.systems`).
+    lasting : bool
+        Whether every Gaussian exists for ever; those that the initialisation would let live for a few frames are left out.
+    codebook : bool
+        Whether meaning belongs to clusters of Gaussians (`engine.training.codebook`) instead of single ones.
     checkpoint_seconds : float
     fit : bool
         Whether settings may become smaller where the clip needs less (`engine.training.budget`).
@@ -123,6 +129,10 @@ class TrainConfig:
     densify_every: int = 200
     densify_until: float = 0.6
     early_stop: bool = False
+    static: bool = False
+    fixed_latents: bool = False
+    lasting: bool = False
+    codebook: bool = False
     checkpoint_seconds: float = 30.0
     fit: bool = True
     given: tuple[str, ...] = ()

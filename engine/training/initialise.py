@@ -86,6 +86,12 @@ def initial_gaussians(
     return canonical, torch.stack([low - margin, high + margin])
 
 
+def lasting_only(canonical: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The Gaussians of `initial_gaussians` that exist for ever; those of the first frame always do."""
+    lasting = canonical["lifetimes"][:, 1] == 0
+    return {name: values[lasting] for name, values in canonical.items()}
+
+
 def jittered_grid(width: int, height: int, stride: float, generator: np.random.Generator) -> np.ndarray:
     """Pixel positions [n, 2] (x, y), one in each cell of `stride` × `stride` pixels."""
     x, y = np.meshgrid(np.arange(0, width, stride), np.arange(0, height, stride))

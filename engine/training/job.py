@@ -27,12 +27,13 @@ from engine.store import Run
 from engine.store.run import hardware
 from engine.training.budget import fit_budget
 from engine.training.checkpoint import load_checkpoint, save_checkpoint
+from engine.training.codebook import fit_codebook
 from engine.training.config import TrainConfig
 from engine.training.device import choose_device
 from engine.training.estimate import estimate
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
-from engine.training.initialise import initial_gaussians
+from engine.training.initialise import initial_gaussians, lasting_only
 from engine.training.meaning import fit_meaning
 from engine.training.semantics import SemanticTargets
 from engine.training.support import motion_support
@@ -125,6 +126,8 @@ def train(
     field = field_config(config, len(clip), semantics.basis.rank if semantics is not None else 0)
     random = np.random.default_rng(config.seed)
     canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), field.rank, random, field.color_knots)
+    if config.lasting:
+        canonical = lasting_only(canonical)
     model = SceneModel(field, bounds, canonical).to(device)
     if run is None:
         info = {
@@ -163,6 +166,8 @@ def field_config(config: TrainConfig, frames: int, rank: int) -> FieldConfig:
         config.resolution,
         config.time_resolution or max(2, (frames + 1) // 2),
         config.levels,
+        config.static,
+        config.fixed_latents,
     )
 
 
@@ -217,7 +222,8 @@ def _loop(
         def tell(fraction: float, message: str) -> None:
             events({"event": "step", "stage": "meaning", "fraction": round(fraction, 4), "message": message})
 
-        finished = fit_meaning(trainer.model, afterwards, trainer.frames, config, stop, tell)
+        fit = fit_codebook if config.codebook else fit_meaning
+        finished = fit(trainer.model, afterwards, trainer.frames, config, stop, tell)
     if trainer.device.type == "cuda":
         torch.cuda.synchronize()
     run.info |= {"train_seconds": spent + time.perf_counter() - started, "iteration": trainer.iteration, "gaussians": len(trainer.model)}

@@ -31,9 +31,16 @@ GENTLE = (0.1, 0.25, 0.3)
 def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> Tensor:
     """Canonical latents [N, d]: for each Gaussian the mean of what the teacher says of the pixels it shows, over all frames.
 
-    f_i ∝ Σ_t Σ_p w_p a_ip(t) v_p(t), where a_ip is the share of Gaussian i in pixel p and w_p the target's weight. A picture is linear in
-    the features that it blends, so the inner sum is the gradient of Σ_p w_p ⟨F(p), v_p⟩ by f_i: one backward pass a frame. Unit
-    length; zero for Gaussians never seen where the teacher speaks.
+    Unit length; zero for Gaussians never seen where the teacher speaks.
+    """
+    return torch.nn.functional.normalize(heard(model, targets, frames, progress), dim=1)
+
+
+def heard(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> Tensor:
+    """All that the teacher says of each Gaussian, [N, d]: Σ_t Σ_p w_p a_ip(t) v_p(t).
+
+    a_ip is the share of Gaussian i in pixel p and w_p the target's weight. A picture is linear in the features that it blends, so the
+    inner sum is the gradient of Σ_p w_p ⟨F(p), v_p⟩ by f_i: one backward pass a frame.
     """
     total = torch.zeros_like(model.canonical["semantics"])
     for done, i in enumerate(targets.frames):
@@ -46,7 +53,7 @@ def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, pr
         wanted = target.latents[target.index] * target.weight[:, None]
         said = (picture.reshape(-1, total.shape[1])[target.pixels] * wanted).sum()
         total += torch.autograd.grad(said, features)[0]
-    return torch.nn.functional.normalize(total, dim=1)
+    return total
 
 
 def fit_meaning(
@@ -93,12 +100,11 @@ def fit_meaning(
 @contextmanager
 def _only_meaning(model: SceneModel, config: TrainConfig, *, gentle: bool) -> Iterator[torch.optim.Adam]:
     """An optimiser of the semantic parameters; all others need no gradient meanwhile."""
-    assert model.semantic is not None
-    assert model.semantic_planes is not None
+    planes, networks = ([] if part is None else list(part.parameters()) for part in (model.semantic_planes, model.semantic))
     slower = GENTLE if gentle else (1.0, 1.0, 1.0)
     rates = (config.rate_semantics, config.rate_planes, config.rate_field)
-    parts = ([model.canonical["semantics"]], list(model.semantic_planes.parameters()), list(model.semantic.parameters()))
-    groups = [{"params": part, "lr": rate * s, "first": rate * s} for part, rate, s in zip(parts, rates, slower, strict=True)]
+    parts = ([model.canonical["semantics"]], planes, networks)
+    groups = [{"params": part, "lr": rate * s, "first": rate * s} for part, rate, s in zip(parts, rates, slower, strict=True) if part]
     meaning = {id(parameter) for part in parts for parameter in part}
     others = [parameter for parameter in model.parameters() if id(parameter) not in meaning and parameter.requires_grad]
     for parameter in others:
