@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import Any
 
 from app.commands.making import clip_options
 from app.terminal import Bar, table
 from engine.errors import ClipError
 from engine.files import write_text
+
+#: Long lists, which are for files.
+NOT_PRINTED = {"iou_frames", "curve", "reliability"}
 
 
 def evaluate(options: argparse.Namespace) -> None:
@@ -27,7 +31,11 @@ def evaluate(options: argparse.Namespace) -> None:
         bar.close()
     if options.json:
         write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
-    print(table(scores))
+    print(table(_printable(scores)))
+
+
+def _printable(scores: dict[str, Any]) -> dict[str, Any]:
+    return {key: _printable(value) if isinstance(value, dict) else value for key, value in scores.items() if key not in NOT_PRINTED}
 
 
 def info(options: argparse.Namespace) -> None:

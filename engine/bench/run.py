@@ -27,6 +27,7 @@ BENCHES: dict[str, tuple[str, str]] = {
     "motion": ("engine.bench.motion", "each ingredient of motion on and off, against exact displacement"),
     "cameras": ("engine.bench.cameras", "camera poses from the frames: how far off they are, and what they do to a reconstruction"),
     "ablation": ("engine.bench.ablation", "the paper's ablation with degraded teachers, against exact masks and motion"),
+    "systems": ("engine.bench.systems", "the systems that the paper compares, with degraded teachers: each with its own best decoder"),
     "latent": ("engine.bench.latent", "resolution of the teacher's features and rank of the latents: time against mask quality"),
     "stress": ("engine.bench.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }

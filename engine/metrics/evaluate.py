@@ -12,10 +12,9 @@ import torch
 from engine.clip import Clip
 from engine.errors import ClipError
 from engine.layers import LAYERS, LayerRequest
-from engine.masks import DECODERS
 from engine.metrics.image import ImageScores
-from engine.metrics.masks import MaskScores
 from engine.metrics.mean import Mean
+from engine.metrics.meaning import score_flicker, score_masks
 from engine.metrics.motion import MotionScores
 from engine.progress import Progress, silent
 from engine.scene import Scene
@@ -30,7 +29,8 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     --------
     Images and masks: held-out frames, (i − 1) % 8 == 0, never trained on; all frames when the clip is too short to hold any out (then
     `held_out` is False). Masks count only frames that have a label map; a clip whose only label map was trained on is scored on that one
-    and says so (`mask_frames_trained`). Motion: every frame, where the clip brings exact truth. `miou` per decoder as in `MaskScores`.
+    and says so (`mask_frames_trained`). Motion: every frame, where the clip brings exact truth. `miou` per decoder as in `MaskScores`;
+    `calibration` as in `Calibration`; `flicker` as in `Flicker`, between held-out frames and the frame before each.
     Displacement in the clip's unit. `uncertain_share`: share of valid pixels, all frames but the reference, whose displacement is marked
     as a guess; None for a run without support.
 
@@ -70,7 +70,8 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
         images.add(scene.picture(i), clip.frame(i), clip.valid(i))
     result |= images.result()
     if scene.has_semantics and clip.labelled_frames:
-        result |= _score_masks(scene, clip, frames, progress)
+        result |= score_masks(scene, clip, frames, lambda f, words: progress(0.4 + 0.2 * f, words))
+        result |= score_flicker(scene, clip, frames, lambda f, words: progress(0.6 + 0.1 * f, words))
     truth, displacement, share = clip.truth(), LAYERS["displacement"], Mean()
     motion = MotionScores()
     for i in range(len(clip)):
@@ -86,26 +87,6 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model), "render_fps": _render_fps(scene)}
     timed = scene.has_semantics and bool(scene.classes)
     return result | (_query_times(scene) if timed else {"query_ms": None, "query_new_frame_ms": None})
-
-
-def _score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress) -> dict[str, Any]:
-    labelled = set(clip.labelled_frames)
-    scored = [i for i in frames if i in labelled] or sorted(labelled)
-    vectors = scene.vectors(clip.classes)
-    scores = {decoder: MaskScores(clip.classes, skipped=("background", "black background")) for decoder in DECODERS}
-    for done, i in enumerate(scored):
-        progress(0.4 + 0.3 * done / len(scored), "comparing masks")
-        query, labels = scene.query(i), clip.labels(i)
-        assert labels is not None
-        for decoder, score in scores.items():
-            score.add(query.label_map(vectors, decoder), labels, clip.valid(i))
-    results = {decoder: score.result() for decoder, score in scores.items()}
-    return {
-        "miou": {decoder: values["miou"] for decoder, values in results.items()},
-        "masks": results,
-        "mask_frames": scored,
-        "mask_frames_trained": [i for i in scored if i not in clip.test_frames],
-    }
 
 
 def _render_fps(scene: Scene) -> float:

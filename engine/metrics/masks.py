@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -46,6 +48,17 @@ def boundary_f(predicted: np.ndarray, truth: np.ndarray, tolerance: float | None
     return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
 
 
+@dataclass(frozen=True)
+class Entry:
+    """One class in one frame: its scores (None: counts for nothing), and numbers of pixels."""
+
+    iou: float | None
+    boundary: float | None
+    true: int
+    guessed: int
+    counted: int
+
+
 class MaskScores:
     """Scores of a clip's masks, frame by frame and class by class.
 
@@ -57,8 +70,12 @@ class MaskScores:
     - `miou` is the mean over classes of the mean over frames. A class that no frame has, in truth or prediction, does not count.
     - `miou_pairs` is the peers' average (SurgTPGS): over all pairs of frame and class that the truth has. False positives on absent
       classes are free there, and a class that is seen often weighs more.
+    - `miou_present` averages as `miou`, over those pairs only: what `miou` would be if false positives on absent classes were free.
+    - `false_positives` of a class: in how many of the frames that lack it (`absent`) it was predicted (`frames`), and the share of pixels
+      it took there, averaged over all frames that lack it (`share`).
     - `boundary_f` is averaged as `miou`.
     - `floor` of a class is the IoU of the answer "everywhere", averaged over the frames that have the class.
+    - `floor_answer` is the label map that says nothing: the class with the most pixels of all, everywhere. It is scored as any other.
 
     Parameters
     ----------
@@ -69,47 +86,71 @@ class MaskScores:
 
     def __init__(self, classes: Sequence[str], skipped: Sequence[str] = ()):
         self.classes = tuple(classes)
-        self._scored = [i for i, name in enumerate(classes) if name not in skipped]
-        self._iou, self._boundary, self._floor = ({i: Mean() for i in self._scored} for _ in range(3))
-        self._pairs = Mean()
+        self._entries: dict[int, list[Entry]] = {i: [] for i, name in enumerate(classes) if name not in skipped}
 
     def add(self, predicted: np.ndarray, truth: np.ndarray, valid: np.ndarray | None = None) -> None:
         """One frame of label maps, uint8 [H, W]; `UNLABELLED` in the prediction is no class, in the truth it is left out."""
-        for i in self._scored:
+        for i in self._entries:
             self.add_mask(i, predicted == i, truth, valid)
 
     def add_mask(self, index: int, predicted: np.ndarray, truth: np.ndarray, valid: np.ndarray | None = None) -> None:
         """One class in one frame: its predicted mask, bool [H, W] (masks of several classes may overlap), and the true label map."""
         counted = truth != UNLABELLED if valid is None else (truth != UNLABELLED) & valid
         right, guess = (truth == index) & counted, predicted & counted
-        score = iou(guess, right)
-        self._iou[index].add(score)
-        self._boundary[index].add(boundary_f(guess, right))
-        if right.any():
-            self._pairs.add(score)
-            self._floor[index].add(np.count_nonzero(right) / np.count_nonzero(counted))
+        sizes = (int(np.count_nonzero(mask)) for mask in (right, guess, counted))
+        self._entries[index].append(Entry(iou(guess, right), boundary_f(guess, right), *sizes))
 
-    def result(self) -> dict[str, float | dict[str, float | None] | None]:
-        """`miou`, `miou_pairs`, `boundary_f`, and by class name `iou`, `boundary` and `floor`."""
+    def result(self) -> dict[str, Any]:
+        """`miou`, `miou_pairs`, `miou_present`, `boundary_f`, `floor_answer`; by class name `iou`, `boundary`, `floor`, `false_positives`.
 
-        def named(means: dict[int, Mean]) -> dict[str, float | None]:
-            return {self.classes[i]: mean.value for i, mean in means.items()}
-
+        `iou_frames` has, by class name too, one IoU a frame: None where the class does not count.
+        """
+        named = {self.classes[i]: entries for i, entries in self._entries.items()}
+        present = {name: [e for e in entries if e.true] for name, entries in named.items()}
+        overall = {name: mean(e.iou for e in entries) for name, entries in named.items()}
+        boundary = {name: mean(e.boundary for e in entries) for name, entries in named.items()}
         return {
-            "miou": _mean(self._iou),
-            "miou_pairs": self._pairs.value,
-            "boundary_f": _mean(self._boundary),
-            "iou": named(self._iou),
-            "boundary": named(self._boundary),
-            "floor": named(self._floor),
+            "miou": mean(overall.values()),
+            "miou_pairs": mean(e.iou for entries in present.values() for e in entries),
+            "miou_present": mean(mean(e.iou for e in entries) for entries in present.values()),
+            "boundary_f": mean(boundary.values()),
+            "floor_answer": _floor_answer(named),
+            "iou": overall,
+            "iou_frames": {name: [e.iou for e in entries] for name, entries in named.items()},
+            "boundary": boundary,
+            "floor": {name: mean(e.true / e.counted for e in entries) for name, entries in present.items()},
+            "false_positives": {name: _false_positives([e for e in entries if not e.true]) for name, entries in named.items()},
         }
 
 
-def _mean(means: dict[int, Mean]) -> float | None:
+def mean(values: Iterable[float | None]) -> float | None:
+    """The mean of what is not None; None when nothing is left."""
     over = Mean()
-    for mean in means.values():
-        over.add(mean.value)
+    for value in values:
+        over.add(value)
     return over.value
+
+
+def _false_positives(absent: list[Entry]) -> dict[str, float | None]:
+    taken = [e.guessed / e.counted for e in absent if e.counted]
+    return {"frames": sum(share > 0 for share in taken), "absent": len(taken), "share": mean(taken)}
+
+
+def _floor_answer(named: dict[str, list[Entry]]) -> dict[str, Any]:
+    """Name of the largest class, and `miou` and `miou_pairs` of saying it everywhere."""
+    sizes = {name: sum(e.true for e in entries) for name, entries in named.items()}
+    if not any(sizes.values()):
+        return {"class": None, "miou": None, "miou_pairs": None}
+    largest = max(sizes, key=lambda name: sizes[name])
+
+    def scores(name: str, entries: list[Entry]) -> list[float]:
+        if name == largest:
+            return [e.true / e.counted for e in entries if e.counted]  # 0 where the frame lacks it
+        return [0.0 for e in entries if e.true]
+
+    found = {name: scores(name, entries) for name, entries in named.items()}
+    pairs = [value for name, entries in named.items() for value in scores(name, [e for e in entries if e.true])]
+    return {"class": largest, "miou": mean(mean(values) for values in found.values()), "miou_pairs": mean(pairs)}
 
 
 def _outline(mask: np.ndarray) -> np.ndarray:

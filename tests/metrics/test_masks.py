@@ -93,6 +93,30 @@ def test_absent_classes():
     assert scores.result()["floor"] == {"a": 1.0, "b": None, "c": None}
 
 
+def test_false_positives_are_counted_apart_and_the_floor_is_scored_as_any_answer():
+    """Three frames of 4 pixels: a fills two of them and half of the third, whose other half is b; c is nowhere."""
+    truths = [np.uint8([[0, 0], [0, 0]]), np.uint8([[0, 0], [0, 0]]), np.uint8([[0, 0], [1, 1]])]
+    guesses = [np.uint8([[0, 0], [0, 1]]), np.uint8([[0, 0], [0, 0]]), np.uint8([[0, 0], [1, 2]])]
+    scores = MaskScores(("a", "b", "c"))
+    for guess, truth in zip(guesses, truths, strict=True):
+        scores.add(guess, truth)
+    result = scores.result()
+    assert result["iou_frames"] == {"a": [0.75, 1.0, 1.0], "b": [0.0, None, 0.5], "c": [None, None, 0.0]}
+    assert result["false_positives"]["a"] == {"frames": 0, "absent": 0, "share": None}
+    assert result["false_positives"]["b"] == {"frames": 1, "absent": 2, "share": 0.125}
+    assert result["false_positives"]["c"] == {"frames": 1, "absent": 3, "share": pytest.approx(0.25 / 3)}
+    assert result["miou"] == pytest.approx((2.75 / 3 + 0.25 + 0.0) / 3)
+    assert result["miou_present"] == pytest.approx((2.75 / 3 + 0.5) / 2)
+    assert result["miou_pairs"] == pytest.approx((0.75 + 1 + 1 + 0.5) / 4)
+    everywhere = MaskScores(("a", "b", "c"))
+    for truth in truths:
+        everywhere.add(np.zeros_like(truth), truth)
+    said = everywhere.result()
+    assert result["floor_answer"] == {"class": "a", "miou": said["miou"], "miou_pairs": said["miou_pairs"]}
+    assert said["miou"] == pytest.approx((2.5 / 3 + 0.0) / 2)
+    assert said["miou_pairs"] == pytest.approx(2.5 / 4)
+
+
 def test_overlapping_masks_skipped_classes_and_nothing():
     truth = np.repeat(np.uint8([[0, 1, 2, 255]]), 4, axis=0)
     scores = MaskScores(("background", "b", "c"), skipped=("background",))
@@ -105,6 +129,7 @@ def test_overlapping_masks_skipped_classes_and_nothing():
     assert empty["miou"] is None
     assert empty["miou_pairs"] is None
     assert empty["boundary_f"] is None
+    assert empty["floor_answer"] == {"class": None, "miou": None, "miou_pairs": None}
     unlabelled = MaskScores(("a",))
     unlabelled.add(np.zeros((3, 3), np.uint8), np.full((3, 3), 255, np.uint8))
     assert unlabelled.result()["miou"] is None

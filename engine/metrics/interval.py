@@ -1,0 +1,32 @@
+"""How sure a mean over seeds is."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+
+from scipy.special import stdtrit
+
+
+def t_interval(values: Sequence[float], level: float = 0.95) -> tuple[float, float | None]:
+    """Mean, and half the width of its two-sided confidence interval: mean ± t · s / √n with Student's t of n − 1 degrees of freedom.
+
+    It takes the values for independent draws of a normal distribution: with three seeds t is 4.3, so only large differences count.
+
+    Parameters
+    ----------
+    values : sequence of float
+        At least one.
+    level : float
+        In (0, 1).
+
+    Returns
+    -------
+    (float, float or None)
+        None for a single value, which says nothing about its spread.
+    """
+    mean = statistics.fmean(values)
+    if len(values) < 2:
+        return mean, None
+    t = float(stdtrit(len(values) - 1, 0.5 + level / 2))
+    return mean, t * statistics.stdev(values) / len(values) ** 0.5

@@ -1,0 +1,75 @@
+"""All scores of a run's masks: agreement with annotated ones by every decoder, calibration of the threshold, restlessness in time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from engine.clip import Clip
+from engine.masks import DECODERS
+from engine.masks.decoders import DEFAULT_THRESHOLD
+from engine.metrics.calibration import Calibration
+from engine.metrics.flicker import Flicker
+from engine.metrics.masks import MaskScores
+from engine.motion import consistent, flow_between, sample
+from engine.progress import Progress
+from engine.scene import Scene
+
+NOT_SCORED = ("background", "black background")
+MOST_PAIRS = 16  # of frames that flicker is measured on
+LEAST_SIDE = 16  # pixels, that optical flow needs
+
+
+def score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress) -> dict[str, Any]:
+    """`miou`, `masks` and `calibration` of one latent, by every decoder and both kinds of similarity.
+
+    On those of `frames` that have a label map, or on all that have one where none of `frames` does (`mask_frames`).
+    """
+    labelled = set(clip.labelled_frames)
+    scored = [i for i in frames if i in labelled] or sorted(labelled)
+    vectors = scene.vectors(clip.classes)
+    scores = {decoder: MaskScores(clip.classes, NOT_SCORED) for decoder in DECODERS}
+    calibrations = {name: Calibration(clip.classes, NOT_SCORED) for name in ("threshold", "rnse")}
+    for done, i in enumerate(scored):
+        progress(done / len(scored), "comparing masks")
+        query, labels, valid = scene.query(i), clip.labels(i), clip.valid(i)
+        assert labels is not None
+        for decoder, score in scores.items():
+            score.add(query.label_map(vectors, decoder), labels, valid)
+        for name, calibration in calibrations.items():
+            for index in calibration.scored:
+                similarity = query.refined(vectors[index]) if name == "rnse" else query.similarity(vectors[index])
+                calibration.add(index, similarity, labels, valid)
+    results = {decoder: score.result() for decoder, score in scores.items()}
+    return {
+        "miou": {decoder: values["miou"] for decoder, values in results.items()},
+        "masks": results,
+        "mask_frames": scored,
+        "mask_frames_trained": [i for i in scored if i not in clip.test_frames],
+        "calibration": {name: calibration.result(DEFAULT_THRESHOLD) for name, calibration in calibrations.items()},
+    }
+
+
+def score_flicker(scene: Scene, clip: Clip, frames: list[int], progress: Progress) -> dict[str, Any]:
+    """`flicker` by every decoder, between some of `frames` and the frame before each; `flicker_pairs`, how many.
+
+    None where the pictures are too small for optical flow.
+    """
+    pairs = [i for i in frames if i > 0]
+    pairs = [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MOST_PAIRS)).round().astype(int))] if pairs else []
+    if min(clip.size) < LEAST_SIDE:
+        pairs = []
+    vectors = scene.vectors(clip.classes)
+    scores = {decoder: Flicker() for decoder in DECODERS}
+    for done, i in enumerate(pairs):
+        progress(done / len(pairs), "looking for flicker")
+        here, before = clip.frame(i), clip.frame(i - 1)
+        flow = flow_between(here, before)
+        arrives = sample(clip.valid(i - 1).astype(np.float32), flow) > 0.99
+        believed = clip.valid(i) & arrives & consistent(flow, flow_between(before, here))
+        truths = clip.labels(i - 1), clip.labels(i)
+        for decoder, score in scores.items():
+            labels = (scene.query(k).label_map(vectors, decoder) for k in (i - 1, i))
+            score.add(*labels, flow, believed, *truths)
+    return {"flicker": {decoder: score.value for decoder, score in scores.items()}, "flicker_pairs": len(pairs)}
