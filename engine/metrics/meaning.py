@@ -70,6 +70,6 @@ def score_flicker(scene: Scene, clip: Clip, frames: list[int], progress: Progres
         believed = clip.valid(i) & arrives & consistent(flow, flow_between(before, here))
         truths = clip.labels(i - 1), clip.labels(i)
         for decoder, score in scores.items():
-            labels = (scene.query(k).label_map(vectors, decoder) for k in (i - 1, i))
-            score.add(*labels, flow, believed, *truths)
+            was, is_now = (scene.query(k).label_map(vectors, decoder) for k in (i - 1, i))
+            score.add(was, is_now, flow, believed, *truths)
     return {"flicker": {decoder: score.value for decoder, score in scores.items()}, "flicker_pairs": len(pairs)}
