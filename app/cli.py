@@ -75,7 +75,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--routing", metavar="NAME", help="how semantic gradients travel: paper, isolated or coupled")
-    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from: labels, strokes, precomputed, vlm or none")
+    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from: labels, strokes or none (default: what the clip has)")
     sub.add_argument("--iterations", type=_positive, metavar="N")
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
     sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
@@ -133,6 +133,10 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--quick", action="store_true", help="small scenes, short trainings: to see that it runs, not to quote")
     sub.add_argument("--clip", type=Path, action="append", default=[], metavar="CLIP", help="a real clip to measure on too; repeatable")
     sub.add_argument("--out", type=Path, metavar="PATH", help="folder for tables (.json) and plots (.png); of a report, the file")
+
+    sub = command("cache", "keeping:cache", "say what teachers' answers take on disk, and make room")
+    sub.add_argument("--clear", action="store_true", help="remove them all; they are made again when needed")
+    sub.add_argument("--limit", type=float, metavar="GB", help="the most they may take from now on")
 
     command("doctor", "scoring:doctor", "say what this machine can do, and what is missing")
     return parser, set(commands.choices)

@@ -43,12 +43,13 @@ class Clip(ABC):
     cameras : list of Camera
         One a frame (the same object where the camera stands still), in the clip's own unit.
     classes : tuple of str
-        Names of the label values 0, 1, …; empty when the clip has no labels.
+        Names of the label values 0, 1, …; empty when the clip has neither labels nor strokes.
     poses : "given", "auto" or "estimate"
         "given": `cameras` are what is known. Else they stand still until `engine.poses.find_cameras` has looked at the frames; with "auto"
         these decide whether the camera moves.
     provenance : dict of str to str
-        Where each thing comes from, in words for the user: keys `frames`, `poses`, `focal`, `masks`, `depth`, `labels`.
+        Where each thing comes from, in words for the user: keys `frames`, `poses`, `focal`, `masks`, `depth`, `labels`,
+        and `strokes` where there are any.
     unit : str
         Name of the clip's length: "mm" where depth is metric, else "scene units".
     fps : float
@@ -113,6 +114,15 @@ class Clip(ABC):
 
     def labels(self, index: int) -> np.ndarray | None:
         """Label map, uint8 [H, W], values index `classes`, `UNLABELLED` where nothing is said; None when the frame has none."""
+        return None
+
+    @property
+    def stroked_frames(self) -> list[int]:
+        """Frames on which somebody scribbled classes, ascending."""
+        return []
+
+    def strokes(self, index: int) -> np.ndarray | None:
+        """Scribbles: a label map, uint8 [H, W], that is `UNLABELLED` nearly everywhere; None when the frame has none."""
         return None
 
     def truth(self) -> Truth | None:

@@ -17,9 +17,10 @@ from engine.errors import ClipError
 from engine.readers.field_of_view import border_words, brightest, field_of_view
 from engine.readers.files import list_files, regular_file, shown
 from engine.readers.images import ImageFiles, check_sizes, checked, read_raw, read_rgb
+from engine.readers.labels import index_maps
 from engine.readers.options import ClipOptions
 from engine.readers.poses import guessed_cameras
-from engine.readers.stored import StoredClip, counted, sampled
+from engine.readers.stored import StoredClip, counted, map_words, sampled
 
 #: name, grey code in the watershed mask, colour in the colour mask
 CLASSES: tuple[tuple[str, int, tuple[int, int, int]], ...] = (
@@ -122,24 +123,27 @@ def open_cholecseg8k(path: Path, options: ClipOptions) -> Clip:
     field, field_words = _field(maps, few)
     found = guessed_cameras(count, size, field, options)
     seen = np.ones(size[::-1], bool) if field is None else field
+    strokes = index_maps(path, frames, size, "strokes", NAMES)
     prior = DepthPrior(few, [seen] * len(few), found.cameras[0])
     return StoredClip(
         name=path.name,
         path=path,
         cameras=found.cameras,
         poses=found.poses,
-        classes=NAMES if masks else (),
+        classes=NAMES if masks or strokes else (),
         provenance={
             "frames": counted(frames, size),
             "masks": field_words,
             "depth": prior.words,
             "labels": _label_words(maps, by_kind, count),
+            **({"strokes": map_words(strokes, count, "strokes")} if strokes else {}),
             **found.provenance,
         },
         pictures=pictures,
         inside=seen,
         distances=prior,
         label_maps=maps if masks else None,
+        stroke_maps=strokes,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from engine.clip import Clip
 
-KEYS = ("frames", "poses", "focal", "masks", "depth", "labels")
+KEYS = ("frames", "poses", "focal", "masks", "depth", "labels", "strokes")
 
 
 def describe(clip: Clip) -> str:

@@ -19,7 +19,7 @@ from engine.readers.masks import MaskFiles, decide, read_mask
 from engine.readers.numpyfile import open_npy
 from engine.readers.options import ClipOptions
 from engine.readers.poses import Found
-from engine.readers.stored import StoredClip, counted, sampled
+from engine.readers.stored import StoredClip, counted, map_words, sampled
 from engine.readers.truth import TruthFile
 
 CameraRule = Callable[[int, tuple[int, int], np.ndarray | None], Found]
@@ -68,20 +68,24 @@ def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_dept
     usable = [inside if decided is None else inside & decided.keep(i) for i in looked_at]
     distances, provenance["depth"] = _distances(path, files, size, clip_depth) or _prior(frames, usable, found.cameras[0])
     labels = index_maps(path, files, size)
-    provenance["labels"] = f"{len(labels.files)} of {count} frames, {len(labels.classes)} classes, from labels/" if labels else "none"
+    strokes = index_maps(path, files, size, "strokes")
+    provenance["labels"] = map_words(labels, count, "labels")
+    if strokes:
+        provenance["strokes"] = map_words(strokes, count, "strokes")
     truth = TruthFile(regular_file(path / "gt.npz", path), count, size) if (path / "gt.npz").exists() else None
     return StoredClip(
         name=path.name,
         path=path,
         cameras=found.cameras,
         poses=found.poses,
-        classes=labels.classes if labels else (),
+        classes=labels.classes if labels else strokes.classes if strokes else (),
         provenance=provenance,
         pictures=pictures,
         inside=inside,
         distances=distances,
         masks=decided,
         label_maps=labels,
+        stroke_maps=strokes,
         truth_file=truth,
     )
 

@@ -1,4 +1,4 @@
-"""Label maps beside a clip: `labels/STEM.png` (8-bit indices) and `classes.json`."""
+"""Label maps beside a clip: `labels/STEM.png` (8-bit indices) and `classes.json`; `strokes/STEM.png` are sparse ones."""
 
 from __future__ import annotations
 
@@ -72,19 +72,33 @@ def read_classes(path: Path) -> tuple[str, ...]:
     return tuple(names)
 
 
-def index_maps(root: Path, frames: Sequence[Path], size: tuple[int, int]) -> IndexMaps | None:
-    """The label maps of a clip folder, None when it has none. One map is read at once, so that a wrong one is noticed on opening.
+def index_maps(
+    root: Path, frames: Sequence[Path], size: tuple[int, int], folder: str = "labels", classes: tuple[str, ...] = ()
+) -> IndexMaps | None:
+    """The label maps in a folder of a clip, None when it has none. A few maps are read at once, so that a wrong one is noticed on opening.
+
+    Parameters
+    ----------
+    root : Path
+    frames : sequence of Path
+        A map is named like its frame.
+    size : (width, height)
+    folder : str
+        "labels" or "strokes".
+    classes : tuple of str
+        Those of the layout; where it has none, `classes.json` names them.
 
     Raises
     ------
     ClipError
     """
-    files = list_files(root / "labels", root, (".png",))
+    files = list_files(root / folder, root, (".png",))
     if not files:
         return None
-    if not (root / "classes.json").exists():
-        raise ClipError(f"{shown(root)} has label maps but no classes.json that names their values; add one.")
-    classes = read_classes(regular_file(root / "classes.json", root))
+    if not classes:
+        if not (root / "classes.json").exists():
+            raise ClipError(f"{shown(root)} has {folder}/ but no classes.json that names their values; add one.")
+        classes = read_classes(regular_file(root / "classes.json", root))
     index = {frame.stem: i for i, frame in enumerate(frames)}
     for file in files:
         if file.stem not in index:

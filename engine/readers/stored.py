@@ -13,7 +13,7 @@ from engine.clip import Clip, Truth
 from engine.depth import DepthPrior
 from engine.readers.cache import ArrayCache
 from engine.readers.depth_files import DepthFiles
-from engine.readers.labels import LabelMaps
+from engine.readers.labels import IndexMaps, LabelMaps
 from engine.readers.masks import MaskFiles
 from engine.readers.truth import TruthFile
 
@@ -48,7 +48,7 @@ class StoredClip(Clip):
         The optical field of view; all true when there is no dark border.
     masks : MaskFiles, optional
     distances : DepthFiles or DepthPrior
-    label_maps : LabelMaps, optional
+    label_maps, stroke_maps : LabelMaps, optional
     truth_file : TruthFile, optional
     """
 
@@ -57,6 +57,7 @@ class StoredClip(Clip):
     distances: DepthFiles | DepthPrior
     masks: MaskFiles | None = None
     label_maps: LabelMaps | None = None
+    stroke_maps: LabelMaps | None = None
     truth_file: TruthFile | None = None
     cache: ArrayCache = field(default_factory=ArrayCache, repr=False)
 
@@ -91,6 +92,14 @@ class StoredClip(Clip):
         maps = self.label_maps
         return self.cache.get(("labels", i), lambda: maps.read(i)) if maps and i in maps.files else None
 
+    @property
+    def stroked_frames(self) -> list[int]:
+        return sorted(self.stroke_maps.files) if self.stroke_maps else []
+
+    def strokes(self, index: int) -> np.ndarray | None:
+        i = self._checked(index)
+        return self.stroke_maps.read(i) if self.stroke_maps and i in self.stroke_maps.files else None
+
     def truth(self) -> Truth | None:
         return self.truth_file.read() if self.truth_file else None
 
@@ -103,6 +112,11 @@ class StoredClip(Clip):
 def sampled(count: int, most: int = 8) -> list[int]:
     """Up to `most` frame indices spread over a clip, first and last among them."""
     return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()})
+
+
+def map_words(maps: IndexMaps | None, count: int, folder: str) -> str:
+    """`provenance` of label maps beside a clip of `count` frames."""
+    return f"{len(maps.files)} of {count} frames, {len(maps.classes)} classes, from {folder}/" if maps else "none"
 
 
 def counted(files: Sequence[Path], size: tuple[int, int]) -> str:

@@ -19,7 +19,7 @@ from engine.errors import Cancelled, DegenseError
 from engine.field import FieldConfig, SceneModel
 from engine.field.still import find_moving
 from engine.files import replacing
-from engine.language.teachers import Teacher, teacher_by_name
+from engine.language.teachers import CostlyTeacher, Teacher, answered, teacher_by_name
 from engine.poses import find_cameras, with_cameras
 from engine.progress import Progress
 from engine.readers import fingerprint
@@ -47,8 +47,8 @@ STILL_SHARE = 0.05  # still Gaussians that must be found before leaving them out
 
 
 def default_teacher(clip: Clip) -> str:
-    """`labels` when the clip has any label map, else `none`."""
-    return "labels" if clip.labelled_frames else "none"
+    """`labels` when the clip has any label map, `strokes` when it has scribbles, else `none`."""
+    return "labels" if clip.labelled_frames else "strokes" if clip.stroked_frames else "none"
 
 
 def train(
@@ -114,6 +114,7 @@ def train(
         semantics = None
         if chosen is not None:
             tell = progress("teacher")
+            chosen = answered(chosen, tell)
             semantics = SemanticTargets(chosen, frames, evidence, tell, guided=config.guided, max_rank=config.max_rank)
     except Cancelled:
         return None
@@ -176,7 +177,7 @@ def _cameras_of(run: Run, clip: Clip) -> Clip:
     return with_cameras(clip, run.cameras, run.info.get("provenance", {}).get("poses", "as the run has them"))
 
 
-def semantic_provenance(teacher: Teacher | None, semantics: SemanticTargets | None) -> str:
+def semantic_provenance(teacher: Teacher | CostlyTeacher | None, semantics: SemanticTargets | None) -> str:
     """Where the run's meaning comes from, for its user."""
     if teacher is None or semantics is None:
         return "no semantics"

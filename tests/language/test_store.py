@@ -1,0 +1,97 @@
+"""What a costly teacher said is kept by content, whole, and within a limit."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+
+from engine.errors import Cancelled, DegenseError
+from engine.language import EmbeddedEncoder
+from engine.language.teachers import LabelTeacher, answered, store
+from tests.fakes import MemoryClip
+
+
+class Slow:
+    """A teacher that counts how often it is asked."""
+
+    name, provenance, pixelwise, encoder = "slow", "made up", True, EmbeddedEncoder()
+
+    def __init__(self, frames=(0, 2, 3, 4), **settings):
+        self.frames, self.settings, self.asked = list(frames), settings, []
+
+    def answer(self, frame):
+        index = np.full((6, 7), frame - 1, np.int32)
+        return (np.eye(9, 5, dtype=np.float32) + frame, index) if frame != 3 else None
+
+    def answers(self, frames, progress):
+        for done, frame in enumerate(reversed(frames)):
+            progress(done / len(frames), "thinking")
+            self.asked.append(frame)
+            yield frame, self.answer(frame)
+
+
+def test_the_second_asking_reads_what_the_first_one_wrote():
+    first, second, other = Slow(a=1), Slow(a=1), Slow(a=2)
+    for teacher in (first, second, other):
+        kept = answered(teacher)
+        assert (kept.name, kept.frames, kept.pixelwise) == ("slow", [0, 2, 3, 4], True)
+        for frame in range(6):
+            answer, expected = kept.targets(frame), teacher.answer(frame) if frame in teacher.frames else None
+            assert (answer is None) == (expected is None)
+            if answer is not None:
+                assert [part.dtype for part in answer] == [np.float32, np.int32]
+                assert all(np.array_equal(a, b) for a, b in zip(answer, expected, strict=True))
+    assert (first.asked, second.asked, other.asked) == ([4, 3, 2, 0], [], [4, 3, 2, 0])
+
+
+def test_an_interrupted_asking_goes_on_where_it_stopped():
+    def stop_halfway(fraction, message):
+        if fraction >= 0.5:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        answered(Slow(), stop_halfway)
+    again = Slow()
+    answered(again)
+    assert again.asked == [2, 0]
+
+
+def test_a_teacher_that_costs_nothing_is_not_kept():
+    teacher = LabelTeacher(MemoryClip(), EmbeddedEncoder())
+    assert answered(teacher) is teacher
+    assert store.cache_use().entries == 0
+
+
+def test_a_damaged_answer_is_one_sentence():
+    kept = answered(Slow())
+    path = kept.folder / "000002.npz"
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(DegenseError, match=r"000002\.npz is gone or damaged; clear the cache with degense cache --clear"):
+        kept.targets(2)
+    pickled = np.array([{"a": 1}], dtype=object)
+    np.savez(path, vectors=pickled, index=pickled)
+    with pytest.raises(DegenseError, match="damaged"):
+        kept.targets(2)
+
+
+def test_what_was_not_read_for_longest_makes_room():
+    old, recent = (answered(Slow(a=a)).folder for a in (1, 2))
+    long_ago = time.time() - 2 * store.IN_USE
+    os.utime(old, (long_ago, long_ago))
+    store.set_limit(1)
+    assert not old.exists()
+    assert recent.exists()  # a training may be reading it
+    os.utime(recent, (long_ago, long_ago))
+    new = answered(Slow(a=3)).folder
+    assert not recent.exists()
+    assert new.exists()
+    assert store.cache_use().limit == 1
+
+
+def test_clearing_leaves_the_limit_and_nothing_else():
+    answered(Slow())
+    store.set_limit(10 << 30)
+    assert store.clear_cache().entries == 1
+    use = store.cache_use()
+    assert (use.entries, use.bytes, use.limit) == (0, 0, 10 << 30)
