@@ -17,7 +17,7 @@ from engine.clip import Clip
 from engine.errors import DegenseError
 from engine.field import SceneModel
 from engine.field.live import LiveField
-from engine.language import Basis, TextEncoder, encoder_by_name
+from engine.language import Basis, TextEncoder, open_encoder
 from engine.masks import MaskQuery, query_of
 from engine.motion import displacement
 from engine.motion.observed import ObservedMotion
@@ -87,18 +87,28 @@ class Scene:
         self._states, self._pictures = Cache(STATE_BYTES), Cache(PICTURE_BYTES)
 
     @classmethod
-    def open(cls, path: Path | str, *, device: str | torch.device | None = None, clip: Clip | None = None) -> Scene:
-        """Open a run folder. `device` None takes a GPU when there is one. Raises RunError."""
+    def open(
+        cls,
+        path: Path | str,
+        *,
+        device: str | torch.device | None = None,
+        clip: Clip | None = None,
+        encoder: TextEncoder | None = None,
+    ) -> Scene:
+        """Open a run folder. RunError when it is damaged, or `encoder` did not make its features.
+
+        `device` None takes a GPU when there is one; `encoder` None takes what the run keeps of its own.
+        """
         run = Run.open(path)
         if device is None:
             device = "cuda" if torch.cuda.is_available() else "cpu"
         model = run.load_model(device).eval().requires_grad_(False)
         name = run.info.get("encoder")
-        encoder = encoder_by_name(name, classes=tuple(run.info["classes"])) if name else None
+        speaks = open_encoder(name, tuple(run.info["classes"]), run.path, encoder) if name else None
         missing = ""
         if clip is None:
             clip, missing = _find_clip(run)
-        return cls(run, model, run.load_basis(), encoder, clip, missing, run.load_support(len(model)))
+        return cls(run, model, run.load_basis(), speaks, clip, missing, run.load_support(len(model)))
 
     # -- facts -----------------------------------------------------------------------------------------------------------------------------
     @property

@@ -10,7 +10,7 @@ import torch
 
 from engine.camera import Camera
 from engine.language.basis import fit_basis
-from engine.language.encoder import EmbeddedEncoder
+from engine.language.embedded import EmbeddedEncoder
 from engine.masks.query import MaskQuery, query_of
 from engine.phantom.anatomy import CLASSES
 from engine.phantom.scene import PhantomScene

@@ -16,7 +16,7 @@ from engine.bench.options import BenchOptions
 from engine.bench.table import Cell, Column, Table
 from engine.bench.timing import measure
 from engine.language.basis import Basis, fit_basis
-from engine.language.encoder import EmbeddedEncoder
+from engine.language.embedded import EmbeddedEncoder
 from engine.masks import DECODERS, MaskQuery, superpixels
 from engine.masks.superpixels_torch import superpixels_on_device
 from engine.metrics.masks import boundary_f, iou

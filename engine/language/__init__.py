@@ -1,8 +1,11 @@
 """From words to vectors, from label maps to training targets, and from long vectors to short ones."""
 
 from engine.language.basis import Basis, fit_basis
-from engine.language.encoder import EmbeddedEncoder, TextEncoder, encoder_by_name
+from engine.language.embedded import EmbeddedEncoder
+from engine.language.encoder import TextEncoder
+from engine.language.kept import keep_encoder, open_encoder
 from engine.language.teachers import LabelTeacher, Targets, Teacher
+from engine.language.text_vectors import TextVectors
 from engine.language.vocabulary import Vocabulary, surgical_vocabulary
 
 __all__ = [
@@ -12,8 +15,10 @@ __all__ = [
     "Targets",
     "Teacher",
     "TextEncoder",
+    "TextVectors",
     "Vocabulary",
-    "encoder_by_name",
     "fit_basis",
+    "keep_encoder",
+    "open_encoder",
     "surgical_vocabulary",
 ]

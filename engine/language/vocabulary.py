@@ -1,26 +1,27 @@
 """The embedded surgical vocabulary: which concept a wording means.
 
-The words are data (`vocabulary.json`); this file knows how to read a prompt: articles and polite words, plurals, joined and hyphenated
-spellings, abbreviations and small misspellings. A wording that is not understood is an error that names the nearest ones, never a guess.
+The words are data: `vocabulary.json` fixes the concepts and so their vectors, `names.json` adds wordings in English and other languages.
+This file knows how to read a prompt: articles and polite words, plurals, joined and hyphenated spellings, abbreviations and small
+misspellings. A wording that is not understood is an error that names the nearest ones, never a guess.
 """
 
 from __future__ import annotations
 
 import json
-import re
-import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cached_property, lru_cache
 from importlib.resources import files
+from typing import Any
 
 from engine.errors import PromptError
+from engine.language.spelling import allowed_errors, allowed_errors_abroad, american, key, slips, words
 
 #: A prompt longer than this is not a name of anything, and matching would only waste time.
 MAX_PROMPT = 200
 #: Longest name, in words.
-LONGEST_NAME = 6
+LONGEST_NAME = 8
 
 
 @dataclass(frozen=True)
@@ -36,55 +37,25 @@ class Concept:
     share : float
         Cosine between two children of this concept.
     also : tuple of str
-        Other wordings.
+        Other wordings that a class of a session may bear too, which then has the concept's vector.
+    names, abroad : tuple of str
+        Wordings that were added later, in English and in other languages: for prompts only, because runs exist whose classes bear them.
+    later : bool
+        The concept itself was added later: a class of its name has a vector of its own, like any class that is no concept.
     """
 
     name: str
     of: str | None = None
     share: float = 0.0
     also: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    abroad: tuple[str, ...] = ()
+    later: bool = False
 
-
-def words(text: str) -> list[str]:
-    """Lower-case words in the singular, without accents, punctuation and underscores: `"L-Hooks!"` → `["l", "hook"]`."""
-    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
-    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().casefold().replace("'s ", " ").replace("'", "")
-    return [_singular(word) for word in re.findall(r"[a-z0-9]+", plain)]
-
-
-def _singular(word: str) -> str:
-    """The singular, or the same odd form for a name and its plural: both sides of a comparison go through here."""
-    if len(word) > 4 and word.endswith("ies"):
-        return word[:-3] + "y"
-    if len(word) > 4 and word.endswith(("sses", "shes", "ches", "xes")):
-        return word[:-2]
-    if len(word) > 3 and word.endswith("s") and not word.endswith(("ss", "us", "is")):
-        return word[:-1]
-    return word
-
-
-def key(text: str) -> str:
-    """What is compared: the words joined, so that "gall bladder", "gall-bladder" and "Gallbladders" are one."""
-    return "".join(words(text))
-
-
-def edit_distance(a: str, b: str) -> int:
-    """Insertions, deletions, substitutions and swaps of neighbours between two words (optimal string alignment)."""
-    before: list[int] = []
-    row = list(range(len(b) + 1))
-    for i, x in enumerate(a, 1):
-        oldest, before, row = before, row, [i]
-        for j, y in enumerate(b, 1):
-            cost = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (x != y))
-            if i > 1 and j > 1 and x == b[j - 2] and a[i - 2] == y:
-                cost = min(cost, oldest[j - 2] + 1)
-            row.append(cost)
-    return row[-1]
-
-
-def allowed_errors(length: int) -> int:
-    """Slips of the finger that are forgiven in a name of so many letters; short words differ by one letter from too many others."""
-    return 0 if length < 5 else 1 if length < 8 else 2 if length < 13 else 3
+    @property
+    def wordings(self) -> tuple[str, ...]:
+        """All of them, the name first."""
+        return (self.name, *self.also, *self.names, *self.abroad)
 
 
 class Vocabulary:
@@ -109,7 +80,17 @@ class Vocabulary:
         self.prepositions = frozenset(prepositions)
         self.fillers = frozenset(word for filler in fillers for word in (filler, *words(filler))) | self.prepositions
         self.not_misspellings = frozenset(word for real in not_misspellings for word in words(real))
-        self._by_key = {key(wording): concept.name for concept in self.concepts for wording in (concept.name, *concept.also)}
+        self._by_key = {key(wording): concept.name for concept in self.concepts for wording in concept.wordings}
+        self._of_classes = {
+            key(wording): concept.name for concept in self.concepts if not concept.later for wording in (concept.name, *concept.also)
+        }
+        # names that a misspelling may be taken for, and how many slips are forgiven; English first: it wins where languages share a name
+        self._forgiven = {key(wording): allowed_errors_abroad(key(wording)) for concept in self.concepts for wording in concept.abroad}
+        self._forgiven |= {
+            key(wording): allowed_errors(key(wording))
+            for concept in self.concepts
+            for wording in (concept.name, *concept.also, *concept.names)
+        }
 
     @cached_property
     def by_name(self) -> dict[str, Concept]:
@@ -121,12 +102,16 @@ class Vocabulary:
         return [] if whole is None else [whole, *self.ancestors(whole)]
 
     def exact(self, text: str) -> str | None:
-        """The concept with this very wording (case, plural, hyphens and spaces aside), or None."""
+        """The concept whose vector a class of this name has: it has this very wording (case, plural, hyphens and spaces aside); or None."""
+        return self._of_classes.get(key(text))
+
+    def known(self, text: str) -> str | None:
+        """The concept with this very wording in any language, or None."""
         return self._by_key.get(key(text))
 
     def is_a(self, text: str, kind: str) -> bool:
         """Whether `text` is exactly a wording of the concept `kind` or of something that belongs to it."""
-        concept = self.exact(text)
+        concept = self.known(text)
         return concept is not None and (concept == kind or kind in self.ancestors(concept))
 
     def resolve(self, text: str, also: Sequence[str] = ()) -> str:
@@ -155,7 +140,7 @@ class Vocabulary:
     def complete(self, prefix: str, first: Sequence[str] = ()) -> list[str]:
         """Wordings that begin like `prefix` (any of their words may), those of `first` before the others; all names for an empty prefix."""
         wanted = " ".join(prefix.casefold().replace("_", " ").replace("-", " ").split())
-        wordings = dict.fromkeys([*first, *(c.name for c in self.concepts), *(also for c in self.concepts for also in c.also)])
+        wordings = dict.fromkeys([*first, *(c.name for c in self.concepts), *(w for c in self.concepts for w in c.wordings)])
         if not wanted:
             return list(dict.fromkeys([*first, *(c.name for c in self.concepts)]))
         plain = {wording: wording.casefold().replace("_", " ").replace("-", " ") for wording in wordings}
@@ -168,7 +153,7 @@ class Vocabulary:
         """The wordings that look most like a text, best first, one a concept; for error messages."""
         wanted = key(text)
         scores: dict[str, float] = {}
-        for wording, name in [*((extra, extra) for extra in also), *((w, c.name) for c in self.concepts for w in (c.name, *c.also))]:
+        for wording, name in [*((extra, extra) for extra in also), *((w, c.name) for c in self.concepts for w in c.wordings)]:
             scores[name] = max(scores.get(name, 0.0), SequenceMatcher(None, wanted, key(wording)).ratio())
         return sorted(scores, key=scores.__getitem__, reverse=True)[:count]
 
@@ -201,28 +186,23 @@ class Vocabulary:
     def _name_at(self, tokens: list[str], at: int) -> tuple[str | None, int]:
         sizes = range(min(LONGEST_NAME, len(tokens) - at), 0, -1)
         for size in sizes:
-            if (name := self._by_key.get("".join(tokens[at : at + size]))) is not None:
+            if (name := self._by_key.get("".join(map(american, tokens[at : at + size])))) is not None:
                 return name, size
         for size in sizes:
             window = tokens[at : at + size]
             # a window may not begin or end with a filler or reach into another name: "the liver" is no misspelling of anything
             whole = any(token in self.fillers or token in self.not_misspellings for token in (window[0], window[-1]))
-            if not whole and (name := self._misspelt("".join(window))) is not None:
+            if not whole and (name := self._misspelt("".join(map(american, window)))) is not None:
                 return name, size
         return None, 1
 
     def _misspelt(self, wording: str) -> str | None:
         """The concept whose wording differs by no more than `allowed_errors`; None when there is none, or two are equally near."""
         best: dict[str, int] = {}
-        for known, name in self._by_key.items():
-            limit = allowed_errors(max(len(known), len(wording)))
-            if (
-                limit
-                and known[0] == wording[0]
-                and abs(len(known) - len(wording)) <= limit
-                and (d := edit_distance(wording, known)) <= limit
-            ):
-                best[name] = min(d, best.get(name, limit))
+        for known, allowed in self._forgiven.items():
+            if (distance := slips(wording, known, allowed)) is not None:
+                name = self._by_key[known]
+                best[name] = min(distance, best.get(name, distance))
         nearest = [name for name, distance in best.items() if distance == min(best.values())]
         return nearest[0] if len(nearest) == 1 else None
 
@@ -235,8 +215,21 @@ def _short(text: str) -> str:
 @lru_cache(maxsize=1)
 def surgical_vocabulary() -> Vocabulary:
     """The vocabulary that comes with the project, read once."""
-    data = json.loads(files("engine.language").joinpath("vocabulary.json").read_text(encoding="utf-8"))
-    concepts = [
-        Concept(entry["name"], entry.get("of"), entry.get("share", 0.0), tuple(entry.get("also", ()))) for entry in data["concepts"]
-    ]
-    return Vocabulary(concepts, data["fillers"], data["prepositions"], data["not_misspellings"])
+    fixed, added = (_read_json(name) for name in ("vocabulary.json", "names.json"))
+    names: dict[str, dict[str, Any]] = added["names"]
+    entries = fixed["concepts"] + [{"name": name, "of": by["of"], "later": True} for name, by in names.items() if "of" in by]
+    concepts = []
+    for entry in entries:
+        more = names.get(entry["name"], {})
+        abroad = tuple(wording for language, wordings in more.items() if language not in ("of", "en") for wording in wordings)
+        also = tuple(entry.get("also", ()))
+        of, share, later = entry.get("of"), entry.get("share", 0.0), entry.get("later", False)
+        concepts.append(Concept(entry["name"], of, share, also, tuple(more.get("en", ())), abroad, later))
+    fillers, prepositions = ([word for of in added[what].values() for word in of] for what in ("fillers", "prepositions"))
+    return Vocabulary(
+        concepts, fixed["fillers"] + fillers, fixed["prepositions"] + prepositions, fixed["not_misspellings"] + added["not_misspellings"]
+    )
+
+
+def _read_json(name: str) -> Any:
+    return json.loads(files("engine.language").joinpath(name).read_text(encoding="utf-8"))

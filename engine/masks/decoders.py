@@ -23,7 +23,9 @@ def reads_regions(decoder: str) -> bool:
     return decoder.startswith("rnse")
 
 
-def decode_mask(similarity: np.ndarray, rivals: np.ndarray | None, decoder: str, threshold: float) -> np.ndarray:
+def decode_mask(
+    similarity: np.ndarray, rivals: np.ndarray | None, decoder: str, threshold: float, excluded: np.ndarray | None = None
+) -> np.ndarray:
     """A mask, bool [H, W].
 
     Parameters
@@ -36,11 +38,16 @@ def decode_mask(similarity: np.ndarray, rivals: np.ndarray | None, decoder: str,
     threshold : float
         A pixel must lie above it. For the argmax decoders, where the rivals do most of the work, above half of it: the generic negative
         "none of these".
+    excluded : float32 [H, W] or None
+        The largest similarity with anything that the prompt says it does not mean; it competes whatever the decoder.
     """
     competes = decoder.endswith("argmax")
     mask = similarity > (0.5 * threshold if competes else threshold)
     if competes and rivals is not None:
         mask &= similarity >= rivals
+    if excluded is not None:
+        mask &= similarity >= excluded
+        rivals = excluded if rivals is None else np.maximum(rivals, excluded)
     if not reads_regions(decoder) or not mask.any():
         return mask
     return without_holes(without_specks(mask), similarity, threshold, rivals)

@@ -72,6 +72,7 @@ class MaskQuery:
         decoder: str = DEFAULT_DECODER,
         threshold: float = DEFAULT_THRESHOLD,
         negatives: np.ndarray | None = None,
+        excluded: np.ndarray | None = None,
     ) -> np.ndarray:
         """Pixels the prompt means, bool [H, W].
 
@@ -84,6 +85,8 @@ class MaskQuery:
         negatives : float [n, D], optional
             Vectors of the session's classes; those that the prompt includes are left out.
             Used by the argmax decoders and when holes are closed.
+        excluded : float [k, D], optional
+            Vectors of what the prompt says it does not mean. Whatever the decoder, pixels that are more like one of these are left out.
 
         Raises
         ------
@@ -94,7 +97,10 @@ class MaskQuery:
         read = self._aggregation.numpy
         similarity = read(self._best(vectors, refined))
         rivals = None if decoder == "threshold" else self._rivals(vectors, negatives, refined)
-        return decode_mask(similarity, None if rivals is None else read(rivals), decoder, threshold)
+        unwanted = self._best(excluded, refined) if excluded is not None and len(excluded) else None
+        return decode_mask(
+            similarity, rivals if rivals is None else read(rivals), decoder, threshold, unwanted if unwanted is None else read(unwanted)
+        )
 
     def label_map(self, vectors: np.ndarray, decoder: str = DEFAULT_DECODER) -> np.ndarray:
         """Index of the best class in each pixel, uint8 [H, W], of class vectors [n, D], n ≤ 255; `UNLABELLED` where nothing is similar."""

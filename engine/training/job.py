@@ -19,6 +19,7 @@ from engine.errors import Cancelled, DegenseError
 from engine.field import FieldConfig, SceneModel
 from engine.field.still import find_moving
 from engine.files import replacing
+from engine.language import keep_encoder
 from engine.language.teachers import CostlyTeacher, Teacher, answered, teacher_by_name
 from engine.poses import find_cameras, with_cameras
 from engine.progress import Progress
@@ -145,8 +146,9 @@ def train(
             "budget": chosen_budget,
         }
         run = Run.create(out, clip, info)
-        if semantics is not None:
+        if chosen is not None and semantics is not None:
             run.save_basis(semantics.basis)
+            keep_encoder(chosen.encoder, out)
     afterwards = semantics if config.routing == "isolated" else None  # there, no semantic gradient reaches geometry: it need not wait
     trainer = Trainer(model, frames, None if afterwards is not None else semantics, evidence, config, events)
     if checkpoint is not None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.language.basis import KEPT_BY_EACH, Basis, fit_basis
-from engine.language.encoder import EmbeddedEncoder
+from engine.language.embedded import EmbeddedEncoder
 
 CLASSES = ["liver", "gallbladder", "fat", "grasper", "L-hook electrocautery", "background"]
 

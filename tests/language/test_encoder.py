@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from engine.errors import PromptError, RunError
-from engine.language.encoder import EmbeddedEncoder, encoder_by_name
+from engine.errors import PromptError
+from engine.language.embedded import EmbeddedEncoder
 from engine.language.vocabulary import surgical_vocabulary
 
 PHANTOM = [
@@ -72,6 +72,7 @@ def test_a_kind_means_the_sessions_members_alike():
     assert cosines(encoder, "organ", PHANTOM)[:2].min() > 0.7
     np.testing.assert_array_equal(encoder.expand("tool"), encoder.encode(["grasper", "L-hook electrocautery"]))
     assert encoder.expand("tissue").shape[0] == 6
+    assert encoder.exclude("tool").shape == (0, 128)
     np.testing.assert_array_equal(encoder.expand("the hook"), encoder.encode(["hook"]))
 
 
@@ -118,7 +119,7 @@ def test_a_misspelt_class_name_is_literal_but_a_prompt_may_be_misspelt():
 
 
 def test_vectors_do_not_depend_on_the_process():
-    code = "from engine.language.encoder import EmbeddedEncoder as E; import hashlib; "
+    code = "from engine.language.embedded import EmbeddedEncoder as E; import hashlib; "
     code += "print(hashlib.sha256(E(['foo','liver']).encode(['foo','liver','tool']).tobytes()).hexdigest())"
     digests = {
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": s}).stdout
@@ -127,11 +128,28 @@ def test_vectors_do_not_depend_on_the_process():
     assert len(digests) == 1
 
 
-def test_runs_know_their_encoder():
-    assert encoder_by_name("embedded-surgical-1", ["foo"]).encode(["foo"]).shape == (1, 128)
-    with pytest.raises(RunError, match="'clip-b16'"):
-        encoder_by_name("clip-b16")
-
-
 def test_completion_knows_the_classes():
     assert EmbeddedEncoder(["foo", "liver"]).complete("")[:2] == ["foo", "liver"]
+
+
+def test_what_is_excluded_is_no_longer_meant():
+    encoder = EmbeddedEncoder([*PHANTOM, "foo"])
+    for text in ("tool, not grasper", "instrument ohne Fasszange", "器械，不是抓钳"):
+        np.testing.assert_array_equal(encoder.expand(text), encoder.encode(["hook"]))
+        np.testing.assert_array_equal(encoder.exclude(text), encoder.encode(["grasper"]))
+    assert encoder.expand("tissue, except liver, fat or the gallbladder").shape[0] == 3
+    np.testing.assert_array_equal(encoder.exclude("liver but not foo"), encoder.encode(["foo"]))
+    with pytest.raises(PromptError, match="says only what it does not mean"):
+        encoder.expand("not liver")
+    with pytest.raises(PromptError, match="leaves nothing"):
+        encoder.expand("grasper, not tool")
+    with pytest.raises(PromptError, match="'banana' is not in the vocabulary"):
+        encoder.expand("liver, not banana")
+
+
+def test_names_of_other_languages_find_classes_and_change_no_vector():
+    encoder = EmbeddedEncoder(["Leber", "gallbladder", "oedema"])
+    assert encoder.literal == ("Leber", "oedema")
+    np.testing.assert_array_equal(encoder.encode(["liver", "foie", "肝脏"]), encoder.encode(["Leber"] * 3))
+    np.testing.assert_array_equal(encoder.encode(["swelling"]), encoder.encode(["oedema"]))
+    assert abs(EmbeddedEncoder().encode(["liver"])[0] @ encoder.encode(["Leber"])[0]) < 1e-6

@@ -8,7 +8,7 @@ import pytest
 from engine.camera import Camera
 from engine.clip import UNLABELLED, Clip
 from engine.errors import ClipError
-from engine.language.encoder import EmbeddedEncoder
+from engine.language.embedded import EmbeddedEncoder
 from engine.language.teachers import LabelTeacher
 
 CLASSES = ("background", "liver", "foo")

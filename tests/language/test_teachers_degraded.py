@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from engine.errors import DegenseError
-from engine.language.encoder import EmbeddedEncoder
+from engine.language.embedded import EmbeddedEncoder
 from engine.language.teachers import VLM_LIKE, Degradation, DegradedTeacher, LabelTeacher, teacher_by_name
 from engine.language.teachers.degraded import confusable
 from tests.fakes import MemoryClip, MovingWall

@@ -37,7 +37,8 @@ HELD_OUT = {
     ],
     "charred tissue": [
         "charred tissue", "charring", "burnt tissue", "burned tissue", "cauterised tissue", "cauterized area", "carbonised tissue",
-        "carbonized tissue", "black burnt spot", "verkohltes Gewebe", "tissu carbonisé", "tejido carbonizado", "烧焦组织", "coagulated tissue",
+        "carbonized tissue", "black burnt spot", "verkohltes Gewebe", "tissu carbonisé", "tejido carbonizado", "烧焦组织",
+        "coagulated tissue",
         "eschar", "thermal damage", "burn marks", "chared tissue",
     ],
     "background": ["background", "black background", "the black border", "Hintergrund", "arrière-plan", "fondo", "背景", "backgruond"],
@@ -45,9 +46,11 @@ HELD_OUT = {
 
 #: Words and phrases of six languages that name nothing in this operation, many of them close to a name that is known.
 FOREIGN = [
-    "banana", "river", "lover", "delivery", "father", "cat", "hat", "falt", "ball game", "galaxy", "goblin", "book", "cook", "look",
-    "hockey", "grape", "grass", "gasper", "chair", "chart", "church", "wallpaper", "wallet", "Wall Street", "background music", "a photo of a dog in the scene",
-    "show me the keyboard", "Leder", "Lieber", "Gabel", "Apfel", "Feder", "Bauhaus", "Hacken", "foire", "voiture", "prince", "fromage", "perro", "pizza",
-    "ventana", "grande", "熊猫", "汽车", "脂粉", "ピアノ", "собака", "connection", "collective", "tissue paper", "qwertz", "42", "the", "liverpool", "hooker",
-    "electricity", "charity", "forecast", "fatal", "gaslight", "purple liver", "liver and onions", "not",
+    "banana", "river", "lover", "delivery", "father", "cat", "hat", "falt", "ball game", "galaxy", "goblin", "book",
+    "cook", "look", "hockey", "grape", "grass", "gasper", "chair", "chart", "church", "wallpaper", "wallet",
+    "Wall Street", "background music", "a photo of a dog in the scene", "show me the keyboard", "Leder", "Lieber",
+    "Gabel", "Apfel", "Feder", "Bauhaus", "Hacken", "foire", "voiture", "prince", "fromage", "perro", "pizza",
+    "ventana", "grande", "熊猫", "汽车", "脂粉", "ピアノ", "собака", "connection", "collective", "tissue paper", "qwertz",
+    "42", "the", "liverpool", "hooker", "electricity", "charity", "forecast", "fatal", "gaslight", "purple liver",
+    "liver and onions", "not",
 ]  # fmt: skip

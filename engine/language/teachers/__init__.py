@@ -2,7 +2,7 @@
 
 from engine.clip import Clip
 from engine.errors import DegenseError
-from engine.language.encoder import EmbeddedEncoder
+from engine.language.embedded import EmbeddedEncoder
 from engine.language.teachers.degraded import VLM_LIKE, Degradation, DegradedTeacher
 from engine.language.teachers.labels import LabelTeacher
 from engine.language.teachers.store import CostlyTeacher, answered
