@@ -28,6 +28,7 @@ from engine.store import Run
 Value = TypeVar("Value")
 CHANNELS = ("rgb", "depth", "latent", "displacement", "motion", "support")
 STATE_BYTES, PICTURE_BYTES = 1 << 30, 256 << 20
+KEPT_PROMPTS = 1000
 NEEDS_TEACHER = "train it from a clip with label maps, or with another teacher"
 NO_SUPPORT = "does not say which motion its recording reveals: it was made by an older version, or without optical flow"
 COVERED = 0.5  # alpha below which a pixel shows nothing
@@ -85,6 +86,8 @@ class Scene:
         self.cameras = run.cameras
         self.support = support.to(model.bounds.device) if support is not None else None
         self._states, self._pictures = Cache(STATE_BYTES), Cache(PICTURE_BYTES)
+        self._asked: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._vectors: dict[tuple[str, ...], np.ndarray] = {}  # of the last texts: those of the classes, again and again
 
     @classmethod
     def open(
@@ -190,13 +193,27 @@ class Scene:
         """Unit text vectors [n, D]. DegenseError without semantics, PromptError for an unknown word."""
         if self.encoder is None:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
-        return self.encoder.encode(list(prompts))
+        if prompts not in self._vectors:
+            self._vectors = {prompts: self.encoder.encode(list(prompts))}
+        return self._vectors[prompts]
 
     def meanings(self, prompt: str) -> np.ndarray:
         """Unit vectors [m, D] of what a prompt covers: one row, or one for each class of a kind ("tool"). Raises as `vectors` does."""
-        self.vectors(())
-        assert self.encoder is not None
-        return self.encoder.expand(prompt)
+        return self._read(prompt)[0]
+
+    def exclusions(self, prompt: str) -> np.ndarray:
+        """Unit vectors [k, D], k ≥ 0, of what a prompt says it does not mean ("tool, not grasper"). Raises as `vectors` does."""
+        return self._read(prompt)[1]
+
+    def _read(self, prompt: str) -> tuple[np.ndarray, np.ndarray]:
+        """What a prompt means and what not; read once."""
+        if prompt not in self._asked:
+            self.vectors(())
+            assert self.encoder is not None
+            self._asked[prompt] = self.encoder.expand(prompt), self.encoder.exclude(prompt)
+            while len(self._asked) > KEPT_PROMPTS:
+                del self._asked[next(iter(self._asked))]
+        return self._asked[prompt]
 
     # -- pictures --------------------------------------------------------------------------------------------------------------------------
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:

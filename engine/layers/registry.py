@@ -7,8 +7,6 @@ import numpy as np
 from engine.errors import DegenseError
 from engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
 from engine.layers.layer import Layer, LayerRequest
-from engine.masks import MaskQuery
-from engine.masks.decoders import reads_regions
 from engine.motion import spurious
 from engine.scene import NO_SUPPORT, REVEALED, Scene
 
@@ -59,12 +57,16 @@ def _similarity(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _splat_similarities(scene: Scene, request: LayerRequest, texts: tuple[str, ...]) -> np.ndarray:
-    """Cosine of every Gaussian's latent with every text, [N, texts]."""
+    """Cosine of every Gaussian's latent with every text, [N, texts]; −1 where something that the text excludes is as similar."""
     meanings = [scene.meanings(text) for text in texts]
     assert scene.basis is not None
     latents = scene.splats(request.frame).semantics.cpu().numpy()
     latents = latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
-    return np.stack([(latents @ scene.basis.project(meaning).T).max(1) for meaning in meanings], 1)
+    found = np.stack([(latents @ scene.basis.project(meaning).T).max(1) for meaning in meanings], 1)
+    for k, text in enumerate(texts):
+        if len(excluded := scene.exclusions(text)):
+            found[(latents @ scene.basis.project(excluded).T).max(1) >= found[:, k], k] = -1.0
+    return found
 
 
 def _similarity_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -79,16 +81,9 @@ def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:
     out = np.zeros((camera.height, camera.width), np.uint8)
     for k, meaning in enumerate(meanings):
         rivals = np.concatenate([scene.vectors(scene.classes), *(other for other in meanings if other is not meaning)])
-        out[query.mask(meaning, request.decoder, request.threshold, rivals) & _beats(query, meaning, scene, request)] = k + 1
+        excluded = np.concatenate([scene.exclusions(prompts[k]), *(scene.meanings(text) for text in request.negatives)])
+        out[query.mask(meaning, request.decoder, request.threshold, rivals, excluded)] = k + 1
     return out
-
-
-def _beats(query: MaskQuery, meaning: np.ndarray, scene: Scene, request: LayerRequest) -> np.ndarray | bool:
-    """Pixels more similar to a prompt than to every negative, bool [H, W]; True without negatives."""
-    if not request.negatives:
-        return True
-    similarity = query.refined if reads_regions(request.decoder) else query.similarity
-    return similarity(meaning) > similarity(np.concatenate([scene.meanings(text) for text in request.negatives]))
 
 
 def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:

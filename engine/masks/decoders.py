@@ -46,7 +46,7 @@ def decode_mask(
     if competes and rivals is not None:
         mask &= similarity >= rivals
     if excluded is not None:
-        mask &= similarity >= excluded
+        mask &= similarity > excluded  # what is excluded may be meant as well: "tool, not grasper"
         rivals = excluded if rivals is None else np.maximum(rivals, excluded)
     if not reads_regions(decoder) or not mask.any():
         return mask
