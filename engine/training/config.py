@@ -60,7 +60,7 @@ class TrainConfig:
         Of the HexPlane; a time resolution of 0 is half the number of frames.
     rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_tints, rate_semantics, rate_lifetimes,
     rate_final : float
-        Learning rates, and the factor that those of positions and field have decayed by at the end.
+        Learning rates, and the factor by which those of positions and field have fallen at the end; then all fall (`set_rates`).
     densify_every, densify_until : int, float
         Densify and prune every so many steps, until this share of the iterations.
     early_stop : bool

@@ -6,8 +6,10 @@ import torch
 
 from engine.field import SceneModel
 from engine.training.config import TrainConfig
+from engine.training.plateau import COOLDOWN
 
 DECAYING = {"means", "field", "planes", "semantic"}
+SETTLED = 0.05  # of its rate is left of everything at the end
 
 
 def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
@@ -37,7 +39,12 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
 
 
 def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, progress: float, caution: float) -> None:
-    """Exponential decay to `rate_final` of the start, at `progress` 1, for positions and field; everything times `caution`."""
+    """Rates at `progress` (0 … 1), everything times `caution`.
+
+    Positions and field fall exponentially to `rate_final` of their start. In the cool-down all rates fall to `SETTLED` as well, in a
+    straight line: Adam's steps are as long as its rate, and a model whose rates stay jitters around what it has learned.
+    """
     decay = config.rate_final**progress
+    settle = 1 - (1 - SETTLED) * max(0.0, progress - (1 - COOLDOWN)) / COOLDOWN
     for group in optimizer.param_groups:
-        group["lr"] = group["base"] * caution * (decay if group["name"] in DECAYING else 1.0)
+        group["lr"] = group["base"] * caution * settle * (decay if group["name"] in DECAYING else 1.0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 VALIDATION_FRAMES = 4
 FEWEST_FRAMES = 16  # training frames below which none can be spared
+COOLDOWN = 0.3  # last part of a schedule, in which everything settles and nothing is densified
 
 
 def validation_frames(train_frames: Sequence[int]) -> list[int]:
@@ -33,13 +34,13 @@ class Schedule:
     iterations : int
         Steps of the whole schedule.
     cooldown : float
-        Its last part, in which positions and field settle and nothing is densified; in (0, 1].
+        Its last part, in which everything settles and nothing is densified; in (0, 1].
     skipped : int
         Steps that were left out between the plateau and the cool-down.
     """
 
     iterations: int
-    cooldown: float = 0.3
+    cooldown: float = COOLDOWN
     skipped: int = 0
 
     def __post_init__(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import torch
@@ -41,7 +42,7 @@ class Recording:
         precision = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision("high")
         try:
-            side = torch.cuda.Stream()
+            side = _warming_stream()
             side.wait_stream(torch.cuda.current_stream())
             with torch.cuda.stream(side):  # kernels are compiled and work spaces made before the recording
                 outputs = [output for output in function(*self.inputs) if output.requires_grad]
@@ -68,6 +69,12 @@ class Recording:
 
     def __call__(self, *arguments: Tensor) -> tuple[Tensor, ...]:
         return _Replay.apply(self, self.leaf, *arguments)
+
+
+@lru_cache
+def _warming_stream() -> torch.cuda.Stream:
+    """The one stream on which functions run before they are recorded: cuBLAS keeps a work space of 32 MB for every stream it ever saw."""
+    return torch.cuda.Stream()
 
 
 class _Replay(torch.autograd.Function):
