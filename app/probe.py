@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from app.answers import Meanings
 from app.pictures import get_layer
 
 if TYPE_CHECKING:
@@ -27,17 +28,19 @@ class ProbeMaps:
         Of `PROBED`.
     uncertain : dict of str to bool [H, W]
         Where one of them is a guess.
-    best : uint8 [H, W]
-        Index into `classes`, 255 for none.
+    latent : float32 [H, W, d] or None
+        The semantic latents.
+    meanings : Meanings or None
+        The classes that they are compared with.
     """
 
     frame: int
     rgb: np.ndarray
     units: dict[str, str]
-    classes: tuple[str, ...]
     scalars: dict[str, np.ndarray] = field(default_factory=dict)
     uncertain: dict[str, np.ndarray] = field(default_factory=dict)
-    best: np.ndarray | None = None
+    latent: np.ndarray | None = None
+    meanings: Meanings | None = None
 
     def colour(self, x: int, y: int) -> tuple[int, int, int]:
         red, green, blue = (int(channel) for channel in self.rgb[y, x])
@@ -50,10 +53,15 @@ class ProbeMaps:
             value = float(values[y, x])
             guess = " (a guess)" if name in self.uncertain and self.uncertain[name][y, x] else ""
             rows.append((name, f"{value:.3g} {self.units[name]}".strip() + guess if np.isfinite(value) else "not known here"))
-        if self.best is not None:
-            index = int(self.best[y, x])
-            rows.append(("best class", self.classes[index] if index < len(self.classes) else "none"))
+        for rank, (name, cosine) in enumerate(self.why(x, y), 1):
+            rows.append((f"class {rank}", f"{name}  {cosine:.2f}"))
         return rows
+
+    def why(self, x: int, y: int) -> list[tuple[str, float]]:
+        """The classes of the scene and its vocabulary that a pixel is most similar to, with their cosines, the best first."""
+        if self.latent is None or self.meanings is None:
+            return []
+        return self.meanings.best(self.latent[y, x])
 
 
 def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps]:
@@ -61,7 +69,7 @@ def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps
     from engine.layers import LayerRequest
 
     request = LayerRequest(frame=frame)
-    maps = ProbeMaps(frame, scene.picture(frame), {}, tuple(scene.classes))
+    maps = ProbeMaps(frame, scene.picture(frame), {})
     yield maps
     for name in PROBED:
         if get_layer(name).missing(scene, ()):
@@ -71,6 +79,6 @@ def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps
         if image.uncertain is not None:
             maps = replace(maps, uncertain=maps.uncertain | {name: image.uncertain})
         yield maps
-    if scene.has_semantics and scene.classes:
-        maps = replace(maps, best=scene.query(frame).label_map(scene.vectors(scene.classes), "argmax"))
+    if scene.has_semantics:
+        maps = replace(maps, latent=scene.render(frame, what=("latent",))["latent"], meanings=Meanings(scene))
     return maps

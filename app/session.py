@@ -203,8 +203,8 @@ class Session:
     def set_masks_shown(self, shown: bool) -> None:
         self.edit("Show masks" if shown else "Hide masks", replace(self._view.look, masks_shown=shown))
 
-    def add_prompt(self, text: str, colour: Colour | None = None) -> Prompt:
-        """Show the mask of a text, in the next free colour when none is given.
+    def add_prompt(self, text: str, colour: Colour | None = None, negative: bool = False) -> Prompt:
+        """Show the mask of a text, in the next free colour when none is given; a negative takes pixels from the masks of the others.
 
         Raises
         ------
@@ -221,7 +221,7 @@ class Session:
         if any(prompt.text.casefold() == text.casefold() for prompt in self._view.look.prompts):
             raise PromptError(f"“{text}” is already in the list.")
         self.scene.meanings(text)
-        prompt = Prompt(text, colour or self._view.look.next_colour())
+        prompt = Prompt(text, colour or self._view.look.next_colour(), negative=negative)
         self.edit(f"Prompt {text}", replace(self._view.look, prompts=(*self._view.look.prompts, prompt)))
         return prompt
 

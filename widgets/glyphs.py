@@ -52,6 +52,7 @@ _GLYPHS = {
     "last": (_polygon((6.5, 3), (11.5, 8), (6.5, 13)).united(_polygon((1, 3), (6, 8), (1, 13))).united(_bar(12.5, 3, 2, 10)), True),
     "cross": (_lines(((4, 4), (12, 12)), ((12, 4), (4, 12))), False),
     "plus": (_lines(((8, 3), (8, 13)), ((3, 8), (13, 8))), False),
+    "minus": (_lines(((3, 8), (13, 8))), False),
     "eye": (_eye(True), False),
     "eye-off": (_eye(False), False),
 }

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from PySide6.QtCore import QStringListModel, Qt, Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QComboBox, QCompleter, QHBoxLayout, QLabel, QLineEdit, QSlider, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QCompleter, QHBoxLayout, QLabel, QLineEdit, QSlider, QVBoxLayout, QWidget
 
 from widgets.glyphs import GlyphButton
 from widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 from widgets.prompt_row import PromptRow
+from widgets.similarity_histogram import SimilarityHistogram
 from widgets.theme import class_colour
 
 _STEPS = 1000
+#: How a prompt begins that takes pixels from the masks of the others.
+NEGATIVE = re.compile(r"(?:-|−|not\s)\s*(?=\S)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -26,6 +31,7 @@ class Prompt:
     colour: QColor
     visible: bool
     error: str
+    negative: bool = False
 
 
 class PromptBar(QWidget):
@@ -35,8 +41,10 @@ class PromptBar(QWidget):
     prompt_removed = Signal(int)
     prompt_toggled = Signal(int, bool)
     prompt_recoloured = Signal(int, QColor)
+    prompt_negated = Signal(int, bool)
     threshold_changed = Signal(float)
     decoder_changed = Signal(str)
+    refined_toggled = Signal(bool)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -47,7 +55,7 @@ class PromptBar(QWidget):
 
         self._field = QLineEdit(self)
         self._field.setAccessibleName("New prompt")
-        self._field.setPlaceholderText("Name what to find, then Enter")
+        self._field.setPlaceholderText("Name what to find (or “not …”), then Enter")
         self._field.setClearButtonEnabled(True)
         self._field.setMaxLength(200)
         keep_keys(self._field, TYPING)
@@ -71,6 +79,13 @@ class PromptBar(QWidget):
         self._decoder_box.setAccessibleName("How masks are decided")
         self._decoder_box.activated.connect(lambda: self.decoder_changed.emit(self.decoder()))
         keep_keys(self._decoder_box, ARROWS | PRESS)
+        self._refined = QCheckBox("Refined", self)
+        self._refined.setToolTip("Average over regions of the picture and follow its edges; off: pixel by pixel, coarse")
+        self._refined.clicked.connect(self.refined_toggled)
+        keep_keys(self._refined, PRESS)
+        self._histogram = SimilarityHistogram(self)
+        self._histogram.threshold_dragged.connect(self._dragged)
+        self._histogram.hide()
         self._slider = QSlider(Qt.Orientation.Horizontal, self)
         self._slider.setAccessibleName("Similarity threshold")
         self._slider.setToolTip("Similarity above which a place belongs to the mask")
@@ -90,16 +105,21 @@ class PromptBar(QWidget):
         entry.addWidget(self._add_button)
         decision = QHBoxLayout()
         decision.setSpacing(6)
-        decision.addWidget(self._decoder_box)
-        decision.addWidget(QLabel("Threshold", self))
-        decision.addWidget(self._slider, 1)
-        decision.addWidget(self._threshold_text)
+        decision.addWidget(self._decoder_box, 1)
+        decision.addWidget(self._refined)
+        cut = QHBoxLayout()
+        cut.setSpacing(6)
+        cut.addWidget(QLabel("Threshold", self))
+        cut.addWidget(self._slider, 1)
+        cut.addWidget(self._threshold_text)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
         layout.setSpacing(6)
         layout.addLayout(entry)
         layout.addLayout(self._list)
         layout.addLayout(decision)
+        layout.addWidget(self._histogram)
+        layout.addLayout(cut)
         layout.addStretch(1)
         self._decoder_box.hide()
         self.set_threshold(0.5)
@@ -117,6 +137,25 @@ class PromptBar(QWidget):
             self._decoder_box.addItem(title, name)
             self._decoder_box.setItemData(i, description, Qt.ItemDataRole.ToolTipRole)
         self._decoder_box.setVisible(bool(decoders))
+
+    def set_refined(self, on: bool) -> None:
+        """Say whether the decoder refines."""
+        self._refined.setChecked(on)
+
+    def set_histograms(self, curves: Sequence[tuple[np.ndarray, QColor]]) -> None:
+        """How similar the pixels are to each prompt (counts over equal steps from 0 to 1), above the threshold."""
+        self._histogram.set_curves(curves)
+
+    def histogram(self) -> SimilarityHistogram:
+        return self._histogram
+
+    def set_answer(self, id_: int, area: float | None, confidence: float | None) -> None:
+        """Say how much a prompt covers and how sure that is, both in [0, 1]; None when it is not known."""
+        self._rows[id_].set_answer(area, confidence)
+
+    def answers(self) -> list[str]:
+        """What the rows say of their prompts."""
+        return [row.answer() for row in self._rows.values()]
 
     def set_decoder(self, name: str) -> None:
         index = self._decoder_box.findData(name)
@@ -140,13 +179,14 @@ class PromptBar(QWidget):
         self._slider.setValue(round((threshold - self._low) / (self._high - self._low) * _STEPS))
         self._slider.blockSignals(False)
         self._threshold_text.setText(f"{self.threshold():.3f}")
+        self._histogram.set_threshold(self.threshold())
 
     def threshold(self) -> float:
         return self._low + self._slider.value() / _STEPS * (self._high - self._low)
 
     # Prompts
 
-    def add_prompt(self, text: str, colour: QColor | None = None, visible: bool = True) -> int:
+    def add_prompt(self, text: str, colour: QColor | None = None, visible: bool = True, negative: bool = False) -> int:
         """Add a row silently and return its id. The same words again (letter case aside) give the row that is there."""
         text = " ".join(text.split())
         if not text:
@@ -155,9 +195,10 @@ class PromptBar(QWidget):
             if row.text.casefold() == text.casefold():
                 return id_
         id_, self._next_id = self._next_id, self._next_id + 1
-        row = PromptRow(text, QColor(colour) if colour is not None else self._free_colour(), visible, self)
+        row = PromptRow(text, QColor(colour) if colour is not None else self._free_colour(), visible, self, negative)
         row.toggled.connect(lambda on: self.prompt_toggled.emit(id_, on))
         row.recoloured.connect(lambda chosen: self.prompt_recoloured.emit(id_, chosen))
+        row.negated.connect(lambda on: self.prompt_negated.emit(id_, on))
         row.removed.connect(lambda: self._remove_by_hand(id_))
         self._rows[id_] = row
         self._list.addWidget(row)
@@ -180,7 +221,7 @@ class PromptBar(QWidget):
         self._rows[id_].set_error(message)
 
     def prompts(self) -> list[Prompt]:
-        return [Prompt(id_, row.text, row.colour, row.visible_in_view(), row.error) for id_, row in self._rows.items()]
+        return [Prompt(id_, row.text, row.colour, row.visible_in_view(), row.error, row.negative) for id_, row in self._rows.items()]
 
     def focus_input(self) -> None:
         self._field.setFocus(Qt.FocusReason.ShortcutFocusReason)
@@ -201,7 +242,8 @@ class PromptBar(QWidget):
         if popup := self._field.completer().popup():
             popup.hide()  # it would lie over the prompt it led to
         known = set(self._rows)
-        id_ = self.add_prompt(text)
+        negative = NEGATIVE.match(text)
+        id_ = self.add_prompt(text[negative.end() :] if negative else text, negative=negative is not None)
         if id_ not in known:
             self.prompt_added.emit(id_, self._rows[id_].text)
         elif not self._rows[id_].visible_in_view():
@@ -212,6 +254,10 @@ class PromptBar(QWidget):
         self._field.setFocus(Qt.FocusReason.OtherFocusReason)
         self.prompt_removed.emit(id_)
 
+    def _dragged(self, threshold: float) -> None:
+        self._slider.setValue(round((threshold - self._low) / (self._high - self._low) * _STEPS))
+
     def _threshold_moved(self) -> None:
         self._threshold_text.setText(f"{self.threshold():.3f}")
+        self._histogram.set_threshold(self.threshold())
         self.threshold_changed.emit(self.threshold())

@@ -64,19 +64,24 @@ class PromptRow(QFrame):
     toggled = Signal(bool)
     recoloured = Signal(QColor)
     removed = Signal()
+    negated = Signal(bool)
 
-    def __init__(self, text: str, colour: QColor, visible: bool, parent: QWidget) -> None:
+    def __init__(self, text: str, colour: QColor, visible: bool, parent: QWidget, negative: bool = False) -> None:
         super().__init__(parent)
         self.setObjectName("chip")
         self.setAccessibleName(f"Prompt {text}")
         self.text = text
         self.error = ""
-        self._visible = visible
+        self._visible, self.negative = visible, negative
         self._swatch = _Swatch(colour, self)
         self._swatch.setAccessibleName(f"Colour of {text}")
         self._swatch.setToolTip("Change the colour")
         self._swatch.setMenu(self._colour_menu())
         self._label = _ElidedLabel(text, self)
+        self._answer = QLabel(self)
+        self._answer.setObjectName("secondary")
+        self._sign = GlyphButton("plus", "", self)
+        self._sign.clicked.connect(lambda: self._negate(not self.negative))
         self._eye = GlyphButton("eye", "", self)
         self._eye.clicked.connect(lambda: self._toggle(not self._visible))
         self._cross = GlyphButton("cross", f"Remove {text}", self)
@@ -90,10 +95,11 @@ class PromptRow(QFrame):
         layout.setHorizontalSpacing(6)
         layout.setVerticalSpacing(2)
         layout.setColumnStretch(1, 1)
-        for column, widget in enumerate((self._swatch, self._label, self._eye, self._cross)):
+        for column, widget in enumerate((self._swatch, self._label, self._answer, self._sign, self._eye, self._cross)):
             layout.addWidget(widget, 0, column)
-        layout.addWidget(self._complaint, 1, 1, 1, 3)
+        layout.addWidget(self._complaint, 1, 1, 1, 5)
         self._show_eye()
+        self._show_sign()
 
     @property
     def colour(self) -> QColor:
@@ -105,6 +111,33 @@ class PromptRow(QFrame):
 
     def show_by_hand(self) -> None:
         self._toggle(True)
+
+    def set_answer(self, area: float | None, confidence: float | None) -> None:
+        """Say how much of the picture the mask covers and how sure that is, both in [0, 1]; None when it is not known."""
+        known = area is not None and confidence is not None and not self.negative
+        self._answer.setText(f"{area:.1%}  sure {confidence:.2f}" if known else "")
+        self._answer.setToolTip(
+            f"The mask covers {area:.1%} of the picture.\nConfidence {confidence:.2f}: the mean similarity in the mask, less that of the "
+            "best rival; 0 a toss-up, 1 certain."
+            if known
+            else ""
+        )
+
+    def answer(self) -> str:
+        return self._answer.text()
+
+    def _negate(self, negative: bool) -> None:
+        self.negative = negative
+        self._show_sign()
+        self.negated.emit(negative)
+
+    def _show_sign(self) -> None:
+        if self.negative:
+            self._sign.set_glyph("minus", f"{self.text} takes pixels from the masks; press to give it a mask of its own")
+        else:
+            self._sign.set_glyph("plus", f"{self.text} has a mask; press to let it take pixels from the others instead")
+        self._label.setText(f"not {self.text}" if self.negative else self.text)
+        self._swatch.setEnabled(not self.negative)
 
     def set_error(self, message: str) -> None:
         self.error = message

@@ -8,7 +8,7 @@ from typing import get_args
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
 
-from app.look import Colour, ColourRange, Look, RangeMode
+from app.look import Colour, ColourRange, Look, RangeMode, decoder_refined
 from app.pictures import get_layer
 from app.session import Session
 from app.settings import SettingsFile
@@ -73,6 +73,7 @@ class Controls(QObject):
         parts.layers.set_masks_shown(look.masks_shown)
         parts.prompts.set_threshold(look.threshold)
         parts.prompts.set_decoder(look.decoder)
+        parts.prompts.set_refined(decoder_refined(look.decoder, True) == look.decoder)
         self._show_prompts(look)
         layer = get_layer(look.layer)
         chosen = look.range(look.layer)
@@ -105,6 +106,8 @@ class Controls(QObject):
         bar.prompt_removed.connect(self._prompt_removed)
         bar.prompt_toggled.connect(self._prompt_toggled)
         bar.prompt_recoloured.connect(self._recoloured)
+        bar.prompt_negated.connect(self._negated)
+        bar.refined_toggled.connect(session.set_refined)
         bar.threshold_changed.connect(session.set_threshold)
         bar.decoder_changed.connect(session.set_decoder)
 
@@ -115,10 +118,10 @@ class Controls(QObject):
 
     def _prompt_added(self, number: int, text: str) -> None:
         bar = self.parts.prompts
-        colour = next(prompt.colour for prompt in bar.prompts() if prompt.id == number)
+        chip = next(prompt for prompt in bar.prompts() if prompt.id == number)
         self._texts[number] = text
         try:
-            self.session.add_prompt(text, rgb(colour))
+            self.session.add_prompt(text, rgb(chip.colour), chip.negative)
         except DegenseError as error:
             bar.set_error(number, str(error))
 
@@ -132,6 +135,10 @@ class Controls(QObject):
         if self._answered(number):
             self.session.set_visible(self._texts[number], visible)
 
+    def _negated(self, number: int, negative: bool) -> None:
+        if self._answered(number):
+            self.session.set_negative(self._texts[number], negative)
+
     def _recoloured(self, number: int, colour: QColor) -> None:
         if self._answered(number):
             self.session.set_colour(self._texts[number], rgb(colour))
@@ -139,11 +146,11 @@ class Controls(QObject):
     def _show_prompts(self, look: Look) -> None:
         """Make the chips those of the look. Chips that could not be answered stay until the next change of the list."""
         bar = self.parts.prompts
-        shown = [(prompt.text, rgb(prompt.colour), prompt.visible) for prompt in bar.prompts() if not prompt.error]
-        wanted = [(prompt.text, prompt.colour, prompt.visible) for prompt in look.prompts]
+        shown = [(prompt.text, rgb(prompt.colour), prompt.visible, prompt.negative) for prompt in bar.prompts() if not prompt.error]
+        wanted = [(prompt.text, prompt.colour, prompt.visible, prompt.negative) for prompt in look.prompts]
         if [(text.casefold(), *rest) for text, *rest in shown] != [(text.casefold(), *rest) for text, *rest in wanted]:
             bar.clear()
-            self._texts = {bar.add_prompt(text, QColor(*colour), visible): text for text, colour, visible in wanted}
+            self._texts = {bar.add_prompt(text, QColor(*colour), *rest): text for text, colour, *rest in wanted}
 
     # History
 

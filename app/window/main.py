@@ -11,6 +11,7 @@ from app.render_service import RenderService
 from app.session import Session
 from app.settings import SettingsFile
 from app.window import actions
+from app.window.answering import Answering
 from app.window.controls import Controls
 from app.window.drawing import Drawing
 from app.window.exporting import Exporting
@@ -27,7 +28,7 @@ from app.window.runs import Runs
 from app.window.training import Training
 from widgets.theme import apply_theme
 
-CHANNELS = ("open", "view", "range", "material", "second", "second-view", "probe", "curves", "rank", "export", "doctor")
+CHANNELS = ("open", "view", "range", "answers", "material", "second", "second-view", "probe", "curves", "rank", "export", "areas", "doctor")
 
 
 class MainWindow(QMainWindow):
@@ -53,6 +54,7 @@ class MainWindow(QMainWindow):
         self.drawing = Drawing(self.session, self.service, self.parts)
         self.controls = Controls(self.session, settings, self.parts)
         self.probing = Probing(self.session, self.service, self.parts, self.drawing)
+        self.answering = Answering(self.session, self.service, self.parts, self.drawing)
         self.ranking = RankingControl(self.session, self.service, self.parts, self.drawing)
         self.runs = Runs(self.session, self.service, settings, self.parts, self.drawing)
         self.keeping = Keeping(self.session, settings, self.parts)

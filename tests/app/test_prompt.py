@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QLineEdit
+import pytest
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit
 
 
 def type_prompt(qtbot, window, text: str) -> None:
@@ -129,3 +130,79 @@ def test_the_view_is_saved_with_the_run(qtbot, opened, run, idle):
     idle()
     assert [chip.text for chip in opened.parts.prompts.prompts()] == ["liver"]
     assert opened.drawing.view.masks is not None
+
+
+def test_similarities_are_seen_and_the_threshold_dragged_over_them(qtbot, opened, idle, screenshot):
+    session, bar = opened.session, opened.parts.prompts
+    opened.parts.panel.setFocus()
+    type_prompt(qtbot, opened, "liver")
+    type_prompt(qtbot, opened, "gallbladder")
+    idle()
+    histogram = bar.histogram()
+    assert histogram.isVisible()
+    assert histogram.count() == 2
+    before = [float(answer.split("%")[0]) for answer in bar.answers()]
+    qtbot.mousePress(histogram, Qt.MouseButton.LeftButton, pos=QPoint(round(4 + 0.95 * (histogram.width() - 8)), 20))
+    qtbot.mouseRelease(histogram, Qt.MouseButton.LeftButton)
+    assert session.look.threshold == bar.threshold() == pytest.approx(0.95, abs=0.01)
+    idle()
+    assert all(float(answer.split("%")[0]) < area for answer, area in zip(bar.answers(), before, strict=True))
+    assert "sure" in bar.answers()[0]
+    screenshot(opened, "prompt-histogram")
+
+
+def test_coarse_or_refined_masks(qtbot, opened, idle):
+    session = opened.session
+    session.add_prompt("liver")
+    idle()
+    [box] = [box for box in opened.parts.prompts.findChildren(QCheckBox) if box.text() == "Refined"]
+    assert box.isChecked()
+    refined = opened.drawing.view.masks[..., 3] > 0
+    qtbot.mouseClick(box, Qt.MouseButton.LeftButton, pos=QPoint(8, box.height() // 2))
+    idle()
+    assert session.look.decoder == "threshold"
+    coarse = opened.drawing.view.masks[..., 3] > 0
+    assert np.array_equal(coarse, session.scene.query(0).similarity(session.scene.meanings("liver")) > 0.5)
+    assert not np.array_equal(coarse, refined)
+    session.undo.undo()
+    assert box.isChecked()
+    idle()
+
+
+def test_a_negative_prompt(qtbot, opened, idle):
+    session, bar = opened.session, opened.parts.prompts
+    opened.parts.panel.setFocus()
+    session.set_decoder("threshold")
+    session.go_to(3)
+    type_prompt(qtbot, opened, "tool")
+    idle()
+    everything = opened.drawing.view.masks[..., 3] > 0
+    type_prompt(qtbot, opened, "not hook")
+    idle()
+    assert session.look.negative_texts == ("hook",)
+    rest = opened.drawing.view.masks[..., 3] > 0
+    assert rest.sum() < everything.sum()
+    number = next(chip.id for chip in bar.prompts() if chip.negative)
+    bar.prompt_negated.emit(number, False)
+    idle()
+    assert [prompt.text for prompt in session.look.visible_prompts] == ["tool", "hook"]
+    session.undo.undo()
+    assert session.look.negative_texts == ("hook",)
+    idle()
+    assert [chip.negative for chip in bar.prompts()] == [False, True]
+
+
+def test_area_over_time_lies_under_the_timeline_and_is_saved(qtbot, opened, idle, run, screenshot):
+    session, track = opened.session, opened.parts.timeline
+    session.add_prompt("gallbladder")
+    curve = opened.answering.areas.curve("gallbladder", session.look, 10)
+    qtbot.waitUntil(lambda: bool(np.isfinite(curve).all()), timeout=30_000)
+    idle()
+    mask = session.scene.query(4).mask(session.scene.meanings("gallbladder"), "rnse", 0.5, session.scene.vectors(session.scene.classes))
+    assert curve[4] == pytest.approx(mask.mean())
+    assert track._track._strips["gallbladder"][0] is not None
+    screenshot(opened, "prompt-area")
+    session.save()
+    opened.opening.open_path(run)
+    idle()
+    assert np.allclose(opened.answering.areas.curve("gallbladder", session.look, 10), curve, atol=1e-6)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from app.answers import Meanings, answers
+from app.areas import AreaBook
 from app.curves import follow, summary, to_csv
 from app.look import Look, Prompt
 from app.probe import probe_maps
 from app.targets import Found, Region, Spot, inside_of, material
 from app.terminal import Bar, run_steps
 from app.view import ViewRequest, draw_view
-from engine.errors import DegenseError
+from engine.errors import DegenseError, RunError
 
 LOOK = Look(prompts=(Prompt("gallbladder", (230, 159, 0)), Prompt("liver", (86, 180, 233))))
 
@@ -101,7 +104,7 @@ def test_maps_hold_what_the_layers_show(scene):
     rows = dict(maps.rows(40, 30))
     depth = scene.render(3, what=("depth",))["depth"][30, 40]
     assert rows["depth"].startswith(f"{depth:.3g}")
-    assert set(rows) >= {"position", "colour", "depth", "displacement", "warp", "best class"}
+    assert set(rows) >= {"position", "colour", "depth", "displacement", "warp", "class 1", "class 5"}
 
 
 def test_a_view_comes_first_without_and_then_with_masks(scene):
@@ -142,3 +145,56 @@ def test_a_guess_is_called_one(scene):
     assert plain.uncertain == ""
     assert not np.array_equal(marked.rgb, plain.rgb)
     assert not np.array_equal(marked.splats.colours, plain.splats.colours)
+
+
+def test_why_a_pixel_is_what_it_is(scene):
+    maps = result_of(probe_maps(scene, 3))
+    similarity = scene.query(3).similarity(scene.vectors(("gallbladder",)))
+    y, x = np.unravel_index(similarity.argmax(), similarity.shape)
+    best = maps.why(int(x), int(y))
+    assert len(best) == 5
+    assert [cosine for _, cosine in best] == sorted((cosine for _, cosine in best), reverse=True)
+    assert best[0][0] == "gallbladder"
+    assert best[0][1] == pytest.approx(similarity[y, x], abs=0.01)
+    assert Meanings(scene).best(np.zeros(scene.basis.rank)) == []
+
+
+def test_answers_know_area_confidence_and_similarities(scene):
+    look = replace(LOOK, decoder="threshold")
+    known = result_of(answers(scene, 3, look))
+    assert [answer.text for answer in known] == ["gallbladder", "liver"]
+    query, meaning = scene.query(3), scene.meanings("gallbladder")
+    mask = query.similarity(meaning) > look.threshold
+    assert known[0].area == pytest.approx(mask.mean())
+    assert known[0].confidence == pytest.approx(query.confidence(meaning, mask, scene.vectors(scene.classes)))
+    assert known[0].histogram.sum() == mask.size
+    assert known[0].histogram[25:].sum() == pytest.approx(mask.sum(), abs=2)
+
+
+def test_a_negative_takes_its_pixels(scene):
+    """ "Tool" without "hook" leaves the other instruments, and nothing of the hook."""
+    from engine.layers import LAYERS, LayerRequest
+
+    plain = LayerRequest(3, prompts=("tool",), decoder="threshold")
+    tool, rest = (LAYERS["mask"].image(scene, request).values > 0 for request in (plain, replace(plain, negatives=("hook",))))
+    hook = scene.query(3).similarity(scene.meanings("hook"))
+    other = scene.query(3).similarity(scene.meanings("tool")) > hook
+    assert np.array_equal(rest, tool & other)
+    assert rest.sum() < tool.sum()
+
+
+def test_areas_are_kept_and_saved_when_whole():
+    book, look = AreaBook(), LOOK
+    assert book.missing(look, 4, around=2) == [2, 1, 3, 0]
+    for prompt in look.prompts:
+        book.curve(prompt.text, look, 4)[:] = 0.25
+    book.curve("liver", look, 4)[3] = np.nan
+    assert book.missing(look, 4, around=0) == [3]
+    assert book.missing(replace(look, threshold=0.6), 4, around=0) == [0, 1, 2, 3]
+    again = AreaBook()
+    again.from_json(json.loads(json.dumps(book.to_json())), "here")
+    assert again.curve("gallbladder", look, 4).tolist() == [0.25] * 4
+    assert np.isnan(again.curve("liver", look, 4)).all()
+    for wrong in ([["a"]], [["a", "b", "c", [], []]], 7, [["a", "b", 0.5, [], ["x"]]]):
+        with pytest.raises(RunError, match="here"):
+            again.from_json(wrong, "here")
