@@ -16,6 +16,7 @@ from engine.progress import Progress
 from engine.training.config import TrainConfig
 
 Variant = tuple[str, bool, bool]  # routing, angular loss, appearance branch
+Found = dict[Variant | str, list[dict[str, Any]]]  # scores of a variant, or of one of `OTHERS`, one a seed
 VARIANTS: list[Variant] = [*product(ROUTINGS, (True, False), (True, False))]
 BASELINE: Variant = ("coupled", False, False)
 #: Beside the grid: other parts of the default, taken away alone, and the baseline as peers train it, on the teacher's patches as they are.
@@ -36,9 +37,8 @@ SCENE = {
 
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
-    """For each phantom: what each variant reaches, and each class's IoU; at last, single parts taken from the default."""
+    """For each phantom: what each variant reaches, each class's IoU, and single parts taken from the default."""
     clips = phantoms(options, lambda fraction, words: progress(0.03 * fraction, words))
-    found: dict[tuple[str, Variant | str], list[dict[str, Any]]] = {}
     for number, (kind, clip) in enumerate(clips.items()):
         trainings = [
             Training(
@@ -66,13 +66,10 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
 
         scores = score_all(trainings, options, tell, f"{kind}: trainings")
         count = len(options.seeds)
-        for i, variant in enumerate(VARIANTS):
-            found[kind, variant] = scores[i * count : (i + 1) * count]
-        for i, name in enumerate(OTHERS, len(VARIANTS)):
-            found[kind, name] = scores[i * count : (i + 1) * count]
-        yield summary(kind, {variant: found[kind, variant] for variant in VARIANTS}, options)
-        yield per_class(kind, {variant: found[kind, variant] for variant in VARIANTS}, options)
-    yield parts(found, list(clips), options)
+        found: Found = {name: scores[i * count : (i + 1) * count] for i, name in enumerate([*VARIANTS, *OTHERS])}
+        yield summary(kind, found, options)
+        yield per_class(kind, found, options)
+        yield parts(kind, found, options)
 
 
 def words_of(variant: Variant) -> dict[str, Cell]:
@@ -87,14 +84,14 @@ def teacher_words() -> str:
     return f"Teacher: exact labels degraded like a VLM ({VLM_LIKE}; engine/language/teachers/degraded.py), training frames only."
 
 
-def summary(kind: str, found: dict[Variant, list[dict[str, Any]]], options: BenchOptions) -> Table:
+def summary(kind: str, found: Found, options: BenchOptions) -> Table:
     """One row a training: masks by every decoder, false motion, motion, pictures."""
     columns = [*NAMES, *(Column(f"miou {d}", f"mIoU {d}", 3, "mean") for d in DECODERS)]
     columns += [Column(f"boundary {d}", f"boundary F {d}", 3, "mean") for d in DECODERS]
     columns += [Column(key, heading, digits, "mean") for key, (heading, digits) in SCENE.items()]
     rows: list[dict[str, Cell]] = []
-    for variant, runs in found.items():
-        row = words_of(variant)
+    for variant in VARIANTS:
+        runs, row = found[variant], words_of(variant)
         for d in DECODERS:
             row[f"miou {d}"] = [r["miou"][d] for r in runs]
             row[f"boundary {d}"] = [r["masks"][d]["boundary_f"] for r in runs]
@@ -110,11 +107,12 @@ def summary(kind: str, found: dict[Variant, list[dict[str, Any]]], options: Benc
     return Table(f"ablation-{kind}", f"Ablation, phantom “{kind}”", f"{protocol(options)} {teacher_words()}", columns, rows)
 
 
-def per_class(kind: str, found: dict[Variant, list[dict[str, Any]]], options: BenchOptions) -> Table:
+def per_class(kind: str, found: Found, options: BenchOptions) -> Table:
     """IoU of every class by every variant and decoder; instruments last."""
     classes = list(found[BASELINE][0]["masks"][DECODERS[0]]["iou"])
     rows: list[dict[str, Cell]] = []
-    for variant, runs in found.items():
+    for variant in VARIANTS:
+        runs = found[variant]
         for d in DECODERS:
             ious = {c: [r["masks"][d]["iou"][c] for r in runs if r["masks"][d]["iou"][c] is not None] for c in classes}
             rows.append(words_of(variant) | {"decoder": d, "miou": [r["miou"][d] for r in runs]} | ious)
@@ -124,7 +122,7 @@ def per_class(kind: str, found: dict[Variant, list[dict[str, Any]]], options: Be
     return Table(f"ablation-{kind}-classes", title, f"{protocol(options)} {teacher_words()}", columns, rows)
 
 
-def parts(found: dict[tuple[str, Variant | str], list[dict[str, Any]]], kinds: list[str], options: BenchOptions) -> Table:
+def parts(kind: str, found: Found, options: BenchOptions) -> Table:
     """The default, the default less one part at a time, and the baseline."""
     config = TrainConfig()
     default: Variant = (config.routing, config.angular, config.appearance)
@@ -136,24 +134,25 @@ def parts(found: dict[tuple[str, Variant | str], list[dict[str, Any]]], kinds: l
     chosen += [(f"decoder {d}", default, d) for d in DECODERS if d != DEFAULT_DECODER]
     chosen += [(name, name, "threshold" if name.startswith("baseline") else DEFAULT_DECODER) for name in OTHERS]
     chosen.append(("coupled, L1, no Ψ_app, threshold", BASELINE, "threshold"))
-    columns = [Column("part", "what is changed")]
-    rows: list[dict[str, Cell]] = [{"part": name} for name, _, _ in chosen]
-    for kind in kinds:
-        columns += [
-            Column(f"miou {kind}", f"mIoU, {kind}", 3, "mean"),
-            Column(f"gap {kind}", "points below the default", 1, "mean"),
-            Column(f"spurious {kind}", "spurious, mm", 3, "mean"),
-        ]
-        for row, (_, variant, d) in zip(rows, chosen, strict=True):
-            runs = found[kind, variant]
-            row[f"miou {kind}"] = [r["miou"][d] for r in runs]
-            row[f"spurious {kind}"] = [r["spurious_displacement"] for r in runs]
-            best = [r["miou"][DEFAULT_DECODER] for r in found[kind, default]]
-            row[f"gap {kind}"] = [100 * (b - r["miou"][d]) for b, r in zip(best, runs, strict=True)]
+    best = [r["miou"][DEFAULT_DECODER] for r in found[default]]
+    rows: list[dict[str, Cell]] = [
+        {
+            "part": name,
+            "miou": [r["miou"][d] for r in found[variant]],
+            "gap": [100 * (b - r["miou"][d]) for b, r in zip(best, found[variant], strict=True)],
+            "spurious": [r["spurious_displacement"] for r in found[variant]],
+        }
+        for name, variant, d in chosen
+    ]
     return Table(
-        "ablation-parts",
-        "The default less one part at a time",
+        f"ablation-{kind}-parts",
+        f"The default less one part at a time, phantom “{kind}”",
         f"{protocol(options)} {teacher_words()} Gaps are seed by seed.",
-        columns,
+        [
+            Column("part", "what is changed"),
+            Column("miou", "mIoU", 3, "mean"),
+            Column("gap", "points below the default", 1, "mean"),
+            Column("spurious", "spurious, mm", 3, "mean"),
+        ],
         rows,
     )

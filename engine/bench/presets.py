@@ -6,6 +6,7 @@ import math
 import shutil
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +41,14 @@ SCORES = {
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     story = QUICK_PHANTOM if options.quick else PHANTOMS[options.device]
-    clip = options.scratch / "presets-phantom"
-    if not clip.exists():
-        make_phantom(clip, story, lambda fraction, message: progress(0.02 * fraction, message))
     shape = f"a phantom of {story.frames} frames, {story.width} × {story.height}, seed 0, with exact depth and labels"
-    places: list[tuple[Path, str, str, float | None]] = [(clip, "phantom", shape, noise_floor(story.noise))]
+    places: list[tuple[Path, str, str, float | None]] = []
+    for name, masked in (("phantom", False), ("phantom-tissue", True)):
+        clip = options.scratch / f"presets-{name}"
+        if not clip.exists():
+            make_phantom(clip, replace(story, tool_masks=masked), lambda fraction, message: progress(0.02 * fraction, message))
+        words = f"{shape}, tools masked: neither reconstructed nor scored" if masked else shape
+        places.append((clip, name, words, noise_floor(story.noise)))
     places += [(path, path.resolve().name, f"the clip `{path.resolve().name}`", None) for path in options.clips]
     for done, (path, name, words, floor) in enumerate(places):
 
@@ -64,7 +68,7 @@ def _table(clip: Path, name: str, words: str, floor: float | None, options: Benc
     unit = "mm" if floor is not None else "clip's unit"
     table = Table(
         f"presets-{name}",
-        f"Presets on {'a phantom' if floor is not None else name}",
+        f"Presets on {name.replace('-', ', ')}",
         f"{words[0].upper()}{words[1:]}. Each preset {'cut to a few steps ' * options.quick}is trained with seeds "
         f"{', '.join(map(str, options.seeds))}, each time in a process of its own, as by `degense train`, and scored as by `degense eval`. "
         "Wall: from the start of the process to the saved run. Training: without the start of the program. Memory: on a GPU the most that "

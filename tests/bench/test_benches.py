@@ -122,7 +122,8 @@ def test_the_view_of_another_size_shows_the_same_width(scene):
 def test_presets_table(options, monkeypatch, tmp_path):
     monkeypatch.setattr(presets, "QUICK_PRESETS", {"quick": {"iterations": 8, "max_gaussians": 300}})
     monkeypatch.setattr(presets, "QUICK_PHANTOM", PhantomOptions(frames=9, width=48, height=40))
-    [table] = run("presets", BenchOptions("cpu", (0,), 1, True, tmp_path))
+    table, tissue = run("presets", BenchOptions("cpu", (0,), 1, True, tmp_path))
+    assert (table.name, tissue.name) == ("presets-phantom", "presets-phantom-tissue")
     [row] = table.rows
     assert row["short"][0] + row["psnr"][0] == pytest.approx(presets.noise_floor(1.5))
     assert row["wall"][0] > row["seconds"][0] > 0
