@@ -11,19 +11,35 @@ import pytest
 
 from app.cli import main
 from engine.clip import UNLABELLED
+from engine.errors import RunError
+from engine.language import EmbeddedEncoder
 from engine.language.teachers import store
+from engine.language.text_vectors import write_vectors
+from engine.phantom import PhantomOptions, make_phantom
+from engine.progress import silent
 from engine.readers.images import read_index
 from engine.readers.labels import read_classes
+from engine.scene import Scene
+from tests.language import peers
 
-RUN_ARGUMENTS = ("--preset", "quick", "--iterations", "40", "--max-gaussians", "1500", "--device", "cpu")
+SMALL = ("--preset", "quick", "--iterations", "20", "--max-gaussians", "800", "--device", "cpu")
 
 
 @pytest.fixture
-def clip(tiny_clip: Path, tmp_path: Path) -> Path:
-    """A clip without label maps."""
-    copy = tmp_path / "clip"
-    shutil.copytree(tiny_clip, copy, ignore=shutil.ignore_patterns("labels"))
-    return copy
+def clip(tmp_path: Path) -> Path:
+    """A phantom; its label maps are moved out of it, into `truth/` beside it."""
+    clip = tmp_path / "clip"
+    make_phantom(clip, PhantomOptions(frames=4, width=64, height=48, seed=3), silent)
+    shutil.move(clip / "labels", tmp_path / "truth")
+    return clip
+
+
+def truth(clip: Path, frame: int) -> np.ndarray:
+    return read_index(clip.parent / "truth" / f"{frame:06d}.png")
+
+
+def overlap(found: np.ndarray, there: np.ndarray) -> float:
+    return (found & there).sum() / (found | there).sum()
 
 
 def scribble(clip: Path, labels: np.ndarray) -> None:
@@ -36,16 +52,14 @@ def scribble(clip: Path, labels: np.ndarray) -> None:
     cv2.imwrite(str(clip / "strokes" / "000000.png"), strokes)
 
 
-def test_strokes_train_a_scene_that_can_be_prompted(clip, tiny_clip, tmp_path, capsys):
-    labels = read_index(tiny_clip / "labels" / "000000.png")
-    scribble(clip, labels)
+def test_strokes_train_a_scene_that_can_be_prompted(clip, tmp_path, capsys):
+    scribble(clip, truth(clip, 0))
     assert main(["info", str(clip)]) == 0
-    assert "strokes 1 of 10 frames" in capsys.readouterr().out
-    assert main(["train", str(clip), "--out", str(tmp_path / "run"), *RUN_ARGUMENTS]) == 0  # strokes are what this clip has
-    assert main(["segment", str(tmp_path / "run"), "--prompt", "liver", "--frame", "4", "--out", str(tmp_path / "m.npy")]) == 0
-    truth = read_index(tiny_clip / "labels" / "000004.png") == read_classes(clip / "classes.json").index("liver")
-    found = np.load(tmp_path / "m.npy")
-    assert (found & truth).sum() / (found | truth).sum() > 0.6
+    assert "strokes 1 of 4 frames" in capsys.readouterr().out
+    assert main(["train", str(clip), "--out", str(tmp_path / "run"), *SMALL]) == 0  # strokes are what this clip has
+    assert main(["segment", str(tmp_path / "run"), "--prompt", "liver", "--frame", "1", "--out", str(tmp_path / "m.npy")]) == 0
+    liver = read_classes(clip / "classes.json").index("liver")
+    assert overlap(np.load(tmp_path / "m.npy"), truth(clip, 1) == liver) > 0.6
 
     capsys.readouterr()
     assert main(["cache"]) == 0
@@ -58,3 +72,20 @@ def test_strokes_train_a_scene_that_can_be_prompted(clip, tiny_clip, tmp_path, c
 def test_strokes_that_are_not_there(clip, tmp_path, capsys):
     assert main(["train", str(clip), "--out", str(tmp_path / "run"), "--teacher", "strokes"]) == 2
     assert capsys.readouterr().err.endswith("has no strokes; draw some, or add strokes/ and classes.json.\n")
+
+
+@pytest.mark.parametrize("kind", peers.WRITERS)
+def test_features_of_peers_train_a_scene_that_can_be_prompted(kind, clip, tmp_path):
+    run, names, features = tmp_path / "run", read_classes(clip / "classes.json"), clip / "features"
+    vectors = peers.class_vectors(names)
+    features.mkdir()
+    write_vectors(features / "text_vectors.safetensors", dict(zip(names, vectors, strict=True)), "made-up")
+    for frame in (0, 2, 3):
+        peers.WRITERS[kind](features, f"{frame:06d}", truth(clip, frame), vectors)
+    teacher = f"precomputed:{features}?level=2" if kind == "langsplat" else "precomputed"
+    assert main(["train", str(clip), "--out", str(run), "--teacher", teacher, *SMALL]) == 0
+    assert main(["segment", str(run), "--prompt", "livers", "--frame", "1", "--out", str(tmp_path / "m.npy")]) == 0
+    assert overlap(np.load(tmp_path / "m.npy"), truth(clip, 1) == names.index("liver")) > 0.6
+    assert main(["segment", str(run), "--prompt", "spleen", "--frame", "1", "--out", str(tmp_path / "n.npy")]) == 2  # has no text vector
+    with pytest.raises(RunError, match="text encoder 'made-up'"):
+        Scene.open(run, device="cpu", encoder=EmbeddedEncoder())

@@ -1,0 +1,91 @@
+"""Which teacher a name means, and which of them a clip has what it takes for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from engine.clip import Clip
+from engine.errors import DegenseError
+from engine.language.embedded import EmbeddedEncoder
+from engine.language.teachers.degraded import Degradation, DegradedTeacher
+from engine.language.teachers.labels import LabelTeacher
+from engine.language.teachers.precomputed import PrecomputedTeacher, find_features
+from engine.language.teachers.store import CostlyTeacher
+from engine.language.teachers.strokes import StrokeTeacher
+from engine.language.teachers.teacher import Teacher
+
+TEACHERS = ("labels", "strokes", "precomputed", "degraded")
+
+
+@dataclass(frozen=True)
+class TeacherChoice:
+    """A teacher for a clip.
+
+    Attributes
+    ----------
+    name : str
+        As `teacher_by_name` and the command line take it.
+    available : bool
+        Whether the clip has what it takes; else a folder must be named, as in "precomputed:FOLDER", or something must be added.
+    reason : str
+        In one line: what it would use, or what is missing.
+    """
+
+    name: str
+    available: bool
+    reason: str
+
+
+def teacher_choices(clip: Clip) -> list[TeacherChoice]:
+    """All teachers that a user may choose for a clip, the best first, `none` last."""
+    labelled, stroked, count = len(clip.labelled_frames), len(clip.stroked_frames), len(clip)
+    choices = [
+        _choice("labels", labelled, f"label maps of {labelled} of {count} frames", "no label maps: add labels/ and classes.json"),
+        _choice("strokes", stroked, f"strokes on {stroked} of {count} frames", "no strokes: draw some, or add strokes/ and classes.json"),
+    ]
+    try:
+        choices.append(TeacherChoice("precomputed", True, f"features from {find_features(clip).name}/"))
+    except DegenseError as error:
+        choices.append(TeacherChoice("precomputed", False, str(error)))
+    return [*choices, TeacherChoice("none", True, "geometry only: nothing can be prompted")]
+
+
+def _choice(name: str, count: int, there: str, missing: str) -> TeacherChoice:
+    return TeacherChoice(name, count > 0, there if count else missing)
+
+
+def teacher_by_name(name: str, clip: Clip) -> Teacher | CostlyTeacher:
+    """The teacher called `name` for a clip; `answered` makes a costly one speak.
+
+    "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; or "degraded", the labels made as unreliable as a vision-language
+    model, possibly with its strength: "degraded:patches=24,noise=0.5,confusion=0.15,flicker=0.1,seed=0".
+
+    Raises
+    ------
+    DegenseError
+        For an unknown name, and when the clip lacks what the teacher needs.
+    """
+    kind, _, how = name.partition(":")
+    if kind not in TEACHERS or (how and kind in ("labels", "strokes")):
+        raise DegenseError(f"there is no teacher {name!r}; choose {', '.join(TEACHERS)} or none")
+    if kind == "precomputed":
+        place, values = _place(name, {"level": 0})
+        return PrecomputedTeacher(clip, place or find_features(clip), values["level"])
+    encoder = EmbeddedEncoder()
+    if kind == "strokes":
+        return StrokeTeacher(clip, encoder)
+    return LabelTeacher(clip, encoder) if kind == "labels" else DegradedTeacher(LabelTeacher(clip, encoder), Degradation.parse(how))
+
+
+def _place(name: str, defaults: dict[str, int]) -> tuple[Path | None, dict[str, int]]:
+    """Folder and numbers of "KIND:FOLDER?name=number&name=number"."""
+    _, _, how = name.partition(":")
+    folder, _, options = how.partition("?")
+    values = dict(defaults)
+    for word in filter(None, options.split("&")):
+        key, _, number = word.partition("=")
+        if key not in defaults or not number.isdecimal():
+            raise DegenseError(f"the teacher {name!r} does not understand {word!r}: say name=number, of {', '.join(defaults)}")
+        values[key] = int(number)
+    return (Path(folder).expanduser() if folder else None), values
