@@ -91,6 +91,21 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     _run(sub)
     sub.add_argument("--clip", type=Path, metavar="CLIP", help="where the clip is, when it has moved")
     sub.add_argument("--json", type=Path, metavar="FILE", help="write the scores there too")
+    sub.add_argument("--report", type=Path, metavar="FOLDER", help="write report.json, report.md and report.html there, with pictures")
+    _clip_options(sub)
+
+    sub = command("compare", "comparing:compare", "train and score the systems that the paper compares on one clip")
+    sub.add_argument("clip", type=Path, metavar="CLIP", help="with label maps")
+    sub.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for runs, scores and the report; goes on where it stopped"
+    )
+    sub.add_argument("--methods", metavar="NAME,...", help="langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degense (default: all)")
+    sub.add_argument("--seeds", type=_positive, default=1, metavar="N", help="trainings of each (default 1; intervals take 2 or more)")
+    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from, the same for all (default: labels)")
+    sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
+    sub.add_argument("--iterations", type=_positive, metavar="N")
+    sub.add_argument("--max-gaussians", type=_positive, metavar="N")
+    sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
     _clip_options(sub)
 
     sub = command("render", "drawing:render", "draw a layer of a run")

@@ -6,6 +6,7 @@ import argparse
 import json
 from typing import Any
 
+from app.commands.comparing import report_run
 from app.commands.making import clip_options
 from app.terminal import Bar, table
 from engine.errors import ClipError
@@ -32,6 +33,8 @@ def evaluate(options: argparse.Namespace) -> None:
     if options.json:
         write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
     print(table(_printable(scores)))
+    if options.report:
+        report_run(scene, clip, scores, options.report)
 
 
 def _printable(scores: dict[str, Any]) -> dict[str, Any]:
