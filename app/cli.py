@@ -82,6 +82,15 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
     sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
     sub.add_argument("--seed", type=int, metavar="S")
+    sub.add_argument(
+        "--set",
+        type=_setting,
+        action="append",
+        default=[],
+        dest="settings",
+        metavar="NAME=VALUE",
+        help="any other setting, repeatable; --set help explains them all",
+    )
     sub.add_argument("--no-fit", dest="fit", action="store_false", help="the preset's full budget, even where the clip needs less")
     sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
     sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")
@@ -172,6 +181,10 @@ def _clip_options(sub: argparse.ArgumentParser) -> None:
         default="auto",
         help="whether the camera moves: as the clip says, else decided from its frames (auto, default); no; yes, and find out how",
     )
+    sub.add_argument("--pose-axes", choices=("llff", "opencv"), default="llff", help="axes of a moving camera's poses (default: llff)")
+    sub.add_argument("--start", type=int, default=0, metavar="N", help="first frame used of a video file")
+    sub.add_argument("--stride", type=_positive, default=1, metavar="N", help="use each Nth frame of a video file")
+    sub.add_argument("--max-frames", type=_positive, default=2000, metavar="N", help="most frames used of a video file (default 2000)")
     sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
 
 
@@ -186,6 +199,13 @@ def _positive(text: str) -> int:
     if value < 1:
         raise argparse.ArgumentTypeError("must be at least 1")
     return value
+
+
+def _setting(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals and name != "help":
+        raise argparse.ArgumentTypeError(f"{text!r} is no setting such as flow=10")
+    return name, value
 
 
 def _size(text: str) -> tuple[int, int]:

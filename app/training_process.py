@@ -7,44 +7,17 @@ import logging
 import sys
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QProcess, QTimer, Signal
 
+from app.training_job import TrainingJob
+
 log = logging.getLogger(__name__)
 
 SAVE_SECONDS, TERMINATE_SECONDS = 15.0, 5.0
 MAX_LINE = 1 << 20
-
-
-@dataclass(frozen=True)
-class TrainingJob:
-    """What to train, in the words of the command line. None leaves the choice to the preset."""
-
-    clip: Path
-    out: Path
-    preset: str = "balanced"
-    routing: str | None = None
-    teacher: str | None = None
-    iterations: int | None = None
-    max_gaussians: int | None = None
-    device: str | None = None
-    seed: int | None = None
-    resume: bool = False
-    layout: str | None = None
-    mask_means: str | None = None
-    focal: float | None = None
-
-    def arguments(self) -> list[str]:
-        """The command's arguments after `degense`."""
-        words = ["train", str(self.clip), "--out", str(self.out), "--events", "--preset", self.preset]
-        for name in ("routing", "teacher", "iterations", "max_gaussians", "device", "seed", "layout", "mask_means", "focal"):
-            value = getattr(self, name)
-            if value is not None:
-                words += [f"--{name.replace('_', '-')}", str(value)]
-        return [*words, "--resume"] if self.resume else words
 
 
 class EventLines:

@@ -1,17 +1,20 @@
-"""How training goes: stage, numbers, loss, preview, and a button that stops it."""
+"""How training goes: stage, numbers, curves, a preview against the recorded frame, and buttons that pause and stop it."""
 
 from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QSplitter, QVBoxLayout, QWidget
 
 from widgets.curve_plot import CurvePlot
 from widgets.keys import PRESS, keep_keys
 from widgets.render_panel import RenderPanel
+from widgets.run_queue import RunQueue
 from widgets.theme import error_colour
 
-STATES = ("idle", "running", "finished", "failed", "cancelled")
+STATES = ("idle", "running", "paused", "finished", "failed", "cancelled")
+
+COMPARES = (("wipe", "Wipe: model | recorded"), ("off", "Model"), ("blink", "Blink"), ("difference", "Difference"))
 
 _FACTS = ("Iteration", "Loss", "PSNR", "Gaussians", "Elapsed", "Time left")
 
@@ -28,9 +31,11 @@ def duration(seconds: float) -> str:
 
 
 class TrainingMonitor(QWidget):
-    """Shows what it is told. Cancel asks nothing and emits `cancel_requested`; the state changes when the end is reported."""
+    """Shows what it is told. The buttons only ask (`cancel_requested`, …); the state changes when the end is reported."""
 
     cancel_requested = Signal()
+    pause_requested = Signal()
+    resume_requested = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -52,6 +57,9 @@ class TrainingMonitor(QWidget):
         self._cancel.setToolTip("Stop training; what is learnt so far is kept as a checkpoint")
         self._cancel.clicked.connect(self._ask_to_stop)
         keep_keys(self._cancel, PRESS)
+        self._pause = QPushButton("Pause", self)
+        self._pause.clicked.connect(self._ask_to_pause)
+        keep_keys(self._pause, PRESS)
         self._facts: dict[str, QLabel] = {}
         facts = QGridLayout()
         facts.setHorizontalSpacing(10)
@@ -72,20 +80,38 @@ class TrainingMonitor(QWidget):
         self._note.hide()
         self._plot = CurvePlot(self)
         self._plot.setAccessibleName("Loss")
-        self._plot.set_labels("iteration", "")
+        self._plot.set_labels("iteration", "loss")
         self._plot.set_log_y(True)
         self._plot.set_message("The loss curve appears here")
+        self._scores = CurvePlot(self)
+        self._scores.setAccessibleName("PSNR")
+        self._scores.set_labels("iteration", "PSNR [dB]")
+        self._scores.set_message("The PSNR of the training frames appears here")
         self._preview = RenderPanel(self)
         self._preview.setAccessibleName("Preview")
         self._preview.set_message("A preview appears here during training")
+        self._compare = QComboBox(self)
+        self._compare.setAccessibleName("Compare the preview with the recorded frame")
+        for mode, words in COMPARES:
+            self._compare.addItem(words, mode)
+        self._compare.currentIndexChanged.connect(lambda: self._preview.set_compare_mode(self._compare.currentData()))
+        self._preview.set_compare_mode("wipe")
+        shown = QWidget(self)
+        below = QVBoxLayout(shown)
+        below.setContentsMargins(0, 0, 0, 0)
+        below.setSpacing(4)
+        below.addWidget(self._preview, 1)
+        below.addWidget(self._compare)
+        self.queue = RunQueue(self)
         split = QSplitter(Qt.Orientation.Horizontal, self)
         split.setChildrenCollapsible(False)
-        split.addWidget(self._plot)
-        split.addWidget(self._preview)
-        split.setSizes([300, 260])
+        for part in (self._plot, self._scores, shown, self.queue):
+            split.addWidget(part)
+        split.setSizes([300, 300, 300, 160])
 
         top = QHBoxLayout()
         top.addWidget(self._heading, 1)
+        top.addWidget(self._pause)
         top.addWidget(self._cancel)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(8, 8, 8, 8)
@@ -143,9 +169,14 @@ class TrainingMonitor(QWidget):
                 self._facts[name].setText(text)
         if loss is not None:
             self._plot.append("loss", iteration, loss)
+        if psnr is not None:
+            self._scores.append("PSNR", iteration, psnr)
 
-    def set_preview(self, rgb: np.ndarray | None) -> None:
+    def set_preview(self, rgb: np.ndarray | None, observed: np.ndarray | None = None) -> None:
+        """Show a frame as the model draws it, uint8 [H, W, 3], and as it was recorded."""
         self._preview.set_image(rgb)
+        if observed is not None:
+            self._preview.set_observed(observed)
 
     def note(self, text: str) -> None:
         """A remark that stays until the next, such as a rollback; empty takes it away."""
@@ -162,6 +193,11 @@ class TrainingMonitor(QWidget):
         self._stop_bar()
         self._enter("failed", message)
 
+    def pause(self, message: str) -> None:
+        """It has made room and can go on."""
+        self._stop_bar()
+        self._enter("paused", message)
+
     def cancelled(self, message: str = "") -> None:
         self._stop_bar()
         self._enter("cancelled", message or "Stopped")
@@ -174,13 +210,18 @@ class TrainingMonitor(QWidget):
             colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
         self._stage.setPalette(colours)
         self._cancel.setText("Cancel")
-        self._cancel.setEnabled(state == "running")
+        self._cancel.setEnabled(state in ("running", "paused"))
+        self._pause.setText("Resume" if state == "paused" else "Pause")
+        self._pause.setToolTip("Go on where it was paused" if state == "paused" else "Save and make room; it goes on exactly where it was")
+        self._pause.setEnabled(state in ("running", "paused"))
 
     def _clear(self) -> None:
         self._bar.setRange(0, 1)
         self._bar.reset()
         self._plot.clear()
+        self._scores.clear()
         self._preview.set_image(None)
+        self._preview.set_observed(None)
         self.note("")
         for value in self._facts.values():
             value.setText("–")
@@ -193,5 +234,14 @@ class TrainingMonitor(QWidget):
 
     def _ask_to_stop(self) -> None:
         self._cancel.setEnabled(False)
+        self._pause.setEnabled(False)
         self._cancel.setText("Stopping…")
         self.cancel_requested.emit()
+
+    def _ask_to_pause(self) -> None:
+        self._pause.setEnabled(False)
+        if self._state == "paused":
+            self.resume_requested.emit()
+        else:
+            self._pause.setText("Pausing…")
+            self.pause_requested.emit()

@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import traceback
+from dataclasses import fields
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -44,6 +45,8 @@ def phantom(options: argparse.Namespace) -> None:
 
 def train(options: argparse.Namespace) -> None:
     """Train in this process. With `--events`, speak JSON lines; otherwise show a bar."""
+    if ("help", "") in options.settings:
+        return list_settings(options.preset)
     stop = StopFlag()
     report: JsonEvents | TerminalEvents = JsonEvents(stop) if options.events else TerminalEvents()
     if options.events:
@@ -68,6 +71,7 @@ def train(options: argparse.Namespace) -> None:
 def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, stop: StopFlag) -> None:
     if not options.resume:
         _refuse_non_empty(options.out)
+    from app.training_job import parse_settings
     from engine.readers import open_clip
     from engine.training import TrainConfig
     from engine.training import train as run_training
@@ -80,6 +84,7 @@ def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, sto
         device=options.device,
         seed=options.seed,
         fit=options.fit,
+        **parse_settings(tuple(options.settings)),
     )
     clip = open_clip(options.clip, clip_options(options))
     said: list[str] = []
@@ -93,10 +98,20 @@ def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, sto
         report({"event": "stopped", "iteration": 0})
 
 
+def list_settings(preset: str) -> None:
+    """What `--set` takes, with the values of a preset."""
+    from app.training_words import settings_of
+    from engine.training import TrainConfig
+
+    for setting in settings_of(TrainConfig.preset_of(preset)):
+        value = list(setting.value) if isinstance(setting.value, tuple) else setting.value
+        print(f"{setting.name}={json.dumps(value)}\n    {setting.words}")
+
+
 def clip_options(options: argparse.Namespace) -> ClipOptions:
     from engine.readers import ClipOptions
 
-    return ClipOptions(layout=options.layout, mask_means=options.mask_means, focal=options.focal, poses=options.poses)
+    return ClipOptions(**{item.name: getattr(options, item.name) for item in fields(ClipOptions)})
 
 
 def _refuse_non_empty(folder: Path) -> None:

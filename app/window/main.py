@@ -24,11 +24,28 @@ from app.window.palette import Palette
 from app.window.parts import Parts
 from app.window.probing import Probing
 from app.window.ranking import RankingControl
+from app.window.run_list import RunList
 from app.window.runs import Runs
 from app.window.training import Training
 from widgets.theme import apply_theme
 
-CHANNELS = ("open", "view", "range", "answers", "material", "second", "second-view", "probe", "curves", "rank", "export", "areas", "doctor")
+#: The most urgent first.
+CHANNELS = (
+    "open",
+    "view",
+    "range",
+    "answers",
+    "material",
+    "second",
+    "second-view",
+    "probe",
+    "curves",
+    "rank",
+    "observed",
+    "export",
+    "areas",
+    "doctor",
+)
 
 
 class MainWindow(QMainWindow):
@@ -60,7 +77,8 @@ class MainWindow(QMainWindow):
         self.keeping = Keeping(self.session, settings, self.parts)
         self.opening = Opening(self.session, self.service, settings, self.parts, self.keeping)
         self.exporting = Exporting(self.session, self.service, self.parts, self.drawing)
-        self.training = Training(self.session, self.parts, self.opening)
+        self.training = Training(self.session, self.service, self.parts, self.opening)
+        self.run_list = RunList(self.session, settings, self.parts, self.opening, self.training)
         self.session.register("window", WindowLayout(self.session, self.parts, self.drawing))
         self.registry = ActionRegistry()
         actions.fill(self.registry, self)
@@ -169,6 +187,7 @@ class MainWindow(QMainWindow):
             return
         self.session.pause()
         self.keeping.end()
+        self.run_list.stop()
         geometry = bytes(self.saveGeometry().toBase64().data()).decode("ascii")
         state = bytes(self.saveState().toBase64().data()).decode("ascii")
         self.settings.update(geometry=geometry, state=state)

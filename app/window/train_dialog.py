@@ -2,120 +2,185 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
+    QCheckBox,
     QComboBox,
     QDialog,
     QDialogButtonBox,
     QFileDialog,
-    QFormLayout,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLineEdit,
     QPushButton,
     QSpinBox,
+    QTabWidget,
     QVBoxLayout,
     QWidget,
 )
 
-from app.training_process import TrainingJob
+from app import training_words as words
+from app.training_job import TrainingJob
+from app.window.settings_table import SettingsTable
 from engine.errors import DegenseError
+from widgets.theme import error_colour
 
 if TYPE_CHECKING:
     from engine.clip import Clip
 
-PRESET_WORDS = (("quick", "Quick: a first look"), ("balanced", "Balanced"), ("best", "Best: for results"))
-ROUTING_WORDS = (
-    ("isolated", "Isolated: meaning never moves tissue"),
-    ("paper", "Paper: shared encoder, two branches"),
-    ("coupled", "Coupled: the rigid baseline"),
-)
-TEACHER_WORDS = (
-    ("labels", "Labels: the clip's label maps"),
-    ("strokes", "Strokes: scribbles beside the clip"),
-    ("precomputed", "Precomputed feature files"),
-    ("vlm", "A local vision-language model"),
-    ("none", "None: geometry only, no prompts"),
-)
-DEVICE_WORDS = (("auto", "Automatic"), ("cpu", "Processor"), ("cuda", "CUDA GPU"))
-
 
 class TrainDialog(QDialog):
-    """Asks for a `TrainingJob`. The estimate follows each change; an unusable folder is said before the start, not after."""
+    """Asks for a `TrainingJob`. Every choice says what it does, the cost follows each change, and what cannot be is said before the start.
 
-    def __init__(self, clip: Clip, answers: dict[str, Any], parent: QWidget) -> None:
+    Parameters
+    ----------
+    answers : dict
+        What the user has said about the clip (`ClipOptions`).
+    last : dict
+        The answers of the last training (`TrainingJob.answers`).
+    queued : bool
+        Whether another training runs, so that this one will wait.
+    """
+
+    def __init__(self, clip: Clip, answers: dict[str, Any], last: dict[str, Any], queued: bool, parent: QWidget) -> None:
         super().__init__(parent)
         self.setWindowTitle(f"Train {clip.name}")
-        self.setMinimumWidth(520)
+        self.resize(880, 640)
         self._clip, self._answers = clip, answers
-        self.preset = _combo(PRESET_WORDS, "balanced")
-        self.routing = _combo(ROUTING_WORDS, "isolated")
-        self.teacher = _combo(TEACHER_WORDS, "labels" if clip.labelled_frames else "none")
-        self.device = _combo(DEVICE_WORDS, "auto")
-        self.iterations = QSpinBox()
-        self.iterations.setRange(0, 1_000_000)
-        self.iterations.setSingleStep(500)
-        self.iterations.setSpecialValueText("as the preset")
-        self.seed = QSpinBox()
-        self.seed.setRange(0, 2**31 - 1)
+        self.preset = _combo("Quality", words.PRESET_WORDS)
+        self.routing = _combo("Gradient routing", words.ROUTING_WORDS)
+        self.teacher = _combo("Meaning from", words.TEACHER_WORDS)
+        self.device = _combo("Device", words.DEVICE_WORDS)
+        self.poses = _combo("Camera", words.POSES_WORDS)
+        self.fit = QCheckBox("Fit the budget to the clip")
+        self.iterations = _number("Iterations", 1_000_000, 500, "as the preset")
+        self.gaussians = _number("Gaussians", 5_000_000, 5000, "as the preset")
+        self.seed = _number("Seed", 2**31 - 1, 1, "")
         self.out = QLineEdit(str(_free_folder(clip.path.parent / f"{clip.path.stem}-run")))
-        browse = QPushButton("Choose…")
-        browse.clicked.connect(self._browse)
-        folder = QHBoxLayout()
-        folder.addWidget(self.out, 1)
-        folder.addWidget(browse)
-        self.cost = QLabel()
-        self.cost.setWordWrap(True)
-        self.complaint = QLabel()
-        self.complaint.setWordWrap(True)
+        self.out.setAccessibleName("Run folder")
+        self.table = SettingsTable()
+        self.cost, self.complaint = QLabel(), QLabel()
+        for label, name in ((self.cost, "Cost"), (self.complaint, "What is wrong")):
+            label.setWordWrap(True)
+            label.setAccessibleName(name)
+        colours = self.complaint.palette()
+        colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
+        self.complaint.setPalette(colours)
         self.buttons = QDialogButtonBox()
-        self.start = self.buttons.addButton("Start", QDialogButtonBox.ButtonRole.AcceptRole)
+        self.start = self.buttons.addButton("Add to queue" if queued else "Start", QDialogButtonBox.ButtonRole.AcceptRole)
         self.buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
+        self.reset = self.buttons.addButton("Defaults", QDialogButtonBox.ButtonRole.ResetRole)
         self.buttons.accepted.connect(self.accept)
         self.buttons.rejected.connect(self.reject)
-        form = QFormLayout()
-        form.addRow("Quality", self.preset)
-        form.addRow("Meaning from", self.teacher)
-        form.addRow("Gradient routing", self.routing)
-        form.addRow("Device", self.device)
-        form.addRow("Iterations", self.iterations)
-        form.addRow("Seed", self.seed)
-        form.addRow("Run folder", folder)
-        form.addRow("Cost", self.cost)
+        self.reset.clicked.connect(lambda: self.fill({}))
+        tabs = QTabWidget()
+        tabs.setDocumentMode(True)
+        tabs.addTab(self._choices(), "Choices")
+        tabs.addTab(self.table, "All settings")
+        tabs.setAccessibleName("Pages")
         column = QVBoxLayout(self)
-        column.addLayout(form)
+        column.addWidget(tabs, 1)
+        column.addWidget(self.cost)
         column.addWidget(self.complaint)
         column.addWidget(self.buttons)
-        for box in (self.preset, self.routing, self.device):
+        self.fill(last)
+        for box in (self.preset, self.routing, self.teacher, self.device, self.poses):
             box.currentIndexChanged.connect(self._update)
-        self.iterations.valueChanged.connect(self._update)
+        for number in (self.iterations, self.gaussians, self.seed):
+            number.valueChanged.connect(self._update)
+        self.fit.toggled.connect(self._update)
         self.out.textChanged.connect(self._update)
+        self.table.changed.connect(self._update)
         self._update()
 
     def job(self) -> TrainingJob:
-        return TrainingJob(
+        job = TrainingJob(
             clip=self._clip.path,
             out=Path(self.out.text()),
             preset=self.preset.currentData(),
             routing=self.routing.currentData(),
             teacher=self.teacher.currentData(),
             iterations=self.iterations.value() or None,
+            max_gaussians=self.gaussians.value() or None,
             device=self.device.currentData(),
             seed=self.seed.value(),
-            **self._answers,
+            fit=self.fit.isChecked(),
+            settings=self.table.typed,
         )
+        return replace(job, **(self._answers | {"poses": self.poses.currentData()}))
+
+    def fill(self, answers: dict[str, Any]) -> None:
+        """Show the answers of an earlier training; the rest is as in a fresh dialog, and so is a teacher that this clip lacks."""
+        job = TrainingJob(self._clip.path, Path(), routing="isolated", device="auto", seed=0).with_answers(answers)
+        teacher = job.teacher if job.teacher in words.TEACHER_WORDS and (job.teacher != "labels" or self._clip.labelled_frames) else None
+        choices = (
+            (self.preset, job.preset),
+            (self.routing, job.routing),
+            (self.teacher, teacher or ("labels" if self._clip.labelled_frames else "none")),
+            (self.device, job.device),
+            (self.poses, self._answers.get("poses", "auto")),
+        )
+        for box, value in choices:
+            box.setCurrentIndex(max(0, box.findData(value)))
+        self.iterations.setValue(job.iterations or 0)
+        self.gaussians.setValue(job.max_gaussians or 0)
+        self.seed.setValue(job.seed or 0)
+        self.fit.setChecked(job.fit)
+        self.table.set_typed(job.settings)
+        self._update()
+
+    def _choices(self) -> QWidget:
+        page = QWidget()
+        grid = QGridLayout(page)
+        grid.setColumnStretch(2, 1)
+        grid.setHorizontalSpacing(14)
+        grid.setVerticalSpacing(9)
+        browse = QPushButton("Choose…")
+        browse.clicked.connect(self._browse)
+        folder = QWidget()
+        line = QHBoxLayout(folder)
+        line.setContentsMargins(0, 0, 0, 0)
+        line.addWidget(self.out, 1)
+        line.addWidget(browse)
+        rows: tuple[tuple[str, QWidget, dict[str, tuple[str, str]] | str], ...] = (
+            ("Quality", self.preset, words.PRESET_WORDS),
+            ("Meaning from", self.teacher, words.TEACHER_WORDS),
+            ("Gradient routing", self.routing, words.ROUTING_WORDS),
+            ("Camera", self.poses, words.POSES_WORDS),
+            ("Device", self.device, words.DEVICE_WORDS),
+            ("Budget", self.fit, words.FIT_WORDS),
+            ("Iterations", self.iterations, words.ITERATION_WORDS),
+            ("Gaussians", self.gaussians, words.GAUSSIAN_WORDS),
+            ("Seed", self.seed, words.SEED_WORDS),
+        )
+        for row, (title, control, said) in enumerate(rows):
+            name = QLabel(title)
+            name.setBuddy(control)
+            control.setMinimumWidth(210)
+            grid.addWidget(name, row, 0)
+            grid.addWidget(control, row, 1)
+            grid.addWidget(_explained(control, said), row, 2)
+        grid.addWidget(QLabel("Run folder"), len(rows), 0)
+        grid.addWidget(folder, len(rows), 1, 1, 2)
+        grid.addWidget(_secondary(words.OUT_WORDS), len(rows) + 1, 1, 1, 2)
+        grid.setRowStretch(len(rows) + 2, 1)
+        return page
 
     def _update(self) -> None:
-        from engine.training import TrainConfig, estimate
+        from engine.training import estimate
 
         job, problem = self.job(), ""
         try:
-            config = TrainConfig.preset_of(job.preset, routing=job.routing, iterations=job.iterations, device=job.device, seed=job.seed)
-            self.cost.setText(estimate(self._clip, config)["words"])
+            config = job.config()
+            self.table.show_config(config)
+            self.cost.setText(f"<b>Cost:</b> {estimate(self._clip, config)['words']}.")
         except DegenseError as error:
-            self.cost.setText("–")
+            self.cost.setText("<b>Cost:</b> –")
             problem = str(error)
         if not self.out.text().strip():
             problem = "Choose a folder for the run."
@@ -131,12 +196,43 @@ class TrainDialog(QDialog):
             self.out.setText(folder)
 
 
-def _combo(entries: tuple[tuple[str, str], ...], chosen: str) -> QComboBox:
+def _combo(name: str, entries: dict[str, tuple[str, str]]) -> QComboBox:
     box = QComboBox()
-    for value, words in entries:
-        box.addItem(words, value)
-    box.setCurrentIndex([value for value, _ in entries].index(chosen))
+    box.setAccessibleName(name)
+    for value, (title, said) in entries.items():
+        box.addItem(title, value)
+        box.setItemData(box.count() - 1, said, Qt.ItemDataRole.ToolTipRole)
     return box
+
+
+def _number(name: str, most: int, step: int, none: str) -> QSpinBox:
+    box = QSpinBox()
+    box.setAccessibleName(name)
+    box.setRange(0, most)
+    box.setSingleStep(step)
+    box.setGroupSeparatorShown(True)
+    box.setSpecialValueText(none)
+    return box
+
+
+def _secondary(text: str) -> QLabel:
+    label = QLabel(text)
+    label.setObjectName("secondary")
+    label.setWordWrap(True)
+    return label
+
+
+def _explained(control: QWidget, said: dict[str, tuple[str, str]] | str) -> QLabel:
+    """What a choice does; it follows the choice."""
+    label = _secondary(said if isinstance(said, str) else "")
+    if isinstance(control, QComboBox) and not isinstance(said, str):
+
+        def show() -> None:
+            label.setText(said[control.currentData()][1])
+
+        control.currentIndexChanged.connect(show)
+        show()
+    return label
 
 
 def _free_folder(path: Path) -> Path:

@@ -1,22 +1,29 @@
-"""Train ▸ Start and Cancel: dialog, process and monitor."""
+"""Train ▸ Start, Pause and Cancel: dialog, queue, process and monitor."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import QFileDialog, QMessageBox
 
+from app.render_service import RenderService
 from app.session import Session
-from app.training_process import TrainingJob, TrainingProcess
+from app.training_job import CLIP_OPTIONS, TrainingJob
+from app.training_process import TrainingProcess
+from app.training_queue import TrainingQueue
 from app.window.messages import show_error
 from app.window.opening import Opening
 from app.window.parts import Parts
 from app.window.train_dialog import TrainDialog
 from engine.errors import DegenseError
+
+log = logging.getLogger(__name__)
 
 STAGES = {
     "poses": "Finding the camera",
@@ -32,35 +39,52 @@ STAGES = {
 
 
 class Training(QObject):
-    """One training at a time, beside everything else.
+    """One training at a time, beside everything else; others wait in the queue.
 
     Signals
     -------
     changed()
-        Whether a training runs has changed.
+        What runs, is paused or waits has changed.
     """
 
     changed = Signal()
 
-    def __init__(self, session: Session, parts: Parts, opening: Opening) -> None:
+    def __init__(self, session: Session, service: RenderService, parts: Parts, opening: Opening) -> None:
         super().__init__(parts)
-        self.session, self.parts, self.opening = session, parts, opening
+        self.session, self.service, self.parts, self.opening = session, service, parts, opening
+        self.queue = TrainingQueue()
         self.process: TrainingProcess | None = None
+        self._pausing = False
+        self._observed: tuple[int, np.ndarray] | None = None
         self._then: Callable[[], object] | None = None
-        parts.monitor.cancel_requested.connect(self.cancel)
+        monitor = parts.monitor
+        monitor.cancel_requested.connect(self.cancel)
+        monitor.pause_requested.connect(self.pause)
+        monitor.resume_requested.connect(self.go_on)
+        monitor.queue.removed.connect(self.queue.remove)
+        monitor.queue.raised.connect(self.queue.raise_)
         parts.facts.train_requested.connect(self.ask)
+        self.queue.changed.connect(self._show_queue)
 
     @property
     def running(self) -> bool:
         return self.process is not None and self.process.running
 
     def ask(self) -> None:
-        """Show the dialog, and start what it says."""
-        if self.session.clip is None or self.running:
+        """Show the dialog, and start or queue what it says."""
+        if self.session.clip is None:
             return
-        dialog = TrainDialog(self.session.clip, self.opening.clip_answers, self.parts.window)
+        settings = self.opening.settings
+        busy = self.running or self.queue.paused is not None
+        dialog = TrainDialog(self.session.clip, self.opening.clip_answers, settings.value.training, busy, self.parts.window)
         dialog.setObjectName("train")
-        dialog.accepted.connect(lambda: self.start(dialog.job()))
+
+        def start() -> None:
+            job = dialog.job()
+            settings.update(training=job.answers())
+            self.start(job)
+
+        dialog.accepted.connect(start)
         dialog.finished.connect(dialog.deleteLater)
         dialog.open()
 
@@ -80,27 +104,63 @@ class Training(QObject):
         except DegenseError as error:
             show_error(self.parts.window, str(error))
             return
-        self.start(TrainingJob(clip=(run / str(info["clip"]["path"])).resolve(), out=run, resume=True))
+        given = info["clip"].get("options") or {}
+        options = {name: given[name] for name in CLIP_OPTIONS if name in given}
+        self.start(TrainingJob(clip=(run / str(info["clip"]["path"])).resolve(), out=run, resume=True, **options))
 
     def start(self, job: TrainingJob) -> None:
-        """Train in a process of its own."""
+        """Train as soon as it is this job's turn."""
+        try:
+            self.queue.add(job)
+        except DegenseError as error:
+            show_error(self.parts.window, str(error))
+            return
+        if self.running or self.queue.paused is not None:
+            self.parts.say(f"{job.out.name} waits for its turn.")
+        self._next()
+
+    def pause(self) -> None:
+        """Let the training save, and leave the machine to others until `go_on`."""
+        if self.process is not None and self.process.running:
+            self._pausing = True
+            self.process.stop()
+
+    def go_on(self) -> None:
+        """Go on with what was paused."""
+        self.queue.resume()
+        self._next()
+
+    def cancel(self) -> None:
+        """Ask it to save and stop; one that is paused has done so."""
+        if self.process is not None:
+            self._pausing = False
+            self.process.stop()
+        elif self.queue.paused is not None:
+            self.queue.forget_paused()
+            self.parts.monitor.cancelled("Stopped; the checkpoint can be resumed.")
+            self._next()
+
+    def _next(self) -> None:
+        """Train in a process of its own, if it is anybody's turn."""
+        job = self.queue.next()
+        if job is None:
+            return
         process = TrainingProcess(job, self)
         process.told.connect(self._take)
         process.finished.connect(self._finished)
         process.stopped.connect(self._stopped)
         process.failed.connect(self._failed)
-        self.process = process
+        self.process, self._pausing, self._observed = process, False, None
         self.parts.monitor_dock.show()
         self.parts.monitor_dock.raise_()
-        self.parts.window.resizeDocks([self.parts.monitor_dock], [280], Qt.Orientation.Vertical)
+        self.parts.window.resizeDocks([self.parts.monitor_dock], [300], Qt.Orientation.Vertical)
         self.parts.monitor.start(f"{job.clip.name} → {job.out.name}")
         process.start()
         self.changed.emit()
 
-    def cancel(self) -> None:
-        """Ask it to save and stop."""
-        if self.process is not None:
-            self.process.stop()
+    def _show_queue(self) -> None:
+        self.parts.monitor.queue.set_runs([f"{job.out.name} ({job.preset})" for job in self.queue.waiting])
+        self.changed.emit()
 
     def may_close(self, close: Callable[[], object]) -> bool:
         """Whether the window may close now. If a training runs, the user is asked, and `close` is called once it has stopped."""
@@ -109,13 +169,17 @@ class Training(QObject):
         box = QMessageBox(self.parts.window)
         box.setObjectName("training runs")
         box.setWindowTitle("DeGense")
-        box.setText("A training is running. Stop it and close? It saves a checkpoint, and can be resumed.")
+        waiting = len(self.queue.waiting)
+        others = f" {waiting} waiting in the queue will be forgotten." if waiting else ""
+        box.setText(f"A training is running. Stop it and close? It saves a checkpoint, and can be resumed.{others}")
         stop = box.addButton("Stop and save", QMessageBox.ButtonRole.AcceptRole)
         box.addButton("Keep it running", QMessageBox.ButtonRole.RejectRole)
 
         def answered() -> None:
             if box.clickedButton() is stop:
                 self._then = close
+                while self.queue.waiting:
+                    self.queue.remove(0)
                 self.cancel()
 
         box.finished.connect(answered)
@@ -133,40 +197,68 @@ class Training(QObject):
             names = ("loss", "psnr", "gaussians", "seconds", "eta")
             monitor.set_progress(event["iteration"], event["iterations"], **{name: event.get(name) for name in names})
         elif kind == "preview":
-            picture = cv2.imread(str(event.get("path", "")), cv2.IMREAD_COLOR)
-            if picture is not None:
-                monitor.set_preview(picture[..., ::-1].copy())
+            self._preview(str(event.get("path", "")), int(event.get("frame", 0)))
         elif kind == "budget":
             monitor.note("\n".join(event.get("words", ())))
         elif kind == "rollback":
             monitor.note(f"went back to iteration {event.get('iteration')}: {event.get('reason')}")
 
+    def _preview(self, path: str, frame: int) -> None:
+        """Show a preview at once, and beside it the recorded frame, which the worker reads the first time."""
+        picture = cv2.imread(path, cv2.IMREAD_COLOR)
+        if picture is None or self.process is None:
+            return
+        job = self.process.job
+        known = self._observed is not None and self._observed[0] == frame
+        self.parts.monitor.set_preview(picture[..., ::-1].copy(), self._observed[1] if known and self._observed else None)
+        if not known and not self.service.busy("observed"):
+
+            def found(rgb: np.ndarray) -> None:
+                if self.process is not None and self.process.job is job:
+                    self._observed = (frame, rgb)
+                    self.parts.monitor.set_preview(picture[..., ::-1].copy(), rgb)
+
+            self.service.submit("observed", lambda: _recorded(job, frame), found, log.warning)
+
     def _finished(self, run: str) -> None:
         assert self.process is not None
         job = self.process.job
         self.parts.monitor.finish(f"Finished: {Path(run).name}")
+        nothing_waits = not self.queue.waiting
         still_there = self.session.scene is None and (self.session.clip is None or self.session.clip.path == job.clip)
-        if self._end() and still_there:
+        if self._end() and still_there and nothing_waits:
             self.opening.open_path(Path(run))
         else:
-            self.parts.say(f"{run} is finished; open it from the File menu.", 30)
+            self.parts.say(f"{run} is finished; open it from the File menu or Train ▸ Runs.", 30)
 
     def _stopped(self) -> None:
-        self.parts.monitor.cancelled("Stopped; the checkpoint can be resumed.")
-        self._end()
+        if self._pausing:
+            self.parts.monitor.pause("Paused. The machine is free; Resume goes on exactly where it was.")
+        else:
+            self.parts.monitor.cancelled("Stopped; the checkpoint can be resumed.")
+        self._end(paused=self._pausing)
 
     def _failed(self, message: str) -> None:
         self.parts.monitor.fail(message)
         if self._end():
             show_error(self.parts.window, message)
 
-    def _end(self) -> bool:
-        """Forget the process. False when the window closes now."""
+    def _end(self, paused: bool = False) -> bool:
+        """Forget the process and turn to the next. False when the window closes now."""
         assert self.process is not None
         self.process.deleteLater()
         self.process = None
-        self.changed.emit()
+        self.queue.ended(paused=paused)
         then, self._then = self._then, None
         if then is not None:
             then()
+        else:
+            self._next()
         return then is None
+
+
+def _recorded(job: TrainingJob, frame: int) -> np.ndarray:
+    """A frame of the clip that a job trains on, as it was recorded."""
+    from engine.readers import ClipOptions, open_clip
+
+    return open_clip(job.clip, ClipOptions(**job.clip_options())).frame(frame)

@@ -28,7 +28,9 @@ class TrainConfig:
     max_pixels : int
         Frames larger than this are trained on at a reduced size.
     seed : int
+        Of everything that is drawn at random.
     device : {"auto", "cpu", "cuda"}
+        What computes; "auto" is the GPU where there is one.
     ssim, depth, semantic, region : float
         Weights of 1 − SSIM, |1/z| error (measured depth only), semantic loss and L_smooth.
     semantic_every : int
@@ -73,6 +75,7 @@ class TrainConfig:
     codebook : bool
         Whether meaning belongs to clusters of Gaussians (`engine.training.codebook`) instead of single ones.
     checkpoint_seconds : float
+        Seconds between checkpoints: what the end of the program by force can cost at most.
     fit : bool
         Whether settings may become smaller where the clip needs less (`engine.training.budget`).
     given : tuple of str

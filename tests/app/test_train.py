@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+import os
+import signal
+from dataclasses import fields, replace
 
 import pytest
-from PySide6.QtWidgets import QDialog, QMessageBox
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
 
-from app.training_process import TrainingJob
+from app.training_job import TrainingJob
+from engine.training import TrainConfig
 
 
 @pytest.fixture
@@ -20,7 +24,7 @@ def with_clip(window, tiny_clip, idle):
 
 def ask(window) -> QDialog:
     window.registry.run("train.start")
-    return window.findChild(QDialog, "train")
+    return next(dialog for dialog in window.findChildren(QDialog, "train") if dialog.isVisible())
 
 
 def test_the_dialog_knows_what_it_costs_and_what_cannot_be(with_clip, tiny_clip, trained, screenshot):
@@ -41,29 +45,103 @@ def test_the_dialog_knows_what_it_costs_and_what_cannot_be(with_clip, tiny_clip,
     dialog.reject()
 
 
-def test_train_and_cancel(qtbot, with_clip, tmp_path, screenshot, monkeypatch):
+def test_every_setting_is_explained_and_can_be_changed(qtbot, with_clip, tmp_path, monkeypatch, screenshot):
+    dialog = ask(with_clip)
+    table = dialog.table.table
+    rows = {table.item(row, 0).text(): row for row in range(table.rowCount())}
+    assert set(rows) == {item.name for item in fields(TrainConfig)} - {"preset", "given"}
+    assert all(len(table.item(row, 2).text()) > 15 for row in rows.values())
+    assert not table.item(rows["iterations"], 1).flags() & Qt.ItemFlag.ItemIsEditable  # on the first page
+    dialog.findChild(QTabWidget).setCurrentIndex(1)
+    qtbot.keyClicks(dialog.table.search, "optical flow")
+    assert [name for name, row in rows.items() if not table.isRowHidden(row)] == ["flow", "flow_final"]
+    dialog.table.search.clear()
+    table.item(rows["flow"], 1).setText("many")
+    assert not dialog.start.isEnabled()
+    assert "flow cannot be 'many'" in dialog.complaint.text()
+    table.item(rows["flow"], 1).setText("7.5")
+    assert dialog.start.isEnabled()
+    assert table.item(rows["flow"], 0).font().bold()
+    screenshot(with_clip, "train-settings")
+    dialog.poses.setCurrentIndex(dialog.poses.findData("still"))
+    dialog.fit.setChecked(False)
+    dialog.out.setText(str(tmp_path / "run"))
+    jobs: list[TrainingJob] = []
+    monkeypatch.setattr(with_clip.training, "start", jobs.append)
+    dialog.accept()
+    assert (jobs[0].poses, jobs[0].fit, jobs[0].settings) == ("still", False, (("flow", "7.5"),))
+    assert jobs[0].config().flow == 7.5
+    again = ask(with_clip)  # the answers are reused, those about the clip are not
+    assert (again.fit.isChecked(), again.table.typed, again.poses.currentData()) == (False, (("flow", "7.5"),), "auto")
+    qtbot.mouseClick(again.reset, Qt.MouseButton.LeftButton)
+    assert (again.fit.isChecked(), again.table.typed) == (True, ())
+    again.reject()
+
+
+def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, monkeypatch):
     dialog = ask(with_clip)
     dialog.preset.setCurrentIndex(0)
     dialog.iterations.setValue(100_000)
     dialog.out.setText(str(tmp_path / "run"))
     dialog.accept()
     training, monitor = with_clip.training, with_clip.parts.monitor
-    progress: list[dict] = []
-    training.process.told.connect(lambda event: progress.append(event) if event["event"] in ("progress", "preview") else None)
     assert monitor.state() == "running"
-    assert not with_clip.menus.actions["train.start"].isEnabled()
-    qtbot.waitUntil(lambda: sum(event["event"] == "progress" for event in progress) >= 2, timeout=90_000)
+    waiting = ask(with_clip)
+    assert waiting.start.text() == "Add to queue"
+    waiting.out.setText(str(tmp_path / "second"))
+    waiting.accept()
+    assert [job.out.name for job in training.queue.waiting] == ["second"]
+    assert monitor.queue.names() == ["second (quick)"]
+    training.start(waiting.job())
+    box = with_clip.findChild(QMessageBox, "error")
+    assert "in the queue already" in box.text()
+    box.close()
+    qtbot.waitUntil(lambda: monitor._preview.has_image() and monitor._preview._stack.observed is not None, timeout=90_000)
+    assert len(monitor._plot.series_names()) == len(monitor._scores.series_names()) == 1
     with_clip.session.go_to(5)  # the window goes on working
     screenshot(with_clip, "train")
+    qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: training.queue.paused is not None, timeout=20_000)
+    assert (monitor.state(), training.running) == ("paused", False)
+    assert [job.out.name for job in training.queue.waiting] == ["second"]  # nobody takes the machine meanwhile
+    stopped_at = json.loads((tmp_path / "run" / "run.json").read_text())["iteration"]
+    qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
+    assert training.process.job.resume
+    seen: list[int] = []
+    training.process.told.connect(lambda event: seen.append(event["iteration"]) if event["event"] == "progress" else None)
+    qtbot.waitUntil(lambda: bool(seen), timeout=90_000)
+    assert seen[0] > stopped_at
+    with_clip.registry.run("train.cancel")
+    qtbot.waitUntil(lambda: training.queue.running is not None and training.queue.running.out.name == "second", timeout=20_000)
     with_clip.registry.run("train.cancel")
     qtbot.waitUntil(lambda: not training.running, timeout=20_000)
     assert monitor.state() == "cancelled"
     assert json.loads((tmp_path / "run" / "run.json").read_text())["state"] == "stopped"
-    assert with_clip.menus.actions["train.start"].isEnabled()
     jobs: list[TrainingJob] = []
     monkeypatch.setattr(training, "start", jobs.append)
     training.resume(tmp_path / "run")
     assert (jobs[0].resume, jobs[0].clip, jobs[0].out) == (True, with_clip.session.clip.path, tmp_path / "run")
+
+
+def test_a_killed_training_is_said_and_goes_on(qtbot, with_clip, tmp_path):
+    """kill -9 of the training process: the window lives, and the run goes on from its checkpoint."""
+    settings = (("checkpoint_seconds", "0.2"),)
+    job = TrainingJob(with_clip.session.clip.path, tmp_path / "run", "quick", iterations=100_000, device="cpu", settings=settings)
+    training = with_clip.training
+    training.start(job)
+    qtbot.waitUntil(lambda: (tmp_path / "run" / "checkpoints" / "last.json").is_file(), timeout=90_000)
+    os.kill(training.process._process.processId(), signal.SIGKILL)
+    qtbot.waitUntil(lambda: with_clip.parts.monitor.state() == "failed", timeout=20_000)
+    box = with_clip.findChild(QMessageBox, "error")
+    assert "ended by the system" in box.text()
+    box.close()
+    training.resume(tmp_path / "run")
+    seen: list[dict] = []
+    training.process.told.connect(seen.append)
+    qtbot.waitUntil(lambda: any(event["event"] == "progress" for event in seen), timeout=90_000)
+    training.cancel()
+    qtbot.waitUntil(lambda: not training.running, timeout=20_000)
+    assert next(event["iteration"] for event in seen if event["event"] == "progress") > 25  # not from the start
 
 
 def test_a_finished_training_is_opened(qtbot, with_clip, tmp_path, idle):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app import training_process
-from app.training_process import EventLines, TrainingJob, TrainingProcess
+from app.training_job import TrainingJob
+from app.training_process import EventLines, TrainingProcess
 
 JOB = TrainingJob(Path("clip"), Path("run"))
 
@@ -140,7 +142,10 @@ def test_the_job_is_the_command_line():
     from app.cli import build_parser
 
     job = TrainingJob(Path("a clip"), Path("run"), "quick", "paper", "none", 7, 99, "cpu", 5, True, "frames", "keep", 321.5)
+    job = replace(
+        job, poses="still", pose_axes="opencv", start=3, stride=2, max_frames=50, fit=False, settings=(("flow", "10"), ("levels", "[1]"))
+    )
     options = build_parser()[0].parse_args(job.arguments())
     named = {name: getattr(options, name) for name in vars(job)}
-    assert named == vars(job)
+    assert named | {"settings": tuple(options.settings)} == vars(job)
     assert options.events

@@ -46,7 +46,7 @@ def test_a_run_from_start_to_end(monitor):
     assert bar.value() / bar.maximum() == pytest.approx(0.25)
     monitor.set_progress(510, 2000)
     assert fact(monitor, "Loss") == "0.125"
-    assert monitor.findChild(CurvePlot).series_names() == ["loss"]
+    assert sorted(plot.series_names()[0] for plot in monitor.findChildren(CurvePlot)) == ["PSNR", "loss"]
     monitor.note("Rolled back")
     monitor.set_preview(np.zeros((8, 8, 3), np.uint8))
     monitor.finish("Done in 4 minutes: 34.2 dB")
@@ -83,4 +83,17 @@ def test_failure_is_said_in_words(monitor):
     assert monitor.findChild(QProgressBar).maximum() > 0
     monitor.reset()
     assert monitor.state() == "idle"
-    assert {"idle", "running", "finished", "failed", "cancelled"} == set(STATES)
+    assert {"idle", "running", "paused", "finished", "failed", "cancelled"} == set(STATES)
+
+
+def test_the_queue_asks_and_shows(qtbot, monitor):
+    queue, asked = monitor.queue, []
+    assert not queue.isVisibleTo(monitor)
+    queue.set_runs(["one", "two"])
+    queue.removed.connect(lambda row: asked.append(("remove", row)))
+    queue.raised.connect(lambda row: asked.append(("raise", row)))
+    assert not queue.earlier.isEnabled()
+    queue.list.setCurrentRow(1)
+    queue.earlier.click()
+    queue.remove.click()
+    assert asked == [("raise", 1), ("remove", 1)]

@@ -1,0 +1,102 @@
+"""Queue of trainings, their settings and their words, without a window."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from app.runs import list_runs, training_answers
+from app.training_job import TrainingJob, parse_settings
+from app.training_queue import TrainingQueue
+from app.training_words import explanations, settings_of
+from engine.errors import DegenseError
+from engine.training import TrainConfig
+
+JOB = TrainingJob(Path("clip"), Path("run"))
+
+
+def test_one_at_a_time_and_nobody_overtakes_who_is_paused(tmp_path):
+    queue = TrainingQueue()
+    first, second, third = (replace(JOB, out=tmp_path / name) for name in ("a", "b", "c"))
+    for job in (first, second, third):
+        queue.add(job)
+    assert queue.next() == first
+    assert queue.next() is None
+    queue.raise_(1)
+    assert queue.waiting == (third, second)
+    with pytest.raises(DegenseError, match="queue already"):
+        queue.add(replace(first, preset="best"))
+    queue.ended(paused=True)
+    assert queue.next() is None
+    first.out.mkdir()
+    (first.out / "run.json").touch()
+    queue.resume()
+    assert queue.next() == replace(first, resume=True)
+    queue.ended(paused=True)
+    queue.forget_paused()
+    assert queue.next() == third
+    queue.ended(paused=True)  # before its first checkpoint: it begins anew
+    queue.resume()
+    assert queue.next() == third
+    queue.remove(0)
+    queue.ended()
+    assert queue.next() is None
+
+
+def test_settings_are_typed_and_refused_in_words():
+    values = parse_settings((("flow", "7"), ("levels", "[1, 2, 4]"), ("appearance", "false"), ("max_rank", "8")))
+    assert values == {"flow": 7.0, "levels": (1, 2, 4), "appearance": False, "max_rank": 8}
+    for pair in (
+        ("flow", "much"),
+        ("flow", "-1"),
+        ("flow", "NaN"),
+        ("levels", "[]"),
+        ("max_rank", "2.5"),
+        ("appearance", "1"),
+        ("nothing", "1"),
+    ):
+        with pytest.raises(DegenseError, match=pair[0]):
+            parse_settings((pair,))
+    with pytest.raises(DegenseError, match="iterations"):
+        parse_settings((("iterations", "5"),))  # it has an option of its own
+
+
+def test_answers_are_reused_and_hostile_ones_left_out():
+    job = replace(JOB, preset="quick", seed=4, fit=False, settings=(("flow", "3"),), poses="still")
+    again = JOB.with_answers(json.loads(json.dumps(job.answers())))
+    assert again == replace(job, poses=None)
+    assert JOB.with_answers({"seed": "x", "preset": 5, "out": "elsewhere", "settings": [["flow", "1", "2"]]}) == JOB
+    assert JOB.with_answers({"preset": "of a newer version"}) == JOB
+
+
+def test_every_setting_has_words_of_its_own():
+    said = explanations()
+    changed = settings_of(TrainConfig.preset_of("quick", flow=3.0))
+    assert all(said[setting.name] for setting in changed)
+    assert [setting.name for setting in changed if setting.changed] == ["flow"]
+    assert said["flow"] == said["flow_final"]
+    assert said["seed"] != said["device"]
+
+
+def test_a_folder_of_runs_with_anything_in_it(tmp_path):
+    for name, text in (
+        ("bad", "[]"),
+        ("worse", "{"),
+        ("empty", "{}"),
+        ("odd", json.dumps({"state": "finished", "config": 5, "clip": {"name": 7}})),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.json").write_text(text)
+    (tmp_path / "odd" / "metrics.jsonl").write_text('{"iteration": 25, "psnr": 30.5}\n{"iteration": 50, "ps')
+    (tmp_path / "odd" / "scores.json").write_text(json.dumps({"psnr_mask": 31, "miou": None}))
+    (tmp_path / "no run").mkdir()
+    found = {run.name: run for run in list_runs(tmp_path)}
+    assert {name: run.state for name, run in found.items()} == {"bad": "damaged", "worse": "damaged", "empty": "damaged", "odd": "finished"}
+    assert (found["odd"].iteration, found["odd"].training_psnr, found["odd"].psnr, found["odd"].miou) == (25, 30.5, 31.0, None)
+    with pytest.raises(DegenseError, match="cannot be read"):
+        list_runs(tmp_path / "nowhere")
+    with pytest.raises(DegenseError, match="worse"):
+        training_answers(tmp_path / "worse")
