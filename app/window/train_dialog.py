@@ -28,6 +28,7 @@ from app import training_words as words
 from app.training_job import TrainingJob
 from app.window.settings_table import SettingsTable
 from engine.errors import DegenseError
+from engine.language.teachers import TEACHERS
 from widgets.theme import error_colour
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class TrainDialog(QDialog):
         self._clip, self._answers = clip, answers
         self.preset = _combo("Quality", words.PRESET_WORDS)
         self.routing = _combo("Gradient routing", words.ROUTING_WORDS)
-        self.teacher = _combo("Meaning from", words.TEACHER_WORDS)
+        self.teacher = _combo("Meaning from", {name: said for name, said in words.TEACHER_WORDS.items() if name in (*TEACHERS, "none")})
         self.device = _combo("Device", words.DEVICE_WORDS)
         self.poses = _combo("Camera", words.POSES_WORDS)
         self.fit = QCheckBox("Fit the budget to the clip")
@@ -117,7 +118,9 @@ class TrainDialog(QDialog):
     def fill(self, answers: dict[str, Any]) -> None:
         """Show the answers of an earlier training; the rest is as in a fresh dialog, and so is a teacher that this clip lacks."""
         job = TrainingJob(self._clip.path, Path(), routing="isolated", device="auto", seed=0).with_answers(answers)
-        teacher = job.teacher if job.teacher in words.TEACHER_WORDS and (job.teacher != "labels" or self._clip.labelled_frames) else None
+        teacher = (
+            job.teacher if self.teacher.findData(job.teacher) >= 0 and (job.teacher != "labels" or self._clip.labelled_frames) else None
+        )
         choices = (
             (self.preset, job.preset),
             (self.routing, job.routing),

@@ -11,8 +11,9 @@ import pytest
 from app.runs import list_runs, training_answers
 from app.training_job import TrainingJob, parse_settings
 from app.training_queue import TrainingQueue
-from app.training_words import explanations, settings_of
+from app.training_words import TEACHER_WORDS, explanations, settings_of
 from engine.errors import DegenseError
+from engine.language.teachers import TEACHERS
 from engine.training import TrainConfig
 
 JOB = TrainingJob(Path("clip"), Path("run"))
@@ -79,6 +80,7 @@ def test_every_setting_has_words_of_its_own():
     assert [setting.name for setting in changed if setting.changed] == ["flow"]
     assert said["flow"] == said["flow_final"]
     assert said["seed"] != said["device"]
+    assert {*TEACHERS, "none"} - set(TEACHER_WORDS) == {"degraded"}  # a stand-in for experiments
 
 
 def test_a_folder_of_runs_with_anything_in_it(tmp_path):
