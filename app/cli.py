@@ -70,6 +70,10 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("clip", type=Path, metavar="CLIP")
     _clip_options(sub)
 
+    sub = command("datasets", "scoring:datasets", "list the clips of a data set")
+    sub.add_argument("folder", type=Path, metavar="FOLDER", help="CholecSeg8k or EndoVis 2018 as downloaded, or any folder of clips")
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the list there too")
+
     sub = command("train", "making:train", "reconstruct a clip")
     sub.add_argument("clip", type=Path, metavar="CLIP")
     sub.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to write")
@@ -173,7 +177,7 @@ def _run(sub: argparse.ArgumentParser) -> None:
 
 
 def _clip_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--layout", metavar="NAME", help="endonerf, cholecseg8k, frames or video (default: detected)")
+    sub.add_argument("--layout", metavar="NAME", help="endonerf, cholecseg8k, endovis18, frames or video (default: detected)")
     sub.add_argument("--mask-means", choices=("tool", "keep"), help="what white means in the clip's masks (default: detected)")
     sub.add_argument(
         "--poses",

@@ -1,9 +1,10 @@
-"""`degense eval`, `degense info` and `degense doctor`."""
+"""`degense eval`, `degense info`, `degense datasets` and `degense doctor`."""
 
 from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import asdict
 from typing import Any
 
 from app.commands.comparing import report_run
@@ -54,6 +55,26 @@ def info(options: argparse.Namespace) -> None:
         finally:
             bar.close()
     print(describe(clip))
+
+
+def datasets(options: argparse.Namespace) -> None:
+    """One line a clip, as it is looked at; a clip that cannot be opened is told like the others."""
+    from engine.readers.datasets import list_clips
+
+    entries = []
+    for entry in list_clips(options.folder):
+        entries.append(entry)
+        name = str(entry.path.relative_to(options.folder)) if entry.path != options.folder else entry.path.name
+        if entry.problem:
+            print(f"{name}: {entry.problem}", flush=True)
+            continue
+        split = f", {entry.split}" if entry.split else ""
+        what = f"{entry.frames} frames ({entry.test_frames} held out), {entry.size[0]} × {entry.size[1]}, {entry.labelled} labelled"
+        print(f"{name}: {entry.layout}{split}, {what}" + (f": {', '.join(entry.classes)}" if entry.classes else ""), flush=True)
+    frames, wrong = sum(entry.frames for entry in entries), sum(bool(entry.problem) for entry in entries)
+    print(f"{len(entries)} clips, {frames} frames" + (f"; {wrong} cannot be opened" if wrong else ""))
+    if options.json:
+        write_text(options.json, json.dumps([{**asdict(entry), "path": str(entry.path)} for entry in entries], indent=1))
 
 
 def doctor(options: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 from engine.clip import UNLABELLED, Clip
 from engine.depth import DepthPrior
 from engine.errors import ClipError
+from engine.readers.colours import ColourCodes
 from engine.readers.field_of_view import border_words, brightest, field_of_view
 from engine.readers.files import list_files, regular_file, shown
 from engine.readers.images import ImageFiles, check_sizes, checked, read_raw, read_rgb
@@ -45,13 +46,7 @@ _GREY = np.full(256, UNLABELLED, np.uint8)
 _GREY[[code for _, code, _ in CLASSES]] = np.arange(len(CLASSES))
 
 
-def packed(rgb: np.ndarray) -> np.ndarray:
-    """Colours as one number a pixel, int64 [...]."""
-    return (rgb[..., 0].astype(np.int64) << 16) | (rgb[..., 1].astype(np.int64) << 8) | rgb[..., 2]
-
-
-_COLOURS = packed(np.array([colour for _, _, colour in CLASSES]))
-_ORDER = np.argsort(_COLOURS)
+_CODES = ColourCodes([colour for _, _, colour in CLASSES])
 
 
 def from_watershed(mask: np.ndarray) -> np.ndarray:
@@ -65,9 +60,7 @@ def from_watershed(mask: np.ndarray) -> np.ndarray:
 
 def from_colours(mask: np.ndarray) -> np.ndarray:
     """Label map of a colour mask, uint8 [H, W, 3]; unknown colours → `UNLABELLED`."""
-    codes = packed(mask)
-    place = np.minimum(np.searchsorted(_COLOURS[_ORDER], codes), len(_ORDER) - 1)
-    return np.where(_COLOURS[_ORDER][place] == codes, _ORDER[place], UNLABELLED).astype(np.uint8)
+    return _CODES.labels(mask)
 
 
 class CholecMaps:

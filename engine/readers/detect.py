@@ -8,9 +8,11 @@ from pathlib import Path
 
 from engine.clip import Clip
 from engine.errors import ClipError
-from engine.readers.cholecseg8k import FRAME, cholec_frames, open_cholecseg8k
+from engine.readers.cholecseg8k import cholec_frames, open_cholecseg8k
 from engine.readers.endonerf import open_endonerf
+from engine.readers.endovis18 import FRAMES, open_endovis18
 from engine.readers.files import list_files, shown
+from engine.readers.finding import clips_within
 from engine.readers.frames import open_frames
 from engine.readers.options import ClipOptions
 from engine.readers.video import SUFFIXES, open_video
@@ -18,13 +20,14 @@ from engine.readers.video import SUFFIXES, open_video
 OPENERS: dict[str, Callable[[Path, ClipOptions], Clip]] = {
     "endonerf": open_endonerf,
     "cholecseg8k": open_cholecseg8k,
+    "endovis18": open_endovis18,
     "frames": open_frames,
     "video": open_video,
 }
 
 
 def detect(path: str | Path) -> str:
-    """The layout of a clip: "endonerf", "cholecseg8k", "frames" or "video".
+    """The layout of a clip: "endonerf", "cholecseg8k", "endovis18", "frames" or "video".
 
     Raises
     ------
@@ -47,6 +50,8 @@ def detect(path: str | Path) -> str:
 def _detect_folder(path: Path) -> str:
     if cholec_frames(path):
         return "cholecseg8k"
+    if (path / FRAMES).is_dir():
+        return "endovis18"
     images = path / "images"
     if images.is_dir():
         if (path / "camera.json").exists():
@@ -59,31 +64,13 @@ def _detect_folder(path: Path) -> str:
         raise ClipError(f"{shown(images)} holds no pictures (.png, .jpg, .bmp, .tif, .webp).")
     if list_files(path, path):
         return "frames"
-    inner = _inner_clips(path)
+    inner = clips_within(path, deepest=3)
     if len(inner) > 1 or (inner and inner[0].is_dir()):
         listed = ", ".join(shown(p.relative_to(path)) for p in inner[:12]) + (", …" if len(inner) > 12 else "")
         raise ClipError(f"{shown(path)} is no clip itself, but holds {len(inner)}: {listed}; open one of them.")
     if inner:
         raise ClipError(f"{shown(path)} holds the video {shown(Path(inner[0].name))}; open that file.")
     raise ClipError(f"{shown(path)} holds no frames: neither images/ nor pictures nor frame_<number>_endo.png.")
-
-
-def _inner_clips(path: Path) -> list[Path]:
-    """Clips one or two folders down (CholecSeg8k's `videoNN/videoNN_SSSSS`), and videos."""
-    found: list[Path] = []
-    for child in sorted(path.iterdir()):
-        if child.is_file() and child.suffix.lower() in SUFFIXES:
-            found.append(child)
-        elif child.is_dir():
-            if _is_clip(child):
-                found.append(child)
-            else:
-                found += [grandchild for grandchild in sorted(child.iterdir()) if grandchild.is_dir() and _is_clip(grandchild)]
-    return found
-
-
-def _is_clip(folder: Path) -> bool:
-    return (folder / "images").is_dir() or any(FRAME.fullmatch(f.name) for f in folder.iterdir())
 
 
 def open_clip(path: str | Path, options: ClipOptions | None = None) -> Clip:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from engine.errors import ClipError
 
-LAYOUTS = ("endonerf", "cholecseg8k", "frames", "video")
+LAYOUTS = ("endonerf", "cholecseg8k", "endovis18", "frames", "video")
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -49,6 +50,32 @@ def guessed_cameras(count: int, size: tuple[int, int], field: np.ndarray | None,
     """Cameras of a clip that brings none."""
     focal, words = (options.focal, f"{options.focal:g} pixels, as set") if options.focal else assumed_focal(size, field)
     return _found(still_cameras(count, size, focal), None, words, options)
+
+
+def calibrated_cameras(path: Path, count: int, size: tuple[int, int], made_for: tuple[int, int], options: ClipOptions) -> Found:
+    """Cameras from the `camera_calibration.txt` of a da Vinci recording: `Camera-0-F: fx fy` and `Camera-0-C: cx cy`, the left view.
+
+    Scaled from pictures of `made_for` (width, height). Distortion, which is below a pixel there, is not read.
+
+    Raises
+    ------
+    ClipError
+    """
+    if path.stat().st_size > 2**16:
+        raise ClipError(f"{shown(path)} is larger than 64 KB; that is no camera calibration.")
+    found = {}
+    for line in path.read_text("utf-8", "replace").splitlines():
+        key, colon, rest = line.partition("//")[0].partition(":")
+        if colon and key.strip() in ("Camera-0-F", "Camera-0-C"):
+            found[key.strip()] = [float(word) for word in rest.split() if re.fullmatch(r"\d{1,6}(\.\d*)?", word)]
+    focal, centre = found.get("Camera-0-F", []), found.get("Camera-0-C", [])
+    inside = len(centre) == 2 and all(0 < place < side for place, side in zip(centre, made_for, strict=True))
+    if len(focal) != 2 or min(focal) <= 0 or not inside:
+        raise ClipError(f"{shown(path)} needs lines such as 'Camera-0-F: 1084.2 1084.1' and 'Camera-0-C: 580.0 506.8' (pixels).")
+    scale = size[0] / made_for[0]
+    fx, fy, cx, cy = (scale * value for value in (*focal, *centre))
+    words = f"{fx:.6g} pixels, from {path.name}" + ("" if scale == 1 else f", scaled from {made_for[0]} pixels of width")
+    return _found([Camera(*size, fx, fy, cx, cy)] * count, None, words, options)
 
 
 def _found(cameras: list[Camera], poses: str | None, focal: str, options: ClipOptions) -> Found:

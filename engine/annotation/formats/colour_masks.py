@@ -14,7 +14,7 @@ from engine.annotation.formats.map_set import MapSet, frame_of
 from engine.clip import UNLABELLED
 from engine.errors import ClipError, DegenseError
 from engine.files import replacing
-from engine.readers import cholecseg8k
+from engine.readers import cholecseg8k, endovis18
 from engine.readers.files import list_files, shown
 from engine.readers.images import check_sizes, checked, read_rgb
 
@@ -109,20 +109,7 @@ CHOLECSEG8K = ColourTable(
 )
 ENDOVIS18 = ColourTable(
     "EndoVis 2018",
-    (
-        LabelClass("background-tissue", (0, 0, 0)),
-        LabelClass("instrument-shaft", (0, 255, 0)),
-        LabelClass("instrument-clasper", (0, 255, 255)),
-        LabelClass("instrument-wrist", (125, 255, 12)),
-        LabelClass("kidney-parenchyma", (255, 55, 0)),
-        LabelClass("covered-kidney", (24, 55, 125)),
-        LabelClass("thread", (187, 155, 25)),
-        LabelClass("clamps", (0, 255, 125)),
-        LabelClass("suturing-needle", (255, 255, 125)),
-        LabelClass("suction-instrument", (123, 15, 175)),
-        LabelClass("small-intestine", (124, 155, 5)),
-        LabelClass("ultrasound-probe", (12, 255, 141)),
-    ),
+    tuple(LabelClass(name, colour) for name, colour in endovis18.CLASSES),
     "",
     (255, 255, 255),
     {"background": "background-tissue"},
