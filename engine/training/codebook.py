@@ -6,6 +6,7 @@ The way of OpenGaussian (Wu et al., NeurIPS 2024), for comparison; `engine.syste
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -25,6 +26,7 @@ INSTANCE = 6  # length of an instance feature
 CODES = (64, 5)  # coarse clusters, and fine ones in each of them
 SEGMENTS = 10  # along the longer side of a picture, where the teacher draws no borders of its own
 NEAR = 0.01  # squared distance of two segments' features below which they are not pushed apart any harder
+KEPT = 128  # frames whose segments are kept
 TELL_EVERY = 25  # steps
 
 
@@ -56,19 +58,17 @@ def instance_features(
     start = random.normal(0, 1, (len(model), INSTANCE))
     raw = torch.from_numpy(start).float().to(model.bounds.device).requires_grad_()
     optimizer = torch.optim.Adam([raw], lr=config.rate_semantics)
-    kept: dict[int, Tensor] = {}
+    segments_of = lru_cache(KEPT)(lambda frame: segments(targets, frames, frame))
     for step in range(config.semantic_steps):
         if stop():
             return None
         frame = int(random.choice(targets.frames))
-        if frame not in kept:
-            kept[frame] = segments(targets, frames, frame)
         with torch.no_grad():
             s = model.at(frames.clip.time(frame), semantics=False).splats
         unit = torch.nn.functional.normalize(raw, dim=1)
         picture = rasterize(s.means, s.quats, s.scales, s.opacities, unit, frames.cameras[frame]).image
         optimizer.zero_grad(set_to_none=True)
-        separation(picture.reshape(-1, INSTANCE), kept[frame]).backward()
+        separation(picture.reshape(-1, INSTANCE), segments_of(frame)).backward()
         optimizer.step()
         if step % TELL_EVERY == 0:
             progress(step / config.semantic_steps, "learning to tell segments apart")
@@ -76,14 +76,14 @@ def instance_features(
 
 
 def segments(targets: SemanticTargets, frames: TrainingFrames, frame: int) -> Tensor:
-    """Segment of each pixel, int64 [H × W], −1 for none: the regions of a pixelwise teacher, else large superpixels of the picture."""
+    """Segment of each pixel, int32 [H × W], −1 for none: the regions of a pixelwise teacher, else large superpixels of the picture."""
     if targets.pixelwise:
         target = targets.target(frame)
-        found = torch.full((frames.size[0] * frames.size[1],), -1, dtype=torch.int64, device=frames.device)
-        found[target.pixels.long()] = target.index.long()
+        found = torch.full((frames.size[0] * frames.size[1],), -1, dtype=torch.int32, device=frames.device)
+        found[target.pixels.long()] = target.index.int()
         return found
-    regions = superpixels(frames.image(frame), max(frames.size) // SEGMENTS)
-    return torch.from_numpy(np.where(frames.valid(frame), regions, -1).astype(np.int64).ravel()).to(frames.device)
+    regions = superpixels(frames.image(frame), max(1, max(frames.size) // SEGMENTS))
+    return torch.from_numpy(np.where(frames.valid(frame), regions, -1).astype(np.int32).ravel()).to(frames.device)
 
 
 def separation(features: Tensor, segment: Tensor) -> Tensor:
@@ -92,7 +92,7 @@ def separation(features: Tensor, segment: Tensor) -> Tensor:
     Parameters
     ----------
     features : float [P, c]
-    segment : int64 [P]
+    segment : int [P]
         −1 does not count.
     """
     here = segment >= 0
