@@ -66,7 +66,8 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
 
         scores = score_all(trainings, options, tell, f"{kind}: trainings")
         count = len(options.seeds)
-        found: Found = {name: scores[i * count : (i + 1) * count] for i, name in enumerate([*VARIANTS, *OTHERS])}
+        names: list[Variant | str] = [*VARIANTS, *OTHERS]
+        found: Found = {name: scores[i * count : (i + 1) * count] for i, name in enumerate(names)}
         yield summary(kind, found, options)
         yield per_class(kind, found, options)
         yield parts(kind, found, options)

@@ -111,7 +111,7 @@ class TrainConfig:
     tint: float = 0.002
     tint_change: float = 0.02
     flow: float = 20.0
-    flow_final: float = 0.1
+    flow_final: float = 0.5
     appearance: bool = True
     color_spacing: float = 3.0
     channels: int = 16
