@@ -32,6 +32,8 @@ from widgets.theme import apply_theme
 #: The most urgent first.
 CHANNELS = (
     "open",
+    "check-picture",
+    "check",
     "view",
     "range",
     "answers",

@@ -15,6 +15,7 @@ from app.render_service import RenderService
 from app.session import Session
 from app.session_file import DamagedSession
 from app.settings import SettingsFile
+from app.window.check_dialog import CheckDialog
 from app.window.keeping import Keeping
 from app.window.messages import show_error
 from app.window.parts import Parts
@@ -42,19 +43,22 @@ class Opening(QObject):
         self.session, self.service, self.settings, self.parts = session, service, settings, parts
         self.keeping = keeping
         self.clip_answers: dict[str, Any] = {}
-        parts.facts.corrected.connect(self._reopen)
+        self._check_next = False
+        parts.facts.check_requested.connect(self.check)
 
     # Asking
 
     def ask_for_clip(self) -> None:
         folder = QFileDialog.getExistingDirectory(self.parts.window, "Open clip (a folder)", self.settings.value.last_folder)
         if folder:
+            self._check_next = True
             self.open_path(Path(folder))
 
     def ask_for_video(self) -> None:
         kinds = "Videos (*.mp4 *.avi *.mov *.mkv *.webm);;All files (*)"
         file, _ = QFileDialog.getOpenFileName(self.parts.window, "Open video", self.settings.value.last_folder, kinds)
         if file:
+            self._check_next = True
             self.open_path(Path(file))
 
     def ask_for_run(self) -> None:
@@ -106,31 +110,43 @@ class Opening(QObject):
         self.service.submit("open", job, done, failed)
 
     def _show_scene(self, path: Path, scene: Scene) -> None:
-        self.clip_answers = {}
-        self.parts.facts.show_facts(run_facts(scene), correctable=False)
+        self.clip_answers = dict(scene.clip.options) if scene.clip else {}
+        self._check_next = False
+        self.parts.facts.show_facts(run_facts(scene), is_clip=False)
         self._remember(path)
         try:
             self.session.open_scene(scene, keep=not is_demo(path))
         except DamagedSession as error:
-            self.parts.facts.show_facts([], correctable=False)
+            self.parts.facts.show_facts([], is_clip=False)
             self.keeping.offer_backups(error, lambda: self.open_path(path))
             return
         self.parts.say(scene.clip_missing or f"{scene.name}: {scene.frames} frames")
 
     def _show_clip(self, path: Path, clip: Clip, answers: dict[str, Any]) -> None:
         self.clip_answers = answers
-        self.parts.facts.show_facts(clip_facts(clip), correctable=True)
-        self.parts.facts.set_corrections(answers.get("mask_means"), answers.get("focal"))
+        self.parts.facts.show_facts(clip_facts(clip), is_clip=True)
         self.parts.facts_dock.show()
         self.parts.facts_dock.raise_()
         self._remember(path)
         self.session.open_clip(clip)
         self.parts.say(f"{clip.name}: check what was detected, then train.")
+        if self._check_next:
+            self._check_next = False
+            self.check()
 
-    def _reopen(self, mask_means: str | None, focal: float | None) -> None:
-        if self.session.clip is not None:
-            given = {"mask_means": mask_means, "focal": focal}
-            self.open_path(self.session.clip.path, {key: value for key, value in given.items() if value is not None})
+    def check(self) -> None:
+        """Show what was found in the open clip on its pictures, and open it again with the answers."""
+        clip = self.session.clip
+        if clip is None or self.session.scene is not None:
+            return
+        dialog = CheckDialog(clip.path, clip, self.clip_answers, self.service, self.parts.window)
+
+        def use() -> None:
+            if dialog.answers != self.clip_answers:
+                self.open_path(clip.path, dialog.answers)
+
+        dialog.accepted.connect(use)
+        dialog.open()
 
     def _remember(self, path: Path) -> None:
         if not is_demo(path):

@@ -28,28 +28,23 @@ def test_open_a_run(opened, screenshot):
     assert np.array_equal(parts.panel.grab_image(), session.scene.picture(0))
     assert opened.drawing.view.splats is not None
     assert "isolated routing" in parts.facts.text.text()
-    assert not parts.facts.corrections.isVisible()
+    assert not parts.facts.next_steps.isVisible()
     picture = parts.splats.screenshot_image()
     assert picture.std() > 10  # something is drawn in 3D
     screenshot(opened, "open-run")
 
 
-def test_open_a_clip_and_correct_what_was_detected(window, tiny_clip, idle, screenshot):
+def test_open_a_clip(window, tiny_clip, idle, screenshot):
     window.opening.open_path(tiny_clip)
     idle()
     session, facts = window.session, window.parts.facts
     assert session.scene is None
     assert np.array_equal(window.parts.panel.grab_image(), session.clip.frame(0))
     assert "measured, from depth/" in facts.text.text()
-    assert facts.corrections.isVisible()
+    assert facts.next_steps.isVisible()
     assert window.menus.actions["train.start"].isEnabled()
     assert not window.menus.actions["layer.depth"].isEnabled()
     screenshot(window, "open-clip")
-    facts.focal.setValue(123.0)
-    facts.corrected.emit(facts.meaning.currentData(), facts.focal.value())
-    idle()
-    assert session.clip.cameras[0].fx == 123.0
-    assert facts.focal.value() == 123.0
 
 
 def test_drop_a_folder(window, run, idle):

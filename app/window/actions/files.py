@@ -20,10 +20,16 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
     def has_scene() -> bool:
         return session.scene is not None
 
+    def is_clip() -> bool:
+        return session.scene is None and session.clip is not None
+
     registry.add(
         Action("file.open-clip", "Open clip…", opening.ask_for_clip, ("File",), ("Ctrl+O",), help="folder with frames"),
         Action("file.open-video", "Open video…", opening.ask_for_video, ("File",), help="clip from a movie file"),
         Action("file.open-run", "Open run…", opening.ask_for_run, ("File",), ("Ctrl+R",), help="reconstruction scene"),
+        Action(
+            "file.check", "Check the clip…", opening.check, ("File",), ("Ctrl+I",), is_clip, help="import masks focal length poses depth"
+        ),
         Action("file.demo", "Demo", opening.open_demo, ("File",), help="sample example"),
         Action("file.save", "Save view", window.keeping.save, ("File",), ("Ctrl+S",), lambda: has_scene() and session.dirty, group=1),
         Action(
