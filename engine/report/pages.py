@@ -16,7 +16,7 @@ from engine.files import write_text
 from engine.report.charts import Line, chart, legend
 from engine.report.entry import Entry
 from engine.report.pictures import Picture, class_colour
-from engine.report.tables import Cell, Table, tables_of
+from engine.report.tables import Cell, Table, plain, tables_of
 
 FORMAT = 1
 JPEG_QUALITY = 88
@@ -49,11 +49,11 @@ def write_report(
 
 
 def _markdown(title: str, facts: Mapping[str, str], entries: Sequence[Entry], tables: Sequence[Table]) -> str:
-    parts = [f"# {title}", "\n".join(f"- {name}: {words}" for name, words in facts.items())]
+    parts = [f"# {plain(title)}", "\n".join(f"- {plain(name)}: {plain(words)}" for name, words in facts.items())]
     for table in tables:
-        parts += [f"## {table.title}", table.markdown(), table.words]
+        parts += [f"## {plain(table.title)}", table.markdown(), plain(table.words)]
     parts.append("## What each method is")
-    parts += [f"**{entry.name}.** {' '.join(entry.words.split())}" for entry in entries]
+    parts += [f"**{plain(entry.name)}.** {plain(entry.words)}" for entry in entries]
     return "\n\n".join(parts) + "\n"
 
 

@@ -43,8 +43,8 @@ class Table:
 
     def markdown(self) -> str:
         """The table alone; the best of each column is bold."""
-        lines = ["| " + " | ".join(map(_plain, self.columns)) + " |", "|" + "---|" * len(self.columns)]
-        shown = ([f"**{_plain(cell.text)}**" if cell.best else _plain(cell.text) for cell in row] for row in self.rows)
+        lines = ["| " + " | ".join(map(plain, self.columns)) + " |", "|" + "---|" * len(self.columns)]
+        shown = ([f"**{plain(cell.text)}**" if cell.best else plain(cell.text) for cell in row] for row in self.rows)
         return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in shown)])
 
 
@@ -190,5 +190,6 @@ def _number(value: float | None, digits: int = 2) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
+    """Words that Markdown takes for nothing else, on one line."""
     return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
