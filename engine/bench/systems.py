@@ -62,7 +62,7 @@ def words(options: BenchOptions) -> str:
     return (
         f"{protocol(options)} The preset's full budget for all systems. Teacher: exact labels degraded like a VLM ({VLM_LIKE}), training "
         "frames only, the same words for all. What each system keeps of its original: engine/systems.py. "
-        "mIoU: each with its own best decoder."
+        "mIoU: each with its own best decoder, chosen on the scored frames."
     )
 
 

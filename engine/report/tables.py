@@ -61,7 +61,7 @@ def _classes(entries: Sequence[Entry]) -> Table:
     table = Table(
         "IoU of each class, %",
         "Held-out frames; of each class the mean over frames, then the mean over classes. A class that a frame lacks and that is claimed "
-        f"there scores 0. Each method by its own best decoder. {INTERVAL}",
+        f"there scores 0. Each method by its own best decoder, chosen on these frames. {INTERVAL}",
         ["method", "decoder", *classes, "mean"],
     )
     figures = [[_by_decoder(entry, _of_class(c)) for c in classes] + [_by_decoder(entry, lambda m: m["miou"])] for entry in entries]
