@@ -125,7 +125,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     _run(sub)
     which = sub.add_mutually_exclusive_group(required=True)
     which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
-    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B; both may be left out")
+    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
     sub.add_argument("--layer", default="rgb", metavar="NAME", help="rgb, depth, features, similarity, mask, displacement, warp or support")
     sub.add_argument(
         "--out", type=Path, required=True, metavar="FILE", help=".png, or .npy for raw values; with --frames a folder, .npy or .mp4"
@@ -135,13 +135,16 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
 
     sub = command("segment", "drawing:segment", "write the masks of prompts")
     _run(sub)
-    sub.add_argument("--frame", type=float, required=True, metavar="I", help="frame number; fractions lie between frames")
+    which = sub.add_mutually_exclusive_group(required=True)
+    which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
+    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
     sub.add_argument(
         "--out",
         type=Path,
         required=True,
         metavar="FILE",
-        help=".png: 255 in the mask (several prompts: 1, 2 …); .npy: bool [H, W] or [n, H, W]",
+        help=".png: 255 in the mask (several prompts: 1, 2 …); .npy: bool [H, W] or [n, H, W]; with --frames a folder for label maps, masks "
+        "and areas, gone on with when it holds some of them",
     )
     _prompts(sub, required=True)
 
@@ -220,6 +223,8 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _frame_range(text: str) -> tuple[int | None, int | None]:
+    if text == "all":
+        return None, None
     first, colon, last = text.partition(":")
     if not colon or not all(part == "" or part.isdigit() for part in (first, last)):
         raise argparse.ArgumentTypeError(f"{text!r} is no range such as 0:40")

@@ -314,6 +314,10 @@ class Scene:
         weight = width * height * 4 * (rank + 32)
         return self._pictures.get(("query", float(frame)), lambda: self.new_query(frame, self.camera(frame)), lambda _: weight)
 
+    def forget_pictures(self) -> None:
+        """Forget drawn pictures and queries; baked states stay."""
+        self._pictures = Cache(PICTURE_BYTES)
+
     @torch.no_grad()
     def new_query(self, frame: float, camera: Camera) -> MaskQuery:
         """`query` without the cache; on a GPU the picture stays there. DegenseError without semantics."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from app.exports import ExportOptions, write_movie
 from app.pictures import check_decoder, check_frame, get_layer, layer_picture, write_npy, write_png
+from app.segmenting import write_clip_masks
 from app.terminal import Bar, Steps, run_steps
 from app.view import prompt_masks
 from engine.errors import DegenseError
@@ -81,8 +83,11 @@ def segment(options: argparse.Namespace) -> None:
     from engine.scene import Scene
 
     scene = Scene.open(options.run_folder)
-    frame = check_frame(scene, options.frame)
     check_decoder(options.decoder)
+    if options.frames is not None:
+        _segment_clip(scene, options)
+        return
+    frame = check_frame(scene, options.frame)
     if options.out.suffix.lower() not in (".png", ".npy"):
         raise DegenseError(f"{options.out} must end in .png or .npy.")
     masks = prompt_masks(scene, frame, options.prompts, options.decoder, options.threshold)
@@ -97,3 +102,19 @@ def segment(options: argparse.Namespace) -> None:
         write_png(options.out, values)
     for text, mask in zip(options.prompts, masks, strict=True):
         print(f"{text}: {mask.mean():.1%} of the picture")
+
+
+def _segment_clip(scene: Scene, options: argparse.Namespace) -> None:
+    from engine.clip_query import ClipQuestion
+
+    first, last = options.frames
+    frames = range(scene.frames)[first:last]
+    if not frames:
+        raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
+    asked = ClipQuestion(tuple(options.prompts))
+    threshold = asked.threshold if options.threshold is None else options.threshold
+    asked = replace(asked, decoder=options.decoder or asked.decoder, threshold=threshold)
+    areas = run_steps(write_clip_masks(scene, asked, frames, options.out), Bar())
+    print(f"{options.out}: masks of {len(frames)} frames")
+    for text, values in areas.items():
+        print(f"{text}: {values.mean():.1%} of the picture on average, from {values.min():.1%} to {values.max():.1%}")

@@ -22,6 +22,7 @@ BENCHES: dict[str, tuple[str, str]] = {
     "raster": ("engine.bench.raster", "what a picture and its gradient cost on each back end, and how wrong they are"),
     "field": ("engine.bench.field", "what a state in time costs: exact, baked, half precision, with and without the savings"),
     "viewing": ("engine.bench.viewing", "how fast a scene plays and answers prompts"),
+    "query": ("engine.bench.query", "how long a whole clip takes to answer prompts"),
     "masks": ("engine.bench.masks", "superpixels and decoders: time against mask quality"),
     "presets": ("engine.bench.presets", "what the presets cost and reach on a phantom, and on real clips with --clip"),
     "motion": ("engine.bench.motion", "each ingredient of motion on and off, against exact displacement"),

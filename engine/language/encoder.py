@@ -128,5 +128,7 @@ class WordedEncoder(ABC):
 
 def _balanced(rows: np.ndarray) -> np.ndarray:
     """The unit vector with the same, largest possible cosine to every unit row: normalised Vᵀ(VVᵀ)⁺1."""
+    if len(rows) == 1:
+        return rows[0]
     direction = rows.T @ np.linalg.pinv(rows @ rows.T) @ np.ones(len(rows))
     return direction / np.linalg.norm(direction)

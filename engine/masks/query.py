@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,35 @@ from engine.raster import Render
 KEPT_MAPS = 32
 #: A negative this close to the prompt is part of what is meant ("grasper" when the prompt is "tool") and does not compete with it.
 INCLUDED = 0.6
+
+
+@dataclass(frozen=True)
+class Question:
+    """A prompt in vectors.
+
+    Attributes
+    ----------
+    meant : float [D] or [m, D]
+        What is looked for; the best counts in each pixel.
+    excluded : float [k, D] or None
+        What the prompt says it does not mean.
+    """
+
+    meant: np.ndarray
+    excluded: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Maps:
+    """What decides about a mask: similarities float32 [H, W] with what is meant, the best rival, and the best that is excluded."""
+
+    similarity: np.ndarray
+    rivals: np.ndarray | None
+    excluded: np.ndarray | None
+
+    def mask(self, decoder: str, threshold: float) -> np.ndarray:
+        """Pixels that are meant, bool [H, W]."""
+        return decode_mask(self.similarity, self.rivals, decoder, threshold, self.excluded)
 
 
 class MaskQuery:
@@ -60,11 +90,11 @@ class MaskQuery:
 
     def similarity(self, vectors: np.ndarray) -> np.ndarray:
         """Cosine with the prompt, pixelwise, float32 [H, W] in [−1, 1]."""
-        return self._aggregation.numpy(self._best(vectors, refined=False))
+        return self._read(self._best(vectors, refined=False))
 
     def refined(self, vectors: np.ndarray) -> np.ndarray:
         """Region-aggregated, guided similarity (M_final, Eq. 4), float32 [H, W]; the guided filter may overshoot [−1, 1] a little."""
-        return self._aggregation.numpy(self._best(vectors, refined=True))
+        return self._read(self._best(vectors, refined=True))
 
     def mask(
         self,
@@ -93,14 +123,37 @@ class MaskQuery:
         ValueError
             For an unknown decoder or vectors of another length than the basis takes.
         """
+        [mask] = self.masks([Question(vectors, excluded)], decoder, threshold, negatives)
+        return mask
+
+    def masks(
+        self,
+        questions: Sequence[Question],
+        decoder: str = DEFAULT_DECODER,
+        threshold: float = DEFAULT_THRESHOLD,
+        negatives: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """The mask of each question, bool [n, H, W], exactly as `mask` finds it alone; what is new of all is computed in one pass."""
+        return np.stack([maps.mask(decoder, threshold) for maps in self.maps(questions, decoder, negatives)])
+
+    def maps(self, questions: Sequence[Question], decoder: str = DEFAULT_DECODER, negatives: np.ndarray | None = None) -> list[Maps]:
+        """What decides about each question's mask, read into memory at once. `Maps.mask` may then be called in any thread."""
         refined = reads_regions(decoder)
-        read = self._aggregation.numpy
-        similarity = read(self._best(vectors, refined))
-        rivals = None if decoder == "threshold" else self._rivals(vectors, negatives, refined)
-        unwanted = self._best(excluded, refined) if excluded is not None and len(excluded) else None
-        return decode_mask(
-            similarity, rivals if rivals is None else read(rivals), decoder, threshold, unwanted if unwanted is None else read(unwanted)
-        )
+        rivals = [None if decoder == "threshold" else self._rivals(question.meant, negatives) for question in questions]
+        asked = [
+            rows
+            for question, others in zip(questions, rivals, strict=True)
+            for rows in (question.meant, others, question.excluded)
+            if rows is not None and len(rows)
+        ]
+        self._found(np.concatenate([np.atleast_2d(rows) for rows in asked]), refined)  # all that is new, at once
+        read = iter(self._aggregation.numpy([self._best(rows, refined) for rows in asked]))
+        found = []
+        for question, others in zip(questions, rivals, strict=True):
+            similarity = next(read)
+            beaten = next(read) if others is not None else None
+            found.append(Maps(similarity, beaten, next(read) if question.excluded is not None and len(question.excluded) else None))
+        return found
 
     def label_map(self, vectors: np.ndarray, decoder: str = DEFAULT_DECODER) -> np.ndarray:
         """Index of the best class in each pixel, uint8 [H, W], of class vectors [n, D], n ≤ 255; `UNLABELLED` where nothing is similar."""
@@ -115,9 +168,9 @@ class MaskQuery:
         if not mask.any():
             return 0.0
         margin = self.refined(vectors)[mask]
-        rivals = self._rivals(vectors, negatives, refined=True)
+        rivals = self._rivals(vectors, negatives)
         if rivals is not None:
-            margin = margin - np.maximum(self._aggregation.numpy(rivals)[mask], 0.0)
+            margin = margin - np.maximum(self.refined(rivals)[mask], 0.0)
         return float(np.clip(margin, 0.0, 1.0).mean())
 
     def _best(self, vectors: np.ndarray, refined: bool) -> Any:
@@ -134,16 +187,21 @@ class MaskQuery:
             compute = self._aggregation.refined if refined else self._aggregation.similarity
             found |= zip(new, compute(rows), strict=True)
             self._maps |= {key: found[key] for key in new}
-            while len(self._maps) > KEPT_MAPS:
+            while len(self._maps) > max(KEPT_MAPS, len(keys)):
                 del self._maps[next(iter(self._maps))]
         return [found[key] for key in keys]
 
-    def _rivals(self, vectors: np.ndarray, negatives: np.ndarray | None, refined: bool) -> Any:
+    def _rivals(self, vectors: np.ndarray, negatives: np.ndarray | None) -> np.ndarray | None:
+        """Those of the negatives [n, D] that are no part of what is meant; None without any."""
         if negatives is None or len(negatives) == 0:
             return None
         prompt, others = (_unit_rows(np.atleast_2d(rows)) for rows in (vectors, negatives))
-        rivals = others[(others @ prompt.T).max(1) < INCLUDED]
-        return self._best(rivals, refined) if len(rivals) else None
+        rivals = np.atleast_2d(negatives)[(others @ prompt.T).max(1) < INCLUDED]  # as given: the map of a class is found again
+        return rivals if len(rivals) else None
+
+    def _read(self, values: Any) -> np.ndarray:
+        [array] = self._aggregation.numpy([values])
+        return array
 
 
 def query_of(drawn: Render, basis: Basis) -> MaskQuery:

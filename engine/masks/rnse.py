@@ -71,8 +71,8 @@ class Aggregation(ABC, Generic[Map]):
         """The greatest of one or more maps in each pixel."""
 
     @abstractmethod
-    def numpy(self, values: Map) -> np.ndarray:
-        """A map as a read-only array in memory."""
+    def numpy(self, maps: Sequence[Map]) -> list[np.ndarray]:
+        """Maps as read-only arrays in memory, all fetched at once."""
 
     @abstractmethod
     def winners(self, maps: Sequence[Map]) -> tuple[np.ndarray, np.ndarray]:

@@ -73,7 +73,7 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
         regions, means, trust, _ = self.evidence
         pixel = cosines(self.unit, vectors)
         with KERNEL_LOCK:
-            _blend(pixel, regions, vectors.astype(np.float32) @ means.T, trust)
+            _blend(pixel, regions, cosines(means[None], vectors)[:, 0], trust)
         return pixel
 
     def refined(self, vectors: np.ndarray) -> np.ndarray:
@@ -87,9 +87,10 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
     def largest(self, maps: Sequence[np.ndarray]) -> np.ndarray:
         return maps[0] if len(maps) == 1 else np.maximum.reduce(list(maps))
 
-    def numpy(self, values: np.ndarray) -> np.ndarray:
-        values.flags.writeable = False
-        return values
+    def numpy(self, maps: Sequence[np.ndarray]) -> list[np.ndarray]:
+        for values in maps:
+            values.flags.writeable = False
+        return list(maps)
 
     def winners(self, maps: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         stack = np.stack(list(maps))

@@ -59,12 +59,16 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         return guide, mean, _inverse(covariance, rnse.FLAT)
 
     def similarity(self, vectors: np.ndarray) -> Tensor:
-        return (self._rows(vectors) @ self.unit.flatten(0, 1).T).unflatten(1, self.unit.shape[:2])
+        return _project(self._planes, self._rows(vectors))
+
+    @cached_property
+    def _planes(self) -> Tensor:
+        return self.unit.permute(2, 0, 1).contiguous()
 
     def refined(self, vectors: np.ndarray) -> Tensor:
         labels, means, trust, doubt = self.evidence
         pixel = self.similarity(vectors)
-        regional = (self._rows(vectors) @ means.T)[:, labels]
+        regional = _project(means.T.contiguous(), self._rows(vectors))[:, labels]
         coarse = pixel + trust * (regional - pixel)
         guided, explained = self._filter(coarse)
         weight = torch.maximum(doubt, _ramp(explained, rnse.EXPLAINED)).clamp_min(rnse.LEAST_GUIDED)
@@ -73,10 +77,10 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
     def largest(self, maps: Sequence[Tensor]) -> Tensor:
         return maps[0] if len(maps) == 1 else torch.stack(list(maps)).amax(0)
 
-    def numpy(self, values: Tensor) -> np.ndarray:
-        array = values.cpu().numpy()
+    def numpy(self, maps: Sequence[Tensor]) -> list[np.ndarray]:
+        array = torch.stack(list(maps)).cpu().numpy()
         array.flags.writeable = False
-        return array
+        return list(array)
 
     def winners(self, maps: Sequence[Tensor]) -> tuple[np.ndarray, np.ndarray]:
         values, index = torch.stack(list(maps)).max(0)
@@ -97,6 +101,18 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         offset = level - (slope * mean).sum(1, keepdim=True)
         fit = _window(torch.cat([slope, offset, explained], 1))
         return (fit[:, :3] * guide).sum(1) + fit[:, 3], fit[:, 4]
+
+
+def _project(planes: Tensor, rows: Tensor) -> Tensor:
+    """Σ_c q_c z_c, [n, ...], of planes [d, ...] and rows [n, d], one channel after the other.
+
+    Each row's map is the same to the last bit whatever else is asked with it, which no matrix product of a library promises.
+    """
+    weights = rows.view(*rows.shape, *[1] * (planes.ndim - 1))
+    out = weights[:, 0] * planes[0]
+    for c in range(1, len(planes)):
+        out.addcmul_(weights[:, c], planes[c])
+    return out
 
 
 def find_evidence(unit: Tensor, labels: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:

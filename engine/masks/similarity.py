@@ -32,8 +32,31 @@ def normalised(latent: np.ndarray, alpha: np.ndarray | None = None) -> np.ndarra
 
 
 def cosines(unit: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """⟨ẑ, q⟩, float32 [n, H, W], of normalised latents [H, W, d] with rows q = Bᵀv / ‖v‖ [n, d]."""
-    return (vectors.astype(np.float32) @ unit.reshape(-1, unit.shape[2]).T).reshape(-1, *unit.shape[:2])
+    """⟨ẑ, q⟩, float32 [n, H, W], of normalised latents [H, W, d] with rows q = Bᵀv / ‖v‖ [n, d].
+
+    Each map is the same to the last bit whatever else is asked with it, which no matrix product of a library promises.
+    """
+    out = np.empty((len(vectors), *unit.shape[:2]), np.float32)
+    with KERNEL_LOCK:
+        _project(np.ascontiguousarray(unit, np.float32), np.ascontiguousarray(vectors, np.float32), out)
+    return out
+
+
+@njit(parallel=True, cache=True)
+def _project(unit, vectors, out):
+    height, width, channels = unit.shape
+    for y in prange(height):
+        planes = np.empty((channels, width), np.float32)
+        for x in range(width):
+            for c in range(channels):
+                planes[c, x] = unit[y, x, c]
+        for i in range(vectors.shape[0]):
+            row = out[i, y]
+            row[:] = np.float32(0.0)
+            for c in range(channels):
+                weight = vectors[i, c]
+                for x in range(width):
+                    row[x] += weight * planes[c, x]
 
 
 @njit(parallel=True, cache=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from engine.bench import field, presets, raster, savings, viewing
+from engine.bench import field, presets, query, raster, savings, viewing
 from engine.bench.options import BenchOptions
 from engine.bench.run import BENCHES, command_line, run
 from engine.bench.scenes import with_count
@@ -106,11 +106,22 @@ def test_viewing_tables(options, scene, monkeypatch):
     monkeypatch.setattr(viewing, "QUICK_STAGES", ((len(scene.model), 80, 40),))
     monkeypatch.setattr(viewing, "SECONDS", {"cpu": 0.02})
     playing, asking = run("viewing", options)
-    assert playing.rows[0]["share"] == 100
+    assert playing.rows[0]["share"] == pytest.approx(100)
     assert [row["what"] for row in playing.rows][:2] == ["raw: cpu (numba)", "baked states, drawn"]
     assert all(min(row["rate"]) > 0 and row["late"] >= row["time"] for row in playing.rows)
     assert len(asking.rows) == 4
     assert "80 × 40" in asking.rows[0]["scene"]
+
+
+def test_query_table(options, scene, monkeypatch):
+    monkeypatch.setattr(query, "trained_scene", lambda options, progress: (scene, "a tiny scene"))
+    monkeypatch.setattr(query, "QUICK_STAGES", ((len(scene.model), 80, 40, 5),))
+    [table] = run("query", options)
+    together, single, alone = table.rows
+    assert together["scene"] == f"{len(scene.model)} Gaussians, 80 × 40"
+    assert together["differ"] == single["differ"] == 0
+    assert (together["frames"], alone["frames"]) == (5, 5)
+    assert all(len(row["seconds"]) == options.repeats and min(row["seconds"]) > 0 for row in table.rows)
 
 
 def test_the_view_of_another_size_shows_the_same_width(scene):

@@ -239,3 +239,31 @@ def test_ctrl_c_stops_training_cleanly(tiny_clip, tmp_path):
 def test_a_closed_pipe_is_no_error(run):
     result = subprocess.run(f"{sys.executable} -m app --help | true", shell=True, capture_output=True, text=True)
     assert result.stderr == ""
+
+
+def test_segment_of_a_clip_can_be_gone_on_with(run, scene, tmp_path, capsys, monkeypatch):
+    out, asked = tmp_path / "masks", []
+    base = ["segment", str(run), "--prompt", "gallbladder", "--prompt", "tool, not hook", "--frames"]
+    original = type(scene).query
+    monkeypatch.setattr(type(scene), "query", lambda self, frame, camera=None: asked.append(frame) or original(self, frame, camera))
+    assert main([*base, "2:5", "--out", str(out)]) == 0
+    assert asked == [2, 3, 4]
+    assert main([*base, "1:6", "--out", str(out)]) == 0
+    assert asked == [2, 3, 4, 1, 5]
+    assert "masks of 5 frames" in capsys.readouterr().out
+    assert json.loads((out / "classes.json").read_text())["classes"] == ["gallbladder", "tool, not hook"]
+    assert sorted(file.name for file in (out / "labels").iterdir()) == [f"{i:06d}.png" for i in range(1, 6)]
+    folders = sorted((out / "masks").iterdir())
+    assert [folder.name for folder in folders] == ["01-gallbladder", "02-tool-not-hook"]
+    areas = (out / "areas.csv").read_text().splitlines()
+    assert areas[0] == 'frame,gallbladder,"tool, not hook"'
+    masks = [cv2.imread(str(folder / "000003.png"), cv2.IMREAD_UNCHANGED) == 255 for folder in folders]
+    assert masks[0].any()
+    assert areas[3] == "3," + ",".join(f"{mask.mean():.6f}" for mask in masks)
+    labels = cv2.imread(str(out / "labels/000003.png"), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(labels != 255, masks[0] | masks[1])
+    assert main([*base, "all", "--decoder", "argmax", "--out", str(out)]) == 2
+    assert "other prompts, settings or another run" in capsys.readouterr().err
+    assert main([*base, "9:", "--prompt", "banana", "--out", str(tmp_path / "none")]) == 2
+    assert "'banana' is not in the vocabulary" in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
