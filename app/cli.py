@@ -143,8 +143,8 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
         type=Path,
         required=True,
         metavar="FILE",
-        help=".png: 255 in the mask (several prompts: 1, 2 …); .npy: bool [H, W] or [n, H, W]; with --frames a folder for label maps, masks "
-        "and areas, gone on with when it holds some of them",
+        help=".png: 255 in the mask (several prompts: 1, 2 …); .npy: bool [H, W] or [n, H, W]; "
+        "with --frames a folder for label maps, masks and areas, in which what is there already is kept",
     )
     _prompts(sub, required=True)
 
