@@ -9,6 +9,7 @@ import pytest
 from engine.errors import ClipError
 from engine.masks import DECODERS
 from engine.metrics.evaluate import evaluate
+from engine.metrics.masks import MaskScores
 from tests.fakes import MemoryClip
 
 #: What `degense eval --json` promises to outside scripts.
@@ -83,6 +84,17 @@ def test_pictures_and_masks_come_from_held_out_frames_only(scene, clip, monkeypa
     assert result["held_out"] is True
     assert result["mask_frames"] == clip.test_frames
     assert result["mask_frames_trained"] == []
+
+
+def test_calibration_and_flicker_are_those_of_the_runs_masks(scores, scene, clip):
+    """The default threshold scores what prompts get; flicker is looked for between the held-out frame and the one before it."""
+    vectors, truth, by_hand = scene.vectors(clip.classes), clip.labels(1), MaskScores(clip.classes)
+    for index in range(len(clip.classes)):
+        by_hand.add_mask(index, scene.query(1).mask(vectors[index], "threshold"), truth, clip.valid(1))
+    assert scores["calibration"]["threshold"]["miou_default"] == pytest.approx(by_hand.result()["miou"])
+    assert scores["calibration"]["rnse"]["miou_best"] >= scores["calibration"]["rnse"]["miou_default"]
+    assert scores["flicker_pairs"] == 1
+    assert all(0 <= scores["flicker"][decoder] < 0.2 for decoder in DECODERS)
 
 
 def test_a_clip_whose_labels_were_all_trained_on_says_so(scene, clip):
