@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from engine.errors import DegenseError
@@ -51,6 +51,7 @@ class ActionRegistry:
     def __init__(self) -> None:
         self._actions: dict[str, Action] = {}
         self._keys: dict[str, str] = {}
+        self._given: dict[str, tuple[str, ...]] = {}
 
     def add(self, *actions: Action) -> None:
         """Register actions.
@@ -58,16 +59,52 @@ class ActionRegistry:
         Raises
         ------
         ValueError
-            When an id or a shortcut is taken, or a title is empty.
+            When an id or a shortcut is taken, a title is empty, or nobody could find the action: it has neither a menu nor a shortcut.
         """
         for action in actions:
             if not action.title or action.id in self._actions:
                 raise ValueError(f"action {action.id!r} is registered twice or has no title")
+            if not (action.menu or action.shortcuts):
+                raise ValueError(f"action {action.id!r} has neither a place in a menu nor a shortcut")
             for key in action.shortcuts:
                 if key in self._keys:
                     raise ValueError(f"{key} is already the shortcut of {self._keys[key]!r}, so {action.id!r} cannot have it")
             self._actions[action.id] = action
             self._keys |= dict.fromkeys(action.shortcuts, action.id)
+
+    def keys(self, action_id: str) -> tuple[str, ...]:
+        """The shortcuts in force: the user's own, else those of the action."""
+        return self._given.get(action_id, self._actions[action_id].shortcuts)
+
+    @property
+    def given(self) -> dict[str, tuple[str, ...]]:
+        """The shortcuts that the user has changed, by action."""
+        return dict(self._given)
+
+    def rebind(self, given: Mapping[str, Sequence[str]]) -> list[str]:
+        """Give actions other shortcuts; those not named have their own again. An id that is not known (of another version) is kept aside.
+
+        Returns
+        -------
+        list of str
+            A sentence for each key that two actions have. The one that comes first in the table keeps it.
+        """
+        known = {action_id: tuple(keys) for action_id, keys in given.items() if action_id in self._actions}
+        self._given = {action_id: keys for action_id, keys in known.items() if keys != self._actions[action_id].shortcuts}
+        owners: dict[str, str] = {}
+        clashes = []
+        for action_id in self._actions:
+            free = []
+            for key in self.keys(action_id):
+                if key in owners:
+                    first, second = self._actions[owners[key]].title, self._actions[action_id].title
+                    clashes.append(f"{key} is the shortcut of “{first}”, so “{second}” cannot have it.")
+                else:
+                    owners[key] = action_id
+                    free.append(key)
+            if len(free) < len(self.keys(action_id)):
+                self._given[action_id] = tuple(free)
+        return clashes
 
     def __iter__(self) -> Iterator[Action]:
         return iter(self._actions.values())
@@ -105,6 +142,6 @@ class ActionRegistry:
         """Shortcuts by menu: {"View": [("Ctrl+K", "Command palette"), …], …}."""
         sheet: dict[str, list[tuple[str, str]]] = {}
         for action in self:
-            if action.shortcuts:
-                sheet.setdefault(action.menu[0] if action.menu else "Everywhere", []).append((" or ".join(action.shortcuts), action.title))
+            if keys := self.keys(action.id):
+                sheet.setdefault(action.menu[0] if action.menu else "Everywhere", []).append((" or ".join(keys), action.title))
         return sheet

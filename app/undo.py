@@ -78,6 +78,11 @@ class UndoStack:
         """Bytes that the edits hold."""
         return sum(edit.size for edit in self._edits)
 
+    def set_memory(self, memory: int) -> None:
+        """Hold at most so many bytes from now on."""
+        self._memory = memory
+        self._forget()
+
     @property
     def undo_name(self) -> str | None:
         """What undo would take back; None when there is nothing."""
@@ -99,11 +104,17 @@ class UndoStack:
             self._edits[-1] = replace(last, name=name, after=after, size=max(last.size, size), made=now)
         else:
             self._edits.append(Edit(name, restore, before, after, key, size, now))
-        del self._edits[: -self._limit]
-        while self.size > self._memory and len(self._edits) > 1:
-            del self._edits[0]
         self._cursor = len(self._edits)
+        self._forget()
         self.changed.emit()
+
+    def _forget(self) -> None:
+        """Let the oldest edits go until the rest fits. Edits that are undone stay: they are the newest."""
+        while len(self._edits) > self._limit or (self.size > self._memory and len(self._edits) > 1):
+            if not self._cursor:
+                break
+            del self._edits[0]
+            self._cursor -= 1
 
     def undo(self) -> str | None:
         """Take the last edit back; its name, or None when there was none."""

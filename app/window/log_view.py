@@ -18,6 +18,7 @@ class LogView(QPlainTextEdit):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setReadOnly(True)
+        self.setAccessibleName("Log")
         self.setMaximumBlockCount(2000)
         self._relay = _Relay(self)
         self._relay.line.connect(self.appendPlainText)

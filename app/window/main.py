@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QShowEvent
-from PySide6.QtWidgets import QApplication, QMainWindow
+from PySide6.QtWidgets import QMainWindow
 
 from app.actions import ActionRegistry
 from app.render_service import RenderService
@@ -15,19 +15,19 @@ from app.window.answering import Answering
 from app.window.controls import Controls
 from app.window.drawing import Drawing
 from app.window.exporting import Exporting
+from app.window.helping import Helping
 from app.window.keeping import Keeping
 from app.window.layout import WindowLayout
 from app.window.menus import Menus
-from app.window.messages import show_about, show_cheat_sheet, show_error, show_text
+from app.window.messages import show_error
 from app.window.opening import Opening
-from app.window.palette import Palette
 from app.window.parts import Parts
+from app.window.preferring import Preferring
 from app.window.probing import Probing
 from app.window.ranking import RankingControl
 from app.window.run_list import RunList
 from app.window.runs import Runs
 from app.window.training import Training
-from widgets.theme import apply_theme
 
 #: The most urgent first.
 CHANNELS = (
@@ -83,8 +83,14 @@ class MainWindow(QMainWindow):
         self.run_list = RunList(self.session, settings, self.parts, self.opening, self.training)
         self.session.register("window", WindowLayout(self.session, self.parts, self.drawing))
         self.registry = ActionRegistry()
+        self.helping = Helping(self.registry, self.session, self.service, self.parts, self.complaint.emit)
+        self.preferring = Preferring(self.registry, self.session, settings, self.parts)
         actions.fill(self.registry, self)
+        self.preferring.take_shortcuts()
         self.menus = Menus(self.registry, self, self.complaint.emit)
+        self.helping.run = self.menus.run
+        self.preferring.shortcuts_changed.connect(self.menus.rebind)
+        self.preferring.changed.connect(self.menus.refresh)
         self.menus.add_recent(settings, self.opening.open_path)
         docks = self.menus.menu(("View", "Panels"))
         for dock in self.parts.docks:
@@ -116,36 +122,6 @@ class MainWindow(QMainWindow):
     def show_history(self) -> None:
         self.parts.history_dock.show()
         self.parts.history_dock.raise_()
-
-    def toggle_theme(self) -> None:
-        theme = "light" if self.settings.value.theme == "dark" else "dark"
-        self.settings.update(theme=theme)
-        app = QApplication.instance()
-        assert isinstance(app, QApplication)
-        apply_theme(app, theme)
-
-    def show_palette(self) -> None:
-        palette = Palette(self.registry, self.menus.run, self)
-        palette.show()
-        palette.input.setFocus()
-
-    def show_cheat_sheet(self) -> None:
-        show_cheat_sheet(self, self.registry.cheat_sheet())
-
-    def show_about(self) -> None:
-        show_about(self)
-
-    def show_doctor(self) -> None:
-        """Examine the machine in the worker (it takes seconds), then show the report."""
-        from app.doctor import report
-
-        self.parts.set_busy("Examining this machine")
-
-        def done(result: tuple[str, bool]) -> None:
-            self.parts.set_busy()
-            show_text(self, "Doctor", result[0])
-
-        self.service.submit("doctor", report, done, self.complaint.emit)
 
     # Qt's own events
 

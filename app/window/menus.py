@@ -40,6 +40,11 @@ class Menus(QObject):
             if entry.checked is not None:
                 action.setChecked(entry.checked())
 
+    def rebind(self) -> None:
+        """Take the registry's shortcuts as they are now."""
+        for action_id, action in self.actions.items():
+            action.setShortcuts([QKeySequence(key) for key in self._registry.keys(action_id)])
+
     def add_recent(self, settings: SettingsFile, open_path: Callable[[Path], None]) -> None:
         """File ▸ Recent, filled when it is shown."""
         recent = QMenu("Recent", self._window)
@@ -57,7 +62,7 @@ class Menus(QObject):
     def _add(self, entry: Action) -> QAction:
         action = QAction(entry.title, self._window)
         action.setObjectName(entry.id)
-        action.setShortcuts([QKeySequence(key) for key in entry.shortcuts])
+        action.setShortcuts([QKeySequence(key) for key in self._registry.keys(entry.id)])
         action.setCheckable(entry.checked is not None)
         if entry.help:
             action.setStatusTip(entry.help)

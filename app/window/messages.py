@@ -5,7 +5,17 @@ from __future__ import annotations
 import logging
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QDialog, QDialogButtonBox, QLabel, QMessageBox, QPlainTextEdit, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QDialog,
+    QDialogButtonBox,
+    QLabel,
+    QMessageBox,
+    QPlainTextEdit,
+    QScrollArea,
+    QTextBrowser,
+    QVBoxLayout,
+    QWidget,
+)
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +46,7 @@ def show_about(parent: QWidget) -> None:
 def show_text(parent: QWidget, title: str, text: str) -> QDialog:
     """A window with text in fixed columns."""
     view = QPlainTextEdit(text)
+    view.setAccessibleName(title)
     view.setReadOnly(True)
     view.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
     font = view.font()
@@ -43,6 +54,15 @@ def show_text(parent: QWidget, title: str, text: str) -> QDialog:
     font.setStyleHint(font.StyleHint.Monospace)
     view.setFont(font)
     return _dialog(parent, title, view, (760, 480))
+
+
+def show_page(parent: QWidget, title: str, html: str) -> QDialog:
+    """A window with a page to read."""
+    view = QTextBrowser()
+    view.setAccessibleName(title)
+    view.setHtml(html)
+    view.document().setDocumentMargin(14)
+    return _dialog(parent, title, view, (720, 640))
 
 
 def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -> QDialog:

@@ -20,6 +20,8 @@ class Palette(QDialog):
         self._registry, self._run_action = registry, run
         self.input = QLineEdit(placeholderText="What do you want to do?")
         self.list = QListWidget()
+        self.input.setAccessibleName("What do you want to do?")
+        self.list.setAccessibleName("Actions that fit")
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         column = QVBoxLayout(self)
         column.setContentsMargins(6, 6, 6, 6)
@@ -46,7 +48,8 @@ class Palette(QDialog):
         for action in self._registry.search(text):
             if action.id != "help.palette":
                 place = " ▸ ".join((*action.menu, action.title))
-                item = QListWidgetItem(f"{place}    {action.shortcuts[0]}" if action.shortcuts else place)
+                keys = self._registry.keys(action.id)
+                item = QListWidgetItem(f"{place}    {keys[0]}" if keys else place)
                 item.setData(Qt.ItemDataRole.UserRole, action.id)
                 self.list.addItem(item)
         self.list.setCurrentRow(0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtWidgets import QMessageBox
@@ -118,17 +117,3 @@ def test_the_sample_is_not_changed_by_looking_at_it(window, run, idle, monkeypat
     window.close()
     assert not (run / "session.json").exists()
     assert window.settings.value.recent == ()
-
-
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_theme_is_changed_and_remembered(qtbot, window, qapp, theme):
-    from widgets.theme import apply_theme, is_dark
-
-    apply_theme(qapp, "dark")
-    window.settings.update(theme="dark")
-    window.registry.run("view.dark")
-    if theme == "dark":
-        window.registry.run("view.dark")
-    assert window.settings.value.theme == theme
-    assert is_dark(qapp.palette()) == (theme == "dark")
-    apply_theme(qapp, "dark")

@@ -27,4 +27,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
             group=1,
             help="search mask",
         ),
+        Action(
+            "edit.preferences", "Preferences…", window.preferring.show, ("Edit",), ("Ctrl+,",), group=9, help="settings shortcuts theme"
+        ),
     )

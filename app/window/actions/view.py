@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from app.actions import Action, ActionRegistry
 from app.look import Compare
+from app.settings import Theme
 
 if TYPE_CHECKING:
     from app.window.main import MainWindow
@@ -31,6 +32,9 @@ COMPARES: tuple[tuple[Compare, str], ...] = (
     ("blink", "Compare: blink"),
     ("difference", "Compare: difference"),
 )
+
+
+THEME_TITLES: tuple[tuple[Theme, str], ...] = (("dark", "Dark"), ("light", "Light"), ("system", "As the desktop"))
 
 
 def fill(registry: ActionRegistry, window: MainWindow) -> None:
@@ -58,6 +62,9 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
 
     def is_compared(name: str) -> bool:
         return session.look.compare == name
+
+    def is_theme(name: str) -> bool:
+        return settings.value.theme == name
 
     def toggle_camera() -> None:
         session.camera_mode = "free" if session.camera_mode == "surgeon" else "surgeon"
@@ -116,5 +123,15 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         ),
         Action("masks.more", "More opaque masks", lambda: more_opacity(0.1), ("View",), ("Shift+Up",), has_scene, group=2),
         Action("masks.less", "Less opaque masks", lambda: more_opacity(-0.1), ("View",), ("Shift+Down",), has_scene, group=2),
-        Action("view.dark", "Dark theme", window.toggle_theme, ("View",), (), checked=lambda: settings.value.theme == "dark", group=3),
+        *(
+            Action(
+                f"theme.{name}",
+                title,
+                partial(window.preferring.set_theme, name),
+                ("View", "Theme"),
+                checked=partial(is_theme, name),
+                help="colours dark light operating room",
+            )
+            for name, title in THEME_TITLES
+        ),
     )
