@@ -9,7 +9,6 @@ import numpy as np
 
 from app.look import Look
 from app.part import Part
-from app.view import layer_request, masks_of
 from engine.errors import RunError
 
 if TYPE_CHECKING:
@@ -75,7 +74,8 @@ class AreaBook(Part):
 
 def areas(scene: Scene, look: Look, frames: list[int]) -> Generator[tuple[int, dict[str, float]], None, None]:
     """Areas (share of the picture) of the visible prompts' masks in these frames. Yields (frame, {text: area})."""
-    texts = [prompt.text for prompt in look.visible_prompts]
-    for frame in frames:
-        masks = masks_of(scene, layer_request(look, frame), texts)
-        yield frame, {text: float(mask.mean()) for text, mask in zip(texts, masks, strict=True)}
+    from engine.clip_query import ClipQuestion, query_clip
+
+    texts = tuple(prompt.text for prompt in look.visible_prompts)
+    for found in query_clip(scene, ClipQuestion(texts, look.decoder, look.threshold, look.negative_texts), frames):
+        yield found.frame, dict(zip(texts, found.areas.tolist(), strict=True))

@@ -76,16 +76,20 @@ class Answering(QObject):
         scene, look = self.session.scene, self.session.look
         if scene is None or not scene.has_semantics or self.session.playing or not look.visible_prompts:
             return
+        if self.service.busy("query"):  # the whole clip is being asked already
+            self._quiet.start()
+            return
         wanted = self.areas.missing(look, scene.frames, self.session.frame)
         if not wanted:
             return
 
         def found(step: tuple[int, dict[str, float]]) -> None:
-            self._take(scene, look, *step)
+            self.take(scene, look, *step)
 
         self.service.submit("areas", lambda: areas(scene, look, wanted), lambda result: self._show_strips(), self.parts.say, found)
 
-    def _take(self, scene: Scene, look: Look, frame: int, found: dict[str, float]) -> None:
+    def take(self, scene: Scene, look: Look, frame: int, found: dict[str, float]) -> None:
+        """Keep the areas of a frame, and show them."""
         for text, area in found.items():
             self.areas.curve(text, look, scene.frames)[frame] = area
         self._show_strips()

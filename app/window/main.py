@@ -12,6 +12,7 @@ from app.session import Session
 from app.settings import SettingsFile
 from app.window import actions
 from app.window.answering import Answering
+from app.window.clip_querying import ClipQuerying
 from app.window.controls import Controls
 from app.window.drawing import Drawing
 from app.window.exporting import Exporting
@@ -45,6 +46,7 @@ CHANNELS = (
     "rank",
     "observed",
     "export",
+    "query",
     "areas",
     "doctor",
 )
@@ -74,6 +76,7 @@ class MainWindow(QMainWindow):
         self.controls = Controls(self.session, settings, self.parts)
         self.probing = Probing(self.session, self.service, self.parts, self.drawing)
         self.answering = Answering(self.session, self.service, self.parts, self.drawing)
+        self.querying = ClipQuerying(self.session, self.service, self.parts, self.answering)
         self.ranking = RankingControl(self.session, self.service, self.parts, self.drawing)
         self.runs = Runs(self.session, self.service, settings, self.parts, self.drawing)
         self.keeping = Keeping(self.session, settings, self.parts)
@@ -105,6 +108,7 @@ class MainWindow(QMainWindow):
         self.training.changed.connect(self.menus.refresh)
         self.probing.tool_changed.connect(self.menus.refresh)
         self.ranking.changed.connect(self.menus.refresh)
+        self.querying.changed.connect(self.menus.refresh)
         self.runs.changed.connect(self.menus.refresh)
         self.parts.log.attach()
         self.setAcceptDrops(True)

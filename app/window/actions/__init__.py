@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from app.actions import ActionRegistry
-from app.window.actions import edit, files, help, inspection, play, training, view
+from app.window.actions import asking, edit, files, help, inspection, play, training, view
 
 if TYPE_CHECKING:
     from app.window.main import MainWindow
@@ -16,6 +16,7 @@ AREAS = (
     edit,
     view,
     inspection,
+    asking,
     play,
     training,
     help,

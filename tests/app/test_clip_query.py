@@ -1,0 +1,69 @@
+"""Task: ask the whole clip, watch the areas fill, stop it, write the masks down."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+
+from engine.scene import Scene
+
+
+@pytest.fixture
+def asked(opened, idle):
+    """The window with two prompts and one that takes pixels from them."""
+    opened.answering._quiet.setInterval(10**7)  # nobody else looks at other frames
+    for text in ("gallbladder", "tool, not hook", "fat"):
+        opened.session.add_prompt(text)
+    opened.session.set_negative("fat", True)
+    idle()
+    opened.parts.panel.setFocus()
+    return opened
+
+
+def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
+    look = asked.session.look
+    qtbot.keyClick(asked.parts.panel, Qt.Key.Key_Q)
+    assert asked.querying.running
+    assert not asked.menus.actions["query.clip"].isEnabled()
+    idle()
+    scene = asked.session.scene
+    other = Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip)  # nothing is kept in it
+    classes, fat = other.vectors(other.classes), other.meanings("fat")
+    for text in ("gallbladder", "tool, not hook"):
+        excluded = np.concatenate([other.exclusions(text), fat])
+        shares = [other.query(i).mask(other.meanings(text), look.decoder, look.threshold, classes, excluded).mean() for i in range(10)]
+        assert asked.answering.areas.curve(text, look, 10).tolist() == shares
+    assert max(shares) > 0
+    assert "gallbladder in 10 of 10 frames" in asked.statusBar().currentMessage()
+    assert asked.menus.actions["query.clip"].isEnabled()
+    screenshot(asked, "query-clip")
+
+
+def test_what_was_found_before_a_stop_is_kept_and_not_asked_again(qtbot, asked, idle):
+    look = asked.session.look
+    curve = asked.answering.areas.curve("gallbladder", look, 10)
+    asked.menus.run("query.clip")
+    qtbot.waitUntil(lambda: np.isfinite(curve).sum() >= 2)
+    asked.menus.run("query.stop")
+    idle()
+    known = np.isfinite(curve)
+    assert 2 <= known.sum() < 10
+    curve[known] = -1.0
+    asked.menus.run("query.clip")
+    idle()
+    assert (curve[known] == -1).all()
+    assert (curve[~known] > 0).all()
+
+
+def test_masks_of_the_whole_clip_go_into_a_folder(asked, idle, tmp_path):
+    out = tmp_path / "masks"
+    asked.querying.save(out)
+    idle()
+    assert json.loads((out / "classes.json").read_text())["classes"] == ["gallbladder", "tool, not hook"]
+    assert len(list((out / "labels").iterdir())) == 10
+    areas = np.loadtxt(out / "areas.csv", delimiter=",", skiprows=1)
+    assert (areas[:, 1] > 0).all()
+    assert "masks of 10 frames" in asked.statusBar().currentMessage()
