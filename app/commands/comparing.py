@@ -76,7 +76,7 @@ def _clip_facts(clip: Clip, scores: dict[str, Any]) -> dict[str, str]:
     frames, trained = scores["mask_frames"], scores["mask_frames_trained"]
     return {
         "clip": f"{clip.name}: {len(clip)} frames, {width} × {height}",
-        "masks scored on": f"{len(frames)} frames ({', '.join(map(str, frames))})"
+        "masks scored on": f"{len(frames)} frame{'s' * (len(frames) != 1)} ({', '.join(map(str, frames))})"
         + (f"; of these, trained on: {', '.join(map(str, trained))}" if trained else ", none trained on"),
     }
 

@@ -58,9 +58,11 @@ def tables_of(entries: Sequence[Entry]) -> list[Table]:
 def _classes(entries: Sequence[Entry]) -> Table:
     """The paper's form: methods × classes, and their mean."""
     classes = list(entries[0].masks[0]["iou"])
+    scored = entries[0].runs[0]
+    where = "Some of these frames were trained on" if scored["mask_frames_trained"] else "Held-out frames"
     table = Table(
         "IoU of each class, %",
-        "Held-out frames; of each class the mean over frames, then the mean over classes. A class that a frame lacks and that is claimed "
+        f"{where}; of each class the mean over frames, then the mean over classes. A class that a frame lacks and that is claimed "
         f"there scores 0. Each method by its own best decoder, chosen on these frames. {INTERVAL}",
         ["method", "decoder", *classes, "mean"],
     )

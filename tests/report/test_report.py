@@ -39,6 +39,7 @@ def scores(miou: float, best: str = "rnse", name: str = "liver", seconds: float 
         "calibration": {"threshold": calibration, "rnse": calibration},
         "flicker": dict.fromkeys(DECODERS, 0.02),
         "mask_frames": [1, 9],
+        "mask_frames_trained": [],
         "psnr_mask": 30.0,
         "train_seconds": seconds,
         "gaussians": 1000,
@@ -75,6 +76,9 @@ def test_tables_by_hand(entries):
     assert [cell.text for cell in false.rows[0]] == ["theirs", "never absent", "2 of 2 (33.33 %)"]
     assert [[cell.text for cell in row] for row in frames[1].rows] == [["1", "80", "–"], ["9", "25", "0"]]
     assert "**85.0 ± 63.5**" in classes.markdown()
+    assert classes.words.startswith("Held-out frames")
+    entries[0].runs[0]["mask_frames_trained"] = [9]
+    assert "trained on" in tables_of(entries)[0].words
 
 
 def test_names_from_a_clip_are_words_only(tmp_path):
