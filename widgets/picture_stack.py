@@ -43,6 +43,7 @@ class PictureStack:
         self.observed: Picture | None = None
         self.overlay: QImage | None = None
         self.overlay_opacity = 1.0
+        self.labels: QImage | None = None
         self.mode = "off"
         self.split = 0.5
         self.gain = 4.0
@@ -54,6 +55,17 @@ class PictureStack:
 
     def set_observed(self, rgb: np.ndarray | None) -> None:
         self.observed, self._difference = Picture.of(rgb), None
+
+    def set_labels(self, rgba: np.ndarray | None) -> None:
+        """Lay a label map uint8 [H, W, 4] above the overlay."""
+        self.labels = None if rgba is None else to_qimage(rgba)
+
+    def patch_labels(self, rgba: np.ndarray, left: int, top: int) -> None:
+        """Replace a part, uint8 [h, w, 4], of the label map that is shown."""
+        if self.labels is not None:
+            with QPainter(self.labels) as painter:
+                painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
+                painter.drawImage(left, top, to_qimage(rgba))
 
     def set_gain(self, gain: float) -> None:
         self.gain, self._difference = gain, None
@@ -74,6 +86,8 @@ class PictureStack:
             painter.setOpacity(self.overlay_opacity)
             painter.drawImage(target, self.overlay)
             painter.setOpacity(1.0)
+        if self.labels is not None:
+            painter.drawImage(target, self.labels)
         if self.compares("wipe"):
             assert self.observed is not None
             painter.save()

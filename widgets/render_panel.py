@@ -113,6 +113,16 @@ class RenderPanel(QWidget):
     def overlay_opacity(self) -> float:
         return self._stack.overlay_opacity
 
+    def set_labels(self, rgba: np.ndarray | None) -> None:
+        """Lay a label map uint8 [H, W, 4] above everything, at its own opacity; None takes it away."""
+        self._stack.set_labels(rgba)
+        self.update()
+
+    def patch_labels(self, rgba: np.ndarray, left: int, top: int) -> None:
+        """Replace a part, uint8 [h, w, 4], of the label map that is shown."""
+        self._stack.patch_labels(rgba, left, top)
+        self.update()
+
     def set_observed(self, rgb: np.ndarray | None) -> None:
         """The clip's own frame, uint8 [H, W, 3], to compare with."""
         self._stack.set_observed(rgb)

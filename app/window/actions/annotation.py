@@ -1,0 +1,78 @@
+"""Labelling frames and reviewing labels."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from app.actions import Action, ActionRegistry
+from app.annotations import TOOLS
+
+if TYPE_CHECKING:
+    from app.window.main import MainWindow
+
+TOOL_TITLES = {"brush": "Brush", "eraser": "Eraser", "superpixels": "Superpixel brush", "polygon": "Polygon", "fill": "Fill"}
+TOOL_KEYS = {"brush": "B", "eraser": "E", "superpixels": "S", "polygon": "P", "fill": "G"}
+MENU = ("Annotate",)
+
+
+def fill(registry: ActionRegistry, window: MainWindow) -> None:
+    session, annotating = window.session, window.annotating
+    part = session.annotations
+
+    def on() -> bool:
+        return part.active and part.work is not None
+
+    def has_frames() -> bool:
+        return session.frames > 0
+
+    def is_tool(tool: str) -> bool:
+        return part.tool == tool
+
+    def waits() -> bool:
+        return on() and part.work is not None and part.work.record(session.frame).carried is not None
+
+    def any_waits() -> bool:
+        return on() and part.work is not None and bool(part.work.waiting())
+
+    def can_carry() -> bool:
+        return on() and session.clip is not None and not window.service.busy("annotate")
+
+    def has_prompt() -> bool:
+        return on() and session.scene is not None and bool(session.look.visible_prompts)
+
+    def labelled() -> bool:
+        return part.work is not None and bool(part.work.records) and session.clip is not None and not window.training.running
+
+    registry.add(
+        Action("annotate.mode", "Annotate", annotating.toggle, MENU, ("A",), has_frames, lambda: part.active, help="label masks paint"),
+        *(
+            Action(
+                f"annotate.{tool}",
+                TOOL_TITLES[tool],
+                partial(part.choose, tool),
+                MENU,
+                (TOOL_KEYS[tool],),
+                on,
+                partial(is_tool, tool),
+                group=1,
+                help="tool; 1–9 choose the class, [ and ] the size",
+            )
+            for tool in TOOLS
+        ),
+        Action("annotate.holes", "Fill holes of the class", annotating.fill_holes, MENU, ("H",), on, group=2),
+        Action("annotate.largest", "Keep the largest part of the class", annotating.keep_largest, MENU, (), on, group=2),
+        Action("annotate.prompt", "Take the masks of the prompts", annotating.take_prompt, MENU, (), has_prompt, group=2),
+        Action("annotate.propagate", "Carry labels to all frames", annotating.propagate, MENU, ("Ctrl+G",), can_carry, group=3, help="propagate"),
+        Action("annotate.stop", "Stop carrying", annotating.stop, MENU, (), lambda: window.service.busy("annotate"), group=3),
+        Action("annotate.accept", "Accept this frame's proposal", annotating.accept, MENU, ("Y",), waits, group=4),
+        Action("annotate.reject", "Reject this frame's proposal", annotating.reject, MENU, ("N",), waits, group=4),
+        Action("annotate.accept-all", "Accept all proposals", annotating.accept_all, MENU, (), any_waits, group=4),
+        Action("annotate.reject-all", "Reject all proposals", annotating.reject_all, MENU, (), any_waits, group=4),
+        Action("annotate.done", "This frame is done", partial(part.set_status, "done"), MENU, ("D",), on, group=5, help="review status"),
+        Action("annotate.flag", "Flag this frame", partial(part.set_status, "flagged"), MENU, ("Shift+F",), on, group=5, help="review status"),
+        Action("annotate.next", "Next flagged frame (Tab)", annotating.go_to_flagged, MENU, (), on, group=5, help="doubtful review"),
+        Action("annotate.teach", "Train with these labels…", window.handing.teach, MENU, (), labelled, group=6, help="teacher"),
+        Action("annotate.import", "Import labels…", window.handing.ask_to_import, MENU, (), has_frames, group=7, help="COCO CVAT YOLO NIfTI"),
+        Action("annotate.export", "Export labels…", window.handing.ask_to_export, MENU, (), labelled, group=7, help="COCO CVAT YOLO NIfTI"),
+    )
