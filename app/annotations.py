@@ -141,9 +141,7 @@ class AnnotationsPart(Part):
             self._active = active
             self.active_changed.emit(active)
 
-    def choose(
-        self, tool: Tool | None = None, radius: float | None = None, current: int | None = None
-    ) -> None:
+    def choose(self, tool: Tool | None = None, radius: float | None = None, current: int | None = None) -> None:
         """Take another tool, size or class; what is None stays."""
         self.tool = tool or self.tool
         self.radius = min(LARGEST, max(SMALLEST, radius)) if radius is not None else self.radius

@@ -189,6 +189,7 @@ def _clip_options(sub: argparse.ArgumentParser) -> None:
         help="whether the camera moves: as the clip says, else decided from its frames (auto, default); no; yes, and find out how",
     )
     sub.add_argument("--pose-axes", choices=("llff", "opencv"), default="llff", help="axes of a moving camera's poses (default: llff)")
+    sub.add_argument("--labels", metavar="FOLDER", help="read label maps from its labels/ and classes.json instead of the clip's own")
     sub.add_argument("--start", type=int, default=0, metavar="N", help="first frame used of a video file")
     sub.add_argument("--stride", type=_positive, default=1, metavar="N", help="use each Nth frame of a video file")
     sub.add_argument("--max-frames", type=_positive, default=2000, metavar="N", help="most frames used of a video file (default 2000)")

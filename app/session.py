@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from app import session_file
+from app.annotations import AnnotationsPart
 from app.look import Colour, ColourRange, Compare, Look, Prompt, decoder_refined
 from app.part import Part
 from app.session_parts import CameraMode, LookPart, Place
@@ -15,7 +16,7 @@ from app.session_store import SessionStore
 from app.signal import Signal
 from app.targets import Target
 from app.undo import UndoStack
-from engine.errors import PromptError
+from engine.errors import DegenseError, PromptError
 
 if TYPE_CHECKING:
     from engine.clip import Clip
@@ -52,6 +53,8 @@ class Session:
         self._playing = False
         self.register(session_file.LOOK, self._view)
         self.register("place", self._place)
+        self.annotations = AnnotationsPart(self)
+        self.register("annotations", self.annotations)
 
     # What is open
 
@@ -79,10 +82,13 @@ class Session:
             When the session file is damaged. Nothing is open then.
         """
         self.close()
+        self.scene, self.clip = scene, scene.clip
         try:
             self.store.open(scene.run.path, keep)
-            self.scene, self.clip = scene, scene.clip
             self._place.frame = min(self._place.frame, max(0, self.frames - 1))
+        except DegenseError:
+            self.scene = self.clip = None
+            raise
         finally:
             self.opened.emit()
         if self._place.frame:
@@ -110,6 +116,7 @@ class Session:
         """Show a clip that has no run yet."""
         self.close()
         self.clip = clip
+        self.annotations.load_beside_clip()
         self.opened.emit()
 
     def close(self) -> None:

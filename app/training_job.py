@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from engine.training import TrainConfig
 
 #: Answers about the clip (`engine.readers.ClipOptions`), not about the training: they are never reused for another clip.
-CLIP_OPTIONS = ("layout", "mask_means", "focal", "poses", "pose_axes", "start", "stride", "max_frames")
+CLIP_OPTIONS = ("layout", "mask_means", "focal", "poses", "pose_axes", "labels", "start", "stride", "max_frames")
 OF_THE_CLIP = ("clip", "out", "resume", *CLIP_OPTIONS)
 #: Settings with an option of their own, or that are none.
 NAMED = ("preset", "routing", "iterations", "max_gaussians", "device", "seed", "fit", "given")
@@ -48,6 +48,7 @@ class TrainingJob:
     focal: float | None = None
     poses: str | None = None
     pose_axes: str | None = None
+    labels: str | None = None
     start: int | None = None
     stride: int | None = None
     max_frames: int | None = None

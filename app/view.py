@@ -42,6 +42,8 @@ class ViewRequest:
         While time runs or is scrubbed: masks are decoded by threshold, which needs no superpixels. The exact ones follow in the end.
     camera : Camera or None
         Where the picture is seen from; None for the surgeon's camera.
+    recorded : bool
+        Show the recorded frame instead of the layer, where it is there: what one labels.
     """
 
     frame: int
@@ -50,6 +52,7 @@ class ViewRequest:
     splats: bool = True
     quick: bool = False
     camera: Camera | None = None
+    recorded: bool = False
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,8 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         splats=splat_arrays(scene, layer, query, look, span, cmap) if request.splats else None,
         uncertain=layer.uncertain_words if image.uncertain is not None and image.uncertain.any() else "",
     )
+    if request.recorded and (recorded := scene.observed(frame)) is not None:
+        view = replace(view, rgb=recorded, span=None, uncertain="")
     masked = look.visible_prompts if look.masks_shown and layer.name not in PROMPTED else ()
     if not masked:
         return view

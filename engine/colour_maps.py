@@ -32,7 +32,7 @@ _STOPS = {
 COLOUR_MAPS = tuple(_STOPS)
 
 #: Of classes and prompts. Okabe–Ito without black, then Tol's bright and muted colours: told apart by colour-blind readers and on dark
-#: tissue.
+#: tissue; the most alike come last.
 CLASS_COLOURS = (
     (230, 159, 0),
     (86, 180, 233),
@@ -41,15 +41,15 @@ CLASS_COLOURS = (
     (0, 114, 178),
     (213, 94, 0),
     (204, 121, 167),
-    (102, 204, 238),
-    (204, 187, 68),
     (170, 51, 119),
-    (136, 204, 238),
+    (153, 153, 51),
+    (51, 34, 136),
+    (204, 102, 119),
     (68, 170, 153),
     (221, 204, 119),
-    (204, 102, 119),
-    (51, 34, 136),
-    (153, 153, 51),
+    (204, 187, 68),
+    (102, 204, 238),
+    (136, 204, 238),
 )
 
 #: What a number that is not known looks like.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import log2
 
 from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QButtonGroup,
     QComboBox,
@@ -99,13 +100,15 @@ class AnnotationPanel(QWidget):
         column.addWidget(self.classes, 1)
         column.addWidget(self._new)
         column.addLayout(lock)
-        column.addLayout(self._row(("annotate.holes", "Fill holes"), ("annotate.largest", "Largest part"), ("annotate.prompt", "From prompt")))
+        column.addLayout(self._row(("annotate.holes", "Fill holes"), ("annotate.largest", "Largest"), ("annotate.prompt", "From prompt")))
         column.addLayout(status)
         column.addLayout(self._row(("annotate.accept", "Accept"), ("annotate.reject", "Reject"), ("annotate.next", "Next flagged")))
         column.addWidget(self._all)
         column.addLayout(self._row(("annotate.propagate", "Carry to all frames"), ("annotate.stop", "Stop")))
         column.addWidget(self._progress)
-        column.addLayout(self._row(("annotate.accept-all", "Accept all"), ("annotate.reject-all", "Reject all"), ("annotate.teach", "Train with…")))
+        column.addLayout(
+            self._row(("annotate.accept-all", "Accept all"), ("annotate.reject-all", "Reject all"), ("annotate.teach", "Train…"))
+        )
 
     def _row(self, *buttons: tuple[str, str]) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -125,6 +128,7 @@ class AnnotationPanel(QWidget):
         box.setAccessibleName(tip)
         box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        box.setMinimumContentsLength(9)
         return box
 
     # What is offered
@@ -183,10 +187,14 @@ class AnnotationPanel(QWidget):
     def frame_words(self) -> str:
         return self._frame.text()
 
-    def set_enabled(self, action: str, enabled: bool) -> None:
-        """Whether a button can be pressed now."""
-        if action in self._buttons:
-            self._buttons[action].setEnabled(enabled)
+    def follow(self, actions: Mapping[str, QAction]) -> None:
+        """Let each button be pressed when the action that it stands for can be done, and show its keys."""
+        for name, button in self._buttons.items():
+            action = actions[name]
+            keys = action.shortcut().toString()
+            button.setToolTip(f"{action.text()} ({keys})" if keys else action.text())
+            button.setEnabled(action.isEnabled())
+            action.enabledChanged.connect(button.setEnabled)
 
     def button(self, action: str) -> QPushButton:
         return self._buttons[action]
@@ -206,4 +214,3 @@ class AnnotationPanel(QWidget):
         if name:
             self._new.clear()
             self.class_added.emit(name)
-

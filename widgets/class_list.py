@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from PySide6.QtCore import QPoint, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QIcon, QPixmap
+from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
 from PySide6.QtWidgets import QAbstractItemView, QColorDialog, QListWidget, QListWidgetItem, QMenu, QWidget
 
 from widgets.images import to_qimage
@@ -47,10 +47,8 @@ class ClassList(QListWidget):
         self.clear()
         self._names = [name for name, _ in classes]
         for index, (name, swatch) in enumerate(classes):
-            item = QListWidgetItem(QIcon(QPixmap.fromImage(to_qimage(swatch))), name)
+            item = QListWidgetItem(_icon(swatch, str(index + 1) if index < 9 else ""), name)
             item.setFlags(item.flags() | Qt.ItemFlag.ItemIsEditable)
-            if index < 9:
-                item.setToolTip(f"Key {index + 1}")
             self.addItem(item)
         self.setCurrentRow(min(max(row, 0), len(classes) - 1))
         self.blockSignals(False)
@@ -75,9 +73,10 @@ class ClassList(QListWidget):
             item.setText(self._names[row])
 
     def _show_menu(self, position: QPoint) -> None:
-        row = self.row(self.itemAt(position)) if self.itemAt(position) else -1
-        if row < 0:
+        item = self.itemAt(position)
+        if item is None:
             return
+        row = self.row(item)
         menu = QMenu(self)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         for code in CLASS_COLOURS:
@@ -94,3 +93,13 @@ class ClassList(QListWidget):
         dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         dialog.colorSelected.connect(lambda colour: self.recoloured.emit(row, colour))
         dialog.open()
+
+
+def _icon(swatch: np.ndarray, key: str) -> QIcon:
+    """A swatch with the key that chooses it."""
+    picture = QPixmap.fromImage(to_qimage(swatch))
+    with QPainter(picture) as painter:
+        for offset, colour in ((1, QColor(0, 0, 0)), (0, QColor(255, 255, 255))):
+            painter.setPen(colour)
+            painter.drawText(picture.rect().translated(offset, offset), Qt.AlignmentFlag.AlignCenter, key)
+    return QIcon(picture)

@@ -24,6 +24,7 @@ from engine.clip import UNLABELLED
 from engine.errors import DegenseError
 from widgets.class_list import SWATCH
 from widgets.paint_tools import ClickTool, PolygonTool, StrokeTool
+from widgets.panel_tools import PanelTool
 
 if TYPE_CHECKING:
     from engine.annotation.carried import Carried
@@ -49,9 +50,7 @@ class Annotating(QObject):
 
     changed = Signal()
 
-    def __init__(
-        self, session: Session, service: RenderService, parts: Parts, drawing: Drawing, run: Callable[[str], None]
-    ) -> None:
+    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing, run: Callable[[str], None]) -> None:
         super().__init__(parts)
         self.session, self.service, self.parts, self.drawing = session, service, parts, drawing
         self.part = session.annotations
@@ -114,6 +113,11 @@ class Annotating(QObject):
     def _edited(self, record: object) -> None:
         if self.part.unsaved_beside_clip:
             self._saving.start()
+
+    def end(self) -> None:
+        """The window closes."""
+        self.part.end()
+        self.save_beside_clip()
 
     # Tools
 
@@ -297,7 +301,8 @@ class Annotating(QObject):
         panel.set_tool(part.tool, part.radius, -1 if part.inside is None else part.inside)
         panel.classes.set_current(part.current)
         self.strokes.radius = part.radius
-        tool = {"polygon": self.polygons, "fill": self.clicks}.get(part.tool, self.strokes)
+        tools: dict[str, PanelTool] = {"polygon": self.polygons, "fill": self.clicks}
+        tool = tools.get(part.tool, self.strokes)
         if not part.active or part.tool != "polygon":
             self.polygons.cancel()
         mine = self.parts.panel.tool() in (self.strokes, self.polygons, self.clicks)

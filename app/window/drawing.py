@@ -38,6 +38,8 @@ class Drawing(QObject):
     ----------
     from_free_camera : bool
         Whether the picture is drawn from where the 3D view has been turned to, and not from the surgeon's camera.
+    recorded : bool
+        Whether the picture is the recorded frame: labels belong to that.
     """
 
     shown = Signal(object)
@@ -51,6 +53,7 @@ class Drawing(QObject):
         self._camera: Camera | None = None
         self._asked = 0.0
         self.from_free_camera = False
+        self.recorded = False
         session.opened.connect(self._opened)
         session.frame_changed.connect(lambda frame: self.request())
         session.look_changed.connect(lambda before, after: self.request())
@@ -72,7 +75,7 @@ class Drawing(QObject):
         if session.scene is not None:
             scene, look = session.scene, session.look
             splats = self.parts.splats is not None and not self.parts.splats.isHidden()
-            wanted = ViewRequest(session.frame, look, self._span(scene, look), splats, session.playing, self.free_camera())
+            wanted = ViewRequest(session.frame, look, self._span(scene, look), splats, session.playing, self.free_camera(), self.recorded)
             self.service.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
             clip, frame = session.clip, session.frame
@@ -201,7 +204,7 @@ class Drawing(QObject):
     def free_camera(self) -> Camera | None:
         """Where the 3D view has been turned to, as a camera of the clip's size, when the pictures are to be drawn from there too."""
         splats, scene = self.parts.splats, self.session.scene
-        if not self.from_free_camera or splats is None or scene is None or splats.is_locked():
+        if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.is_locked():
             return None
         return letterboxed(splats.camera(), *scene.clip_size)
 

@@ -63,6 +63,7 @@ class Exporting(QObject):
             frame=self.session.frame,
             layer=look.layer,
             span=view.span if view is not None else None,
+            source="masks",
         )
 
         def done(text: str) -> None:

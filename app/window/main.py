@@ -11,11 +11,13 @@ from app.render_service import RenderService
 from app.session import Session
 from app.settings import SettingsFile
 from app.window import actions
+from app.window.annotating import Annotating
 from app.window.answering import Answering
 from app.window.clip_querying import ClipQuerying
 from app.window.controls import Controls
 from app.window.drawing import Drawing
 from app.window.exporting import Exporting
+from app.window.handing import Handing
 from app.window.helping import Helping
 from app.window.keeping import Keeping
 from app.window.layout import WindowLayout
@@ -44,6 +46,7 @@ CHANNELS = (
     "probe",
     "curves",
     "rank",
+    "annotate",
     "observed",
     "export",
     "query",
@@ -85,12 +88,15 @@ class MainWindow(QMainWindow):
         self.training = Training(self.session, self.service, self.parts, self.opening)
         self.run_list = RunList(self.session, settings, self.parts, self.opening, self.training)
         self.session.register("window", WindowLayout(self.session, self.parts, self.drawing))
+        self.annotating = Annotating(self.session, self.service, self.parts, self.drawing, lambda action: self.menus.run(action))
+        self.handing = Handing(self.session, self.service, self.parts, self.training)
         self.registry = ActionRegistry()
         self.helping = Helping(self.registry, self.session, self.service, self.parts, self.complaint.emit)
         self.preferring = Preferring(self.registry, self.session, settings, self.parts)
         actions.fill(self.registry, self)
         self.preferring.take_shortcuts()
         self.menus = Menus(self.registry, self, self.complaint.emit)
+        self.parts.annotation.follow(self.menus.actions)
         self.helping.run = self.menus.run
         self.preferring.shortcuts_changed.connect(self.menus.rebind)
         self.preferring.changed.connect(self.menus.refresh)
@@ -106,6 +112,7 @@ class MainWindow(QMainWindow):
         self.session.dirty_changed.connect(lambda dirty: self._refresh())
         self.session.probe_changed.connect(lambda place: self.menus.refresh())
         self.training.changed.connect(self.menus.refresh)
+        self.annotating.changed.connect(self.menus.refresh)
         self.probing.tool_changed.connect(self.menus.refresh)
         self.ranking.changed.connect(self.menus.refresh)
         self.querying.changed.connect(self.menus.refresh)
@@ -168,6 +175,7 @@ class MainWindow(QMainWindow):
             event.ignore()
             return
         self.session.pause()
+        self.annotating.end()
         self.keeping.end()
         self.run_list.stop()
         geometry = bytes(self.saveGeometry().toBase64().data()).decode("ascii")

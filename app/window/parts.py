@@ -21,6 +21,7 @@ from PySide6.QtWidgets import (
 
 from app.window.facts import Facts
 from app.window.log_view import LogView
+from widgets.annotation_panel import AnnotationPanel
 from widgets.colour_bar import ColourBar
 from widgets.curve_plot import CurvePlot
 from widgets.history_list import HistoryList
@@ -73,6 +74,7 @@ class Parts(QObject):
         self.monitor = TrainingMonitor()
         self.log = LogView()
         self.history = HistoryList()
+        self.annotation = AnnotationPanel()
         self._place()
         self._status()
         _LayerDigits(self.panel)
@@ -136,6 +138,7 @@ class Parts(QObject):
         self.ranking_dock = self._dock("Findings", self.ranking, right)
         self.facts_dock = self._dock("Clip and run", self.facts, right)
         self.history_dock = self._dock("History", self.history, right)
+        self.annotation_dock = self._dock("Annotation", self.annotation, right)
         self.monitor_dock = self._dock("Training", self.monitor, bottom)
         self.log_dock = self._dock("Log", self.log, bottom)
         self.monitor_dock.hide()
@@ -143,6 +146,7 @@ class Parts(QObject):
         window.tabifyDockWidget(self.probe_dock, self.ranking_dock)
         window.tabifyDockWidget(self.ranking_dock, self.facts_dock)
         window.tabifyDockWidget(self.facts_dock, self.history_dock)
+        window.tabifyDockWidget(self.history_dock, self.annotation_dock)
         window.resizeDocks([self.layers_dock, self.prompts_dock, self.probe_dock], [240, 160, 420], Qt.Orientation.Vertical)
         window.resizeDocks([self.layers_dock], [360], Qt.Orientation.Horizontal)
         self.probe_dock.raise_()
@@ -162,7 +166,15 @@ class Parts(QObject):
 
     @property
     def docks(self) -> tuple[QDockWidget, ...]:
-        right = (self.layers_dock, self.prompts_dock, self.probe_dock, self.ranking_dock, self.facts_dock, self.history_dock)
+        right = (
+            self.layers_dock,
+            self.prompts_dock,
+            self.probe_dock,
+            self.ranking_dock,
+            self.facts_dock,
+            self.history_dock,
+            self.annotation_dock,
+        )
         return *right, self.monitor_dock, self.log_dock
 
     def _status(self) -> None:

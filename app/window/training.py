@@ -70,13 +70,18 @@ class Training(QObject):
     def running(self) -> bool:
         return self.process is not None and self.process.running
 
-    def ask(self) -> None:
-        """Show the dialog, and start or queue what it says."""
-        if self.session.clip is None:
+    def ask(self, labels: Path | None = None) -> None:
+        """Show the dialog, and start or queue what it says; a folder of label maps becomes the teacher."""
+        clip, answers = self.session.clip, self.opening.clip_answers
+        if clip is None:
             return
+        if labels is not None:
+            from engine.readers import with_labels
+
+            clip, answers = with_labels(clip, labels), {**answers, "labels": str(labels)}
         settings = self.opening.settings
         busy = self.running or self.queue.paused is not None
-        dialog = TrainDialog(self.session.clip, self.opening.clip_answers, settings.value.training, busy, self.parts.window)
+        dialog = TrainDialog(clip, answers, settings.value.training, busy, self.parts.window)
         dialog.setObjectName("train")
 
         def start() -> None:

@@ -15,6 +15,7 @@ from engine.readers.files import list_files, shown
 from engine.readers.finding import clips_within
 from engine.readers.frames import open_frames
 from engine.readers.options import ClipOptions
+from engine.readers.relabelled import with_labels
 from engine.readers.video import SUFFIXES, open_video
 
 OPENERS: dict[str, Callable[[Path, ClipOptions], Clip]] = {
@@ -98,5 +99,7 @@ def open_clip(path: str | Path, options: ClipOptions | None = None) -> Clip:
         clip = OPENERS[layout](path, options)
     except PermissionError as error:
         raise ClipError(f"{shown(Path(error.filename or path))} may not be read; check its permissions.") from error
+    if options.labels is not None:
+        clip = with_labels(clip, Path(options.labels))
     clip.options = {item.name: value for item in fields(options) if (value := getattr(options, item.name)) != item.default}
     return clip

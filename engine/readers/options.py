@@ -29,6 +29,8 @@ class ClipOptions:
     poses : "auto", "still" or "estimate"
         Whether the camera moves. "auto": as the clip says, else training finds out; "still": it does not; "estimate": it does, and its
         poses are estimated from the frames even where the clip brings some.
+    labels : str, optional
+        A folder with `labels/` and `classes.json` that is read instead of the clip's own label maps.
     start, stride, max_frames : int
         Which frames of a video file are used: from `start` on, each `stride`-th one, at most `max_frames`.
 
@@ -43,6 +45,7 @@ class ClipOptions:
     focal: float | None = None
     pose_axes: Literal["llff", "opencv"] = "llff"
     poses: Literal["auto", "still", "estimate"] = "auto"
+    labels: str | None = None
     start: int = 0
     stride: int = 1
     max_frames: int = 2000

@@ -17,7 +17,11 @@ class FakeScene:
 
     def __init__(self, folder: Path, frames: int = 10) -> None:
         self.name, self.frames, self.clip_size, self.clip = "fake", frames, (48, 40), None
+        self.classes = ("liver", "grasper")
         self.run = SimpleNamespace(path=folder)
+
+    def labels(self, frame: int) -> None:
+        return None
 
     def meanings(self, prompt: str) -> None:
         if prompt == "xyzzy":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from app.actions import ActionRegistry
-from app.window.actions import asking, edit, files, help, inspection, play, training, view
+from app.window.actions import annotation, asking, edit, files, help, inspection, play, training, view
 
 if TYPE_CHECKING:
     from app.window.main import MainWindow
@@ -17,6 +17,7 @@ AREAS = (
     view,
     inspection,
     asking,
+    annotation,
     play,
     training,
     help,

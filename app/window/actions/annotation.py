@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 from app.actions import Action, ActionRegistry
 from app.annotations import TOOLS
+from engine.annotation.formats import LABEL_FORMATS
 
 if TYPE_CHECKING:
     from app.window.main import MainWindow
 
 TOOL_TITLES = {"brush": "Brush", "eraser": "Eraser", "superpixels": "Superpixel brush", "polygon": "Polygon", "fill": "Fill"}
-TOOL_KEYS = {"brush": "B", "eraser": "E", "superpixels": "S", "polygon": "P", "fill": "G"}
-MENU = ("Annotate",)
+TOOL_KEYS = {"brush": "Q", "eraser": "E", "superpixels": "S", "polygon": "P", "fill": "G"}
+MENU, IMPORT, EXPORT = ("Annotate",), ("Annotate", "Import labels"), ("Annotate", "Export labels")
 
 
 def fill(registry: ActionRegistry, window: MainWindow) -> None:
@@ -41,8 +42,11 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
     def has_prompt() -> bool:
         return on() and session.scene is not None and bool(session.look.visible_prompts)
 
-    def labelled() -> bool:
-        return part.work is not None and bool(part.work.records) and session.clip is not None and not window.training.running
+    def has_labels() -> bool:
+        return part.work is not None and any(record.labels is not None for record in part.work.records.values())
+
+    def can_teach() -> bool:
+        return has_labels() and session.clip is not None and not window.training.running
 
     registry.add(
         Action("annotate.mode", "Annotate", annotating.toggle, MENU, ("A",), has_frames, lambda: part.active, help="label masks paint"),
@@ -63,16 +67,31 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         Action("annotate.holes", "Fill holes of the class", annotating.fill_holes, MENU, ("H",), on, group=2),
         Action("annotate.largest", "Keep the largest part of the class", annotating.keep_largest, MENU, (), on, group=2),
         Action("annotate.prompt", "Take the masks of the prompts", annotating.take_prompt, MENU, (), has_prompt, group=2),
-        Action("annotate.propagate", "Carry labels to all frames", annotating.propagate, MENU, ("Ctrl+G",), can_carry, group=3, help="propagate"),
+        Action(
+            "annotate.propagate",
+            "Carry labels to all frames",
+            annotating.propagate,
+            MENU,
+            ("Ctrl+G",),
+            can_carry,
+            group=3,
+            help="time",
+        ),
         Action("annotate.stop", "Stop carrying", annotating.stop, MENU, (), lambda: window.service.busy("annotate"), group=3),
         Action("annotate.accept", "Accept this frame's proposal", annotating.accept, MENU, ("Y",), waits, group=4),
-        Action("annotate.reject", "Reject this frame's proposal", annotating.reject, MENU, ("N",), waits, group=4),
+        Action("annotate.reject", "Reject this frame's proposal", annotating.reject, MENU, ("Shift+Y",), waits, group=4),
         Action("annotate.accept-all", "Accept all proposals", annotating.accept_all, MENU, (), any_waits, group=4),
         Action("annotate.reject-all", "Reject all proposals", annotating.reject_all, MENU, (), any_waits, group=4),
-        Action("annotate.done", "This frame is done", partial(part.set_status, "done"), MENU, ("D",), on, group=5, help="review status"),
-        Action("annotate.flag", "Flag this frame", partial(part.set_status, "flagged"), MENU, ("Shift+F",), on, group=5, help="review status"),
+        Action("annotate.done", "This frame is done", partial(part.set_status, "done"), MENU, ("D",), on, group=5, help="review"),
+        Action("annotate.flag", "Flag this frame", partial(part.set_status, "flagged"), MENU, ("Shift+F",), on, group=5, help="review"),
         Action("annotate.next", "Next flagged frame (Tab)", annotating.go_to_flagged, MENU, (), on, group=5, help="doubtful review"),
-        Action("annotate.teach", "Train with these labels…", window.handing.teach, MENU, (), labelled, group=6, help="teacher"),
-        Action("annotate.import", "Import labels…", window.handing.ask_to_import, MENU, (), has_frames, group=7, help="COCO CVAT YOLO NIfTI"),
-        Action("annotate.export", "Export labels…", window.handing.ask_to_export, MENU, (), labelled, group=7, help="COCO CVAT YOLO NIfTI"),
+        Action("annotate.teach", "Train with these labels…", window.handing.teach, MENU, (), can_teach, group=6, help="teacher"),
+        *(
+            Action(f"annotate.import-{name}", f"From {entry.title}…", partial(window.handing.ask_to_import, name), IMPORT, (), has_frames)
+            for name, entry in LABEL_FORMATS.items()
+        ),
+        *(
+            Action(f"annotate.export-{name}", f"As {entry.title}…", partial(window.handing.ask_to_export, name), EXPORT, (), has_labels)
+            for name, entry in LABEL_FORMATS.items()
+        ),
     )

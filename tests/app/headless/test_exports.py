@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from app.exports import FORMATS, ExportOptions, get_format, run_lengths
+from app.exports import FORMATS, ExportOptions, get_format
 from app.terminal import Bar, run_steps
+from engine.annotation.formats.run_lengths import run_lengths
 from engine.errors import DegenseError
 from engine.store.ply import load_ply
 
@@ -29,7 +30,7 @@ def decode(counts: list[int], height: int, width: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(5))
 def test_run_lengths_mean_what_coco_says(seed):
     mask = np.random.default_rng(seed).random((7, 5)) < seed / 4
-    assert np.array_equal(decode(run_lengths(mask), 7, 5), mask)
+    assert np.array_equal(decode(run_lengths(mask.ravel(order="F")), 7, 5), mask)
 
 
 def test_ply_comes_back(scene, tmp_path):

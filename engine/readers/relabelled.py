@@ -1,0 +1,38 @@
+"""A clip with other label maps than it came with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from engine.clip import Clip
+from engine.errors import ClipError
+from engine.readers.cache import ArrayCache
+from engine.readers.files import shown
+from engine.readers.labels import index_maps
+from engine.readers.stored import StoredClip
+
+
+def frame_names(clip: Clip) -> tuple[str, ...]:
+    """What label files of the frames are called: the stems of the pictures, numbers where the frames are no files of their own."""
+    if isinstance(clip, StoredClip) and len(clip.pictures.files) == len(clip) > 1:
+        return tuple(file.stem for file in clip.pictures.files)
+    return tuple(f"{index:06d}" for index in range(len(clip)))
+
+
+def with_labels(clip: Clip, folder: Path) -> Clip:
+    """The clip with the label maps of a folder (`labels/NAME.png` and `classes.json`) instead of its own.
+
+    Raises
+    ------
+    ClipError
+        When there are none, or they do not fit the clip.
+    """
+    if not isinstance(clip, StoredClip):
+        raise ClipError(f"Clip '{clip.name}' lies in no files, so it takes no label maps from a folder.")
+    maps = index_maps(folder, [Path(name) for name in frame_names(clip)], clip.size)
+    if maps is None:
+        raise ClipError(f"{shown(folder)} holds no labels/ with PNG files; choose the folder above it.")
+    words = f"{len(maps.files)} of {len(clip)} frames, {len(maps.classes)} classes, from {shown(folder)}"
+    provenance = {**clip.provenance, "labels": words}
+    return replace(clip, classes=maps.classes, label_maps=maps, provenance=provenance, cache=ArrayCache())

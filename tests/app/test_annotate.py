@@ -1,0 +1,249 @@
+"""Task: label a frame by hand, carry it to the others, review, undo, save, hand over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtWidgets import QPushButton
+
+from app.label_sets import label_format
+from engine.annotation.folder import NAME
+from engine.clip import UNLABELLED
+
+
+@pytest.fixture
+def annotating(qtbot, opened, idle):
+    """The window with the tiny run, annotating frame 4, with a brush of 4 pixels and classes as the clip has them."""
+    opened.session.go_to(4)
+    opened.parts.panel.setFocus()
+    qtbot.keyClick(opened.parts.panel, Qt.Key.Key_A)
+    opened.session.annotations.choose(radius=4.0)
+    idle()
+    return opened
+
+
+def at(window, x: float, y: float) -> QPoint:
+    return window.parts.panel._look.to_widget(QPointF(x, y)).toPoint()
+
+
+def drag(qtbot, window, *points: tuple[float, float]) -> None:
+    panel = window.parts.panel
+    qtbot.mousePress(panel, Qt.MouseButton.LeftButton, pos=at(window, *points[0]))
+    for point in points[1:]:
+        qtbot.mouseMove(panel, at(window, *point))
+    qtbot.mouseRelease(panel, Qt.MouseButton.LeftButton, pos=at(window, *points[-1]))
+
+
+def press(qtbot, window, action: str) -> None:
+    button = window.parts.annotation.button(action)
+    assert isinstance(button, QPushButton)
+    assert button.isEnabled()
+    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+
+
+def labels(window) -> np.ndarray:
+    return window.session.annotations.labels(window.session.frame)
+
+
+def test_painting_and_erasing_are_undone_by_name(qtbot, annotating, idle, screenshot):
+    window, panel, part = annotating, annotating.parts.panel, annotating.session.annotations
+    came = window.session.clip.labels(4)
+    assert np.array_equal(labels(window), came)
+    recorded = window.drawing.view.rgb
+    assert np.array_equal(recorded, window.session.clip.frame(4))  # one labels what was recorded
+    qtbot.keyClick(panel, Qt.Key.Key_7)
+    assert part.current == 6
+    assert window.session.look.layer == "rgb"  # 7 is a class now, not a layer
+    drag(qtbot, window, (20, 20), (50, 20))
+    painted = labels(window) == 6
+    assert painted[20, 18:52].all()
+    assert 250 < (painted & (came != 6)).sum() < 400
+    shown = panel.grab_image().astype(int)
+    assert np.abs(shown - recorded)[20, 25:45].max() > 20
+    qtbot.keyClick(panel, Qt.Key.Key_E)
+    drag(qtbot, window, (30, 20), (30, 20.6))
+    assert (labels(window)[18:22, 28:32] == UNLABELLED).all()
+    assert window.session.undo.entries == ("Paint in frame 4", "Erase in frame 4")
+    qtbot.keyClick(panel, Qt.Key.Key_Left)
+    qtbot.keyClick(panel, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    qtbot.keyClick(panel, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)  # survives the change of frame
+    assert np.array_equal(part.labels(4), came)
+    window.registry.run("edit.redo")
+    qtbot.keyClick(panel, Qt.Key.Key_Right)
+    idle()
+    assert np.array_equal(labels(window) == 6, painted)
+    screenshot(window, "annotate-brush")
+
+
+def test_brush_sizes_and_keys_that_type(qtbot, annotating):
+    window, part = annotating, annotating.session.annotations
+    qtbot.keyClick(window.parts.panel, Qt.Key.Key_BracketRight)
+    assert part.radius == pytest.approx(4 * 2**0.25)
+    qtbot.keyClick(window.parts.panel, Qt.Key.Key_BracketLeft)
+    assert part.radius == pytest.approx(4)
+    field = window.parts.annotation._new
+    field.setFocus()
+    qtbot.keyClicks(field, "clip 2 ]q")
+    qtbot.keyClick(field, Qt.Key.Key_Return)
+    assert part.work.classes[-1].name == "clip 2 ]q"
+    assert part.current == len(part.work.classes) - 1
+    assert part.radius == pytest.approx(4)
+    assert part.tool == "brush"
+    window.registry.run("edit.undo")
+    assert window.parts.annotation.classes.names() == list(window.session.scene.classes)
+    panel = window.parts.annotation.classes
+    panel.item(0).setText("bowel")
+    assert part.work.classes[0].name == "bowel"
+    panel.item(0).setText(part.work.classes[1].name)  # taken
+    assert panel.item(0).text() == "bowel"
+
+
+def test_polygon_fill_superpixels_holes_and_lock(qtbot, annotating, screenshot):
+    window, panel, part = annotating, annotating.parts.panel, annotating.session.annotations
+    work = part.work
+    qtbot.keyClick(panel, Qt.Key.Key_P)
+    qtbot.keyClick(panel, Qt.Key.Key_8)
+    for corner in ((10, 10), (40, 10), (40, 40), (60, 70)):
+        qtbot.mouseClick(panel, Qt.MouseButton.LeftButton, pos=at(window, *corner))
+    qtbot.keyClick(panel, Qt.Key.Key_Backspace)
+    qtbot.mouseClick(panel, Qt.MouseButton.LeftButton, pos=at(window, 10, 40))
+    screenshot(window, "annotate-polygon")
+    qtbot.keyClick(panel, Qt.Key.Key_Return)
+    assert (labels(window)[12:38, 12:38] == 7).all()
+    assert (labels(window) == 7).sum() < 34 * 34
+    qtbot.keyClick(panel, Qt.Key.Key_Q)
+    qtbot.keyClick(panel, Qt.Key.Key_1)
+    drag(qtbot, window, (25, 25), (26, 25))
+    qtbot.keyClick(panel, Qt.Key.Key_8)
+    press(qtbot, window, "annotate.holes")
+    assert (labels(window)[12:38, 12:38] == 7).all()
+    part.lock(7)
+    qtbot.keyClick(panel, Qt.Key.Key_2)
+    before = labels(window).copy()
+    drag(qtbot, window, (30, 30), (90, 30))
+    changed = labels(window) != before
+    assert changed.any()
+    assert (before[changed] == 7).all()
+    part.lock(None)
+    qtbot.keyClick(panel, Qt.Key.Key_G)
+    qtbot.keyClick(panel, Qt.Key.Key_3)
+    qtbot.mouseClick(panel, Qt.MouseButton.LeftButton, pos=at(window, 15.5, 15.5))
+    assert (labels(window)[12:20, 12:20] == 2).all()
+    qtbot.keyClick(panel, Qt.Key.Key_S)
+    qtbot.keyClick(panel, Qt.Key.Key_5)
+    part.choose(radius=0.5)
+    drag(qtbot, window, (70, 60), (70.5, 60))
+    region = window.annotating._superpixels()[60, 70]
+    assert ((labels(window) == 4) >= (window.annotating._superpixels() == region)).all()
+    assert work.record(4).by_hand
+
+
+def test_a_frame_is_carried_reviewed_and_taken_back(qtbot, annotating, idle, screenshot):
+    window, panel, part = annotating, annotating.parts.panel, annotating.session.annotations
+    press(qtbot, window, "annotate.propagate")
+    assert window.parts.annotation.button("annotate.stop").isEnabled()
+    idle()
+    assert part.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
+    assert "9 wait for an answer" in window.parts.annotation.summary()
+    part.work.records[7] = type(part.work.record(7))(carried=type(part.work.record(7).carried)(part.work.record(7).carried.packed, part.work.shape, 0.5))
+    qtbot.keyClick(panel, Qt.Key.Key_Tab)
+    assert window.session.frame == 7
+    idle()
+    assert "proposed, confidence 50%" in window.parts.annotation.frame_words()
+    screenshot(window, "annotate-review")
+    truth = window.session.clip.labels(7)
+    assert (labels(window) == truth).mean() > 0.8
+    press(qtbot, window, "annotate.reject")
+    assert np.array_equal(labels(window), truth)  # what it came with
+    window.session.go_to(5)
+    qtbot.keyClick(panel, Qt.Key.Key_Y)
+    assert part.work.record(5).status == "done"
+    press(qtbot, window, "annotate.accept-all")
+    assert part.work.waiting() == []
+    qtbot.keyClick(panel, Qt.Key.Key_F, Qt.KeyboardModifier.ShiftModifier)
+    assert part.work.record(5).status == "flagged"
+    names = window.session.undo.entries
+    assert names == ("Carry labels to 9 frames", "Reject frame 7", "Accept frame 5", "Accept 7 frames", "Frame 5: flagged")
+    window.session.undo.go_to(0)
+    assert part.work.records == {}
+
+
+def test_carrying_can_be_stopped(qtbot, annotating, idle):
+    window = annotating
+    press(qtbot, window, "annotate.propagate")
+    press(qtbot, window, "annotate.stop")
+    idle()
+    assert window.session.annotations.work.records == {}
+    assert window.parts.annotation.button("annotate.propagate").isEnabled()
+
+
+def test_masks_of_prompts_are_where_painting_starts(qtbot, annotating, idle):
+    window = annotating
+    window.session.add_prompt("liver")
+    idle()
+    press(qtbot, window, "annotate.prompt")
+    idle()
+    scene = window.session.scene
+    mask = scene.query(4).mask(scene.meanings("liver"), "rnse", 0.5, scene.vectors(scene.classes))
+    assert (labels(window)[mask] == scene.classes.index("liver")).all()
+    assert window.session.undo.undo_name == "Mask of liver in frame 4"
+
+
+def test_annotations_are_saved_opened_again_and_handed_over(qtbot, annotating, run, idle, tmp_path):
+    window, part = annotating, annotating.session.annotations
+    qtbot.keyClick(window.parts.panel, Qt.Key.Key_7)
+    drag(qtbot, window, (20, 20), (50, 20))
+    painted = labels(window).copy()
+    assert window.isWindowModified()
+    window.registry.run("file.save")
+    assert not window.isWindowModified()
+    assert len(list((run / NAME).glob("000004-*.png"))) == 1
+    window.opening.open_path(run)
+    idle()
+    assert np.array_equal(part.labels(4), painted)
+    window.handing.export("cvat", tmp_path / "a.xml")
+    idle()
+    again = label_format("cvat").read(tmp_path / "a.xml", part.work.shape, tuple(f"{i:06d}" for i in range(10)))
+    assert np.array_equal(again.read(4), painted)
+    window.session.go_to(0)
+    window.handing.take("cvat", tmp_path / "a.xml")
+    idle()
+    assert window.session.undo.undo_name == "Import a.xml"
+    assert np.array_equal(part.labels(4), painted)
+    assert len(part.work.records) == 10
+    window.registry.run("annotate.teach")
+    idle()
+    dialog = window.findChild(object, "train")
+    job = dialog.job()
+    assert job.teacher == "labels"
+    assert job.labels == str(run / NAME / "teacher")
+    dialog.reject()
+    qtbot.waitUntil(lambda: window.findChild(object, "train") is None)
+
+
+def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny_clip, idle, tmp_path):
+    import shutil
+
+    clip = tmp_path / "clip"
+    shutil.copytree(tiny_clip / "images", clip / "images")
+    window.opening.open_path(clip)
+    idle()
+    window.registry.run("annotate.mode")
+    part = window.session.annotations
+    part.choose(radius=5.0)
+    drag(qtbot, window, (20, 20), (50, 20))
+    assert part.work.records == {}  # there is no class yet
+    part.add_class("grasper")
+    drag(qtbot, window, (20, 20), (50, 20))
+    qtbot.waitUntil(lambda: (clip / NAME / "annotations.json").exists(), timeout=4000)
+    painted = part.labels(0).copy()
+    window.opening.open_path(clip)
+    idle()
+    assert np.array_equal(part.labels(0), painted)
+    (clip / NAME / "annotations.json").write_text("{")
+    window.opening.open_path(clip)
+    idle()
+    assert part.work is None
+    assert "cannot be read" in window.parts.annotation.summary()
+    assert (clip / NAME / "annotations.json").read_text() == "{"
