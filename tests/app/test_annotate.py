@@ -8,6 +8,8 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtWidgets import QPushButton
 
 from app.label_sets import label_format
+from engine.annotation.annotations import Record
+from engine.annotation.carried import Carried
 from engine.annotation.folder import NAME
 from engine.clip import UNLABELLED
 
@@ -146,7 +148,8 @@ def test_a_frame_is_carried_reviewed_and_taken_back(qtbot, annotating, idle, scr
     idle()
     assert part.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
     assert "9 wait for an answer" in window.parts.annotation.summary()
-    part.work.records[7] = type(part.work.record(7))(carried=type(part.work.record(7).carried)(part.work.record(7).carried.packed, part.work.shape, 0.5))
+    sure = part.work.record(7).carried
+    part.work.records[7] = Record(carried=Carried(sure.packed, sure.shape, 0.5))
     qtbot.keyClick(panel, Qt.Key.Key_Tab)
     assert window.session.frame == 7
     idle()

@@ -7,6 +7,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from app.exports import FORMATS, ExportOptions, get_format
 from app.terminal import Bar, run_steps
@@ -47,7 +48,7 @@ def test_ply_sequence_has_every_frame(scene, tmp_path):
 def test_masks_are_label_maps_of_clips(scene, tmp_path):
     export("masks-png", scene, tmp_path / "x", prompts=("liver", "gallbladder"), decoder="argmax")
     assert json.loads((tmp_path / "x" / "classes.json").read_text()) == {"classes": ["liver", "gallbladder"]}
-    labels = cv2.imread(str(tmp_path / "x" / "labels" / "000004.png"), cv2.IMREAD_UNCHANGED)
+    labels = np.array(Image.open(tmp_path / "x" / "labels" / "000004.png"))
     assert np.array_equal(labels, scene.query(4).label_map(scene.vectors(("liver", "gallbladder")), "argmax"))
 
 
