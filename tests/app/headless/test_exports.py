@@ -73,7 +73,7 @@ def test_movie_has_every_frame(scene, tmp_path):
     movie.release()
 
 
-@pytest.mark.parametrize("name", [name for name, entry in FORMATS.items() if name not in ("ply",)])
+@pytest.mark.parametrize("name", [name for name in FORMATS if name not in ("ply", "cholecseg8k", "endovis18")])  # classes of their own
 def test_a_stopped_export_leaves_no_half_file(scene, tmp_path, name):
     out = tmp_path / f"x{FORMATS[name].suffix}"
     steps = get_format(name).export(scene, out, ExportOptions())
