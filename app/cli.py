@@ -79,9 +79,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--routing", metavar="NAME", help="how semantic gradients travel: paper, isolated or coupled")
-    sub.add_argument(
-        "--teacher", metavar="NAME", help="where meaning comes from: labels, strokes, precomputed[:FOLDER] or none (default: the clip's)"
-    )
+    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from: labels, strokes, precomputed[:FOLDER], vlm:MODEL or none")
     sub.add_argument("--iterations", type=_positive, metavar="N")
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
     sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
 
+from engine.language.teachers import TeacherChoice
 from engine.training.config import TrainConfig
 
 PRESET_WORDS = {
@@ -21,11 +23,12 @@ ROUTING_WORDS = {
 }
 TEACHER_WORDS = {
     "labels": ("Label maps", "The clip's annotated frames say what is where."),
-    "strokes": ("Strokes", "Scribbles beside the clip, spread by a pixel classifier."),
+    "strokes": ("Strokes", "A few scribbles spread over their frame and along the motion over the clip."),
     "precomputed": ("Feature files", "Language features computed elsewhere, beside the clip."),
     "vlm": ("Vision-language model", "A model from a folder of this machine."),
     "none": ("None", "Geometry and colour only; the scene answers no prompts."),
 }
+TEACHER_FOLDER_WORDS = "Of the feature files, or of the model; the others need none."
 DEVICE_WORDS = {
     "auto": ("Automatic", "The GPU where there is one, else the processor."),
     "cpu": ("Processor", "Works everywhere; slower."),
@@ -75,3 +78,15 @@ def settings_of(config: TrainConfig) -> list[Setting]:
     words, preset = explanations(), TrainConfig.preset_of(config.preset)
     names = [item.name for item in fields(TrainConfig) if item.name not in ("preset", "given")]
     return [Setting(name, words[name], getattr(config, name), getattr(config, name) != getattr(preset, name)) for name in names]
+
+
+def teacher_words(choices: Iterable[TeacherChoice]) -> dict[str, tuple[str, str]]:
+    """Title and explanation of each teacher: what it is, and what the clip has for it or lacks."""
+    return {
+        choice.name: (TEACHER_WORDS[choice.name][0], f"{TEACHER_WORDS[choice.name][1]} {sentence(choice.reason)}") for choice in choices
+    }
+
+
+def sentence(text: str) -> str:
+    """With a capital letter and a full stop."""
+    return text[:1].upper() + text[1:].rstrip(".") + "."

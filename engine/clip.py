@@ -43,7 +43,7 @@ class Clip(ABC):
     cameras : list of Camera
         One a frame (the same object where the camera stands still), in the clip's own unit.
     classes : tuple of str
-        Names of the label values 0, 1, …; empty when the clip has neither labels nor strokes.
+        Names of the label values 0, 1, …; empty when nothing beside the clip names any.
     poses : "given", "auto" or "estimate"
         "given": `cameras` are what is known. Else they stand still until `engine.poses.find_cameras` has looked at the frames; with "auto"
         these decide whether the camera moves.

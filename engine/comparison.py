@@ -9,6 +9,7 @@ from typing import Any
 
 from engine.clip import Clip
 from engine.errors import Cancelled, DegenseError
+from engine.language.teachers import default_teacher
 from engine.metrics.evaluate import evaluate
 from engine.poses import find_cameras
 from engine.progress import Progress, silent
@@ -20,7 +21,6 @@ from engine.store import Run
 from engine.store.files import read_json, write_json
 from engine.systems import as_system, words_of
 from engine.training import TrainConfig, train
-from engine.training.job import default_teacher
 
 FORMAT = 1
 #: Settings that may differ from one start of a comparison to the next.

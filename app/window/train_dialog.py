@@ -27,8 +27,9 @@ from PySide6.QtWidgets import (
 from app import training_words as words
 from app.training_job import TrainingJob
 from app.window.settings_table import SettingsTable
+from app.window.teacher_folder import TeacherFolder
 from engine.errors import DegenseError
-from engine.language.teachers import TEACHERS
+from engine.language.teachers import default_teacher, teacher_choices
 from widgets.theme import error_colour
 
 if TYPE_CHECKING:
@@ -55,7 +56,9 @@ class TrainDialog(QDialog):
         self._clip, self._answers = clip, answers
         self.preset = _combo("Quality", words.PRESET_WORDS)
         self.routing = _combo("Gradient routing", words.ROUTING_WORDS)
-        self.teacher = _combo("Meaning from", {name: said for name, said in words.TEACHER_WORDS.items() if name in (*TEACHERS, "none")})
+        self._teachers = {choice.name: choice for choice in teacher_choices(clip)}
+        self.teacher = _combo("Meaning from", words.teacher_words(self._teachers.values()))
+        self.folder = TeacherFolder()
         self.device = _combo("Device", words.DEVICE_WORDS)
         self.poses = _combo("Camera", words.POSES_WORDS)
         self.fit = QCheckBox("Fit the budget to the clip")
@@ -92,6 +95,7 @@ class TrainDialog(QDialog):
         self.fill(last)
         for box in (self.preset, self.routing, self.teacher, self.device, self.poses):
             box.currentIndexChanged.connect(self._update)
+        self.folder.changed.connect(self._update)
         for number in (self.iterations, self.gaussians, self.seed):
             number.valueChanged.connect(self._update)
         self.fit.toggled.connect(self._update)
@@ -105,7 +109,7 @@ class TrainDialog(QDialog):
             out=Path(self.out.text()),
             preset=self.preset.currentData(),
             routing=self.routing.currentData(),
-            teacher=self.teacher.currentData(),
+            teacher=self.folder.teacher,
             iterations=self.iterations.value() or None,
             max_gaussians=self.gaussians.value() or None,
             device=self.device.currentData(),
@@ -118,13 +122,14 @@ class TrainDialog(QDialog):
     def fill(self, answers: dict[str, Any]) -> None:
         """Show the answers of an earlier training; the rest is as in a fresh dialog, and so is a teacher that this clip lacks."""
         job = TrainingJob(self._clip.path, Path(), routing="isolated", device="auto", seed=0).with_answers(answers)
-        teacher = (
-            job.teacher if self.teacher.findData(job.teacher) >= 0 and (job.teacher != "labels" or self._clip.labelled_frames) else None
-        )
+        kind, _, place = (job.teacher or "").partition(":")
+        if kind not in self._teachers or not (place or self._teachers[kind].available):
+            kind, place = default_teacher(self._clip), ""
+        self.folder.line.setText(place)
         choices = (
             (self.preset, job.preset),
             (self.routing, job.routing),
-            (self.teacher, teacher or ("labels" if self._clip.labelled_frames else "none")),
+            (self.teacher, kind),
             (self.device, job.device),
             (self.poses, self._answers.get("poses", "auto")),
         )
@@ -152,7 +157,8 @@ class TrainDialog(QDialog):
         line.addWidget(browse)
         rows: tuple[tuple[str, QWidget, dict[str, tuple[str, str]] | str], ...] = (
             ("Quality", self.preset, words.PRESET_WORDS),
-            ("Meaning from", self.teacher, words.TEACHER_WORDS),
+            ("Meaning from", self.teacher, words.teacher_words(self._teachers.values())),
+            ("Teacher's folder", self.folder, words.TEACHER_FOLDER_WORDS),
             ("Gradient routing", self.routing, words.ROUTING_WORDS),
             ("Camera", self.poses, words.POSES_WORDS),
             ("Device", self.device, words.DEVICE_WORDS),
@@ -177,6 +183,7 @@ class TrainDialog(QDialog):
     def _update(self) -> None:
         from engine.training import estimate
 
+        self.folder.follow(self.teacher.currentData())
         job, problem = self.job(), ""
         try:
             config = job.config()
@@ -185,6 +192,8 @@ class TrainDialog(QDialog):
         except DegenseError as error:
             self.cost.setText("<b>Cost:</b> –")
             problem = str(error)
+        if job.teacher in self._teachers and not self._teachers[job.teacher].available:
+            problem = words.sentence(self._teachers[job.teacher].reason)
         if not self.out.text().strip():
             problem = "Choose a folder for the run."
         elif job.out.is_file() or (job.out.is_dir() and any(job.out.iterdir())):

@@ -14,7 +14,7 @@ from engine.readers.depth_files import DepthFiles
 from engine.readers.field_of_view import border_words, brightest, field_of_view
 from engine.readers.files import list_files, pair, regular_file, shown
 from engine.readers.images import ImageFiles, check_sizes
-from engine.readers.labels import index_maps
+from engine.readers.labels import index_maps, read_classes
 from engine.readers.masks import MaskFiles, decide, read_mask
 from engine.readers.numpyfile import open_npy
 from engine.readers.options import ClipOptions
@@ -78,7 +78,7 @@ def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_dept
         path=path,
         cameras=found.cameras,
         poses=found.poses,
-        classes=labels.classes if labels else strokes.classes if strokes else (),
+        classes=_classes(path),
         provenance=provenance,
         pictures=pictures,
         inside=inside,
@@ -88,6 +88,12 @@ def open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_dept
         stroke_maps=strokes,
         truth_file=truth,
     )
+
+
+def _classes(path: Path) -> tuple[str, ...]:
+    """What `classes.json` names; empty without it."""
+    file = path / "classes.json"
+    return read_classes(regular_file(file, path)) if file.exists() else ()
 
 
 def frame_files(path: Path) -> list[Path]:

@@ -20,7 +20,7 @@ from engine.field import FieldConfig, SceneModel
 from engine.field.still import find_moving
 from engine.files import replacing
 from engine.language import keep_encoder
-from engine.language.teachers import CostlyTeacher, Teacher, answered, teacher_by_name
+from engine.language.teachers import CostlyTeacher, Teacher, answered, default_teacher, teacher_by_name
 from engine.poses import find_cameras, with_cameras
 from engine.progress import Progress
 from engine.readers import fingerprint
@@ -45,11 +45,6 @@ REPORT_EVERY = 25
 PREVIEW_SECONDS = 5.0
 STILL_MOMENTS = 64  # at most, at which Gaussians are looked at for motion
 STILL_SHARE = 0.05  # still Gaussians that must be found before leaving them out is worth the bookkeeping
-
-
-def default_teacher(clip: Clip) -> str:
-    """`labels` when the clip has any label map, `strokes` when it has scribbles, else `none`."""
-    return "labels" if clip.labelled_frames else "strokes" if clip.stroked_frames else "none"
 
 
 def train(

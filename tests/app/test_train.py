@@ -45,6 +45,25 @@ def test_the_dialog_knows_what_it_costs_and_what_cannot_be(with_clip, tiny_clip,
     dialog.reject()
 
 
+def test_a_teacher_that_the_clip_has_nothing_for_says_what_it_needs(qtbot, with_clip, screenshot):
+    dialog = ask(with_clip)
+    assert not dialog.folder.isEnabled()
+    dialog.teacher.setCurrentIndex(dialog.teacher.findData("strokes"))
+    assert not dialog.start.isEnabled()
+    assert "No strokes: draw some" in dialog.complaint.text()
+    dialog.teacher.setCurrentIndex(dialog.teacher.findData("vlm"))
+    assert "A model must be named" in dialog.complaint.text()
+    screenshot(with_clip, "train-dialog-teacher")
+    qtbot.keyClicks(dialog.folder.line, "models/clip")
+    assert dialog.start.isEnabled()
+    assert dialog.job().teacher == "vlm:models/clip"
+    dialog.fill({"teacher": "precomputed:features?level=1"})
+    assert dialog.job().teacher == "precomputed:features?level=1"
+    dialog.fill({"teacher": "strokes"})  # which this clip lacks
+    assert dialog.job().teacher == "labels"
+    dialog.reject()
+
+
 def test_every_setting_is_explained_and_can_be_changed(qtbot, with_clip, tmp_path, monkeypatch, screenshot):
     dialog = ask(with_clip)
     table = dialog.table.table

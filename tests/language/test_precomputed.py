@@ -79,7 +79,7 @@ def test_the_choice_of_teachers_says_what_each_would_use(folder):
     clip = open_clip(folder.parent)
     choices = {choice.name: choice for choice in teacher_choices(clip)}
     assert [name for name, choice in choices.items() if choice.available] == ["precomputed", "none"]
-    assert choices["precomputed"].reason == "features from features/"
+    assert choices["precomputed"].reason == "features in features/ beside the clip"
     assert "add labels/" in choices["labels"].reason
     write_all(folder, "langsplat")
     assert teacher_by_name("precomputed", clip).pixelwise

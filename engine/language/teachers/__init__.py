@@ -1,6 +1,6 @@
 """Where the 2D features of training frames come from."""
 
-from engine.language.teachers.choosing import TEACHERS, TeacherChoice, teacher_by_name, teacher_choices
+from engine.language.teachers.choosing import TEACHERS, TeacherChoice, default_teacher, teacher_by_name, teacher_choices
 from engine.language.teachers.degraded import VLM_LIKE, Degradation, DegradedTeacher
 from engine.language.teachers.labels import LabelTeacher
 from engine.language.teachers.precomputed import PrecomputedTeacher
@@ -21,6 +21,7 @@ __all__ = [
     "Teacher",
     "TeacherChoice",
     "answered",
+    "default_teacher",
     "teacher_by_name",
     "teacher_choices",
 ]

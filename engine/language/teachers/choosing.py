@@ -15,7 +15,8 @@ from engine.language.teachers.store import CostlyTeacher
 from engine.language.teachers.strokes import StrokeTeacher
 from engine.language.teachers.teacher import Teacher
 
-TEACHERS = ("labels", "strokes", "precomputed", "degraded")
+TEACHERS = ("labels", "strokes", "precomputed", "vlm", "degraded")
+NO_MODEL = "a model must be named: the folder of a CLIP or CLIPSeg that transformers saved (vlm:FOLDER)"
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,16 @@ def teacher_choices(clip: Clip) -> list[TeacherChoice]:
         _choice("strokes", stroked, f"strokes on {stroked} of {count} frames", "no strokes: draw some, or add strokes/ and classes.json"),
     ]
     try:
-        choices.append(TeacherChoice("precomputed", True, f"features from {find_features(clip).name}/"))
+        choices.append(TeacherChoice("precomputed", True, f"features in {find_features(clip).name}/ beside the clip"))
     except DegenseError as error:
         choices.append(TeacherChoice("precomputed", False, str(error)))
+    choices.append(TeacherChoice("vlm", False, NO_MODEL))
     return [*choices, TeacherChoice("none", True, "geometry only: nothing can be prompted")]
+
+
+def default_teacher(clip: Clip) -> str:
+    """`labels` when the clip has any label map, `strokes` when it has scribbles, else `none`."""
+    return "labels" if clip.labelled_frames else "strokes" if clip.stroked_frames else "none"
 
 
 def _choice(name: str, count: int, there: str, missing: str) -> TeacherChoice:
@@ -58,8 +65,8 @@ def _choice(name: str, count: int, there: str, missing: str) -> TeacherChoice:
 def teacher_by_name(name: str, clip: Clip) -> Teacher | CostlyTeacher:
     """The teacher called `name` for a clip; `answered` makes a costly one speak.
 
-    "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; or "degraded", the labels made as unreliable as a vision-language
-    model, possibly with its strength: "degraded:patches=24,noise=0.5,confusion=0.15,flicker=0.1,seed=0".
+    "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; or "degraded", the labels made as unreliable
+    as a vision-language model, possibly with its strength: "degraded:patches=24,noise=0.5,confusion=0.15,flicker=0.1,seed=0".
 
     Raises
     ------
@@ -71,15 +78,22 @@ def teacher_by_name(name: str, clip: Clip) -> Teacher | CostlyTeacher:
         raise DegenseError(f"there is no teacher {name!r}; choose {', '.join(TEACHERS)} or none")
     if kind == "precomputed":
         place, values = _place(name, {"level": 0})
-        return PrecomputedTeacher(clip, place or find_features(clip), values["level"])
+        return PrecomputedTeacher(clip, Path(place).expanduser() if place else find_features(clip), values["level"])
+    if kind == "vlm":
+        model, values = _place(name, {"scales": 1})
+        if not model:
+            raise DegenseError(NO_MODEL)
+        from engine.language.teachers.vlm import VlmTeacher
+
+        return VlmTeacher(clip, model, values["scales"])
     encoder = EmbeddedEncoder()
     if kind == "strokes":
         return StrokeTeacher(clip, encoder)
     return LabelTeacher(clip, encoder) if kind == "labels" else DegradedTeacher(LabelTeacher(clip, encoder), Degradation.parse(how))
 
 
-def _place(name: str, defaults: dict[str, int]) -> tuple[Path | None, dict[str, int]]:
-    """Folder and numbers of "KIND:FOLDER?name=number&name=number"."""
+def _place(name: str, defaults: dict[str, int]) -> tuple[str, dict[str, int]]:
+    """Folder, maybe empty, and numbers of "KIND:FOLDER?name=number&name=number"."""
     _, _, how = name.partition(":")
     folder, _, options = how.partition("?")
     values = dict(defaults)
@@ -88,4 +102,4 @@ def _place(name: str, defaults: dict[str, int]) -> tuple[Path | None, dict[str, 
         if key not in defaults or not number.isdecimal():
             raise DegenseError(f"the teacher {name!r} does not understand {word!r}: say name=number, of {', '.join(defaults)}")
         values[key] = int(number)
-    return (Path(folder).expanduser() if folder else None), values
+    return folder, values

@@ -28,11 +28,11 @@ from engine.motion import consistent, follow, sample
 from engine.progress import Progress, silent
 from engine.readers import fingerprint
 
-REVISION = 1  # of the method: answers of another are not the same
+REVISION = 2  # of the method: answers of another are not the same
 ROUNDS = 3  # of learning how the classes look
 SURE = 0.8  # probability from which a region teaches the next round
 STROKE_TRUST, CARRIED_TRUST = 1e3, 0.3  # of `Regions.walk`
-UNSURE = 0.5  # probability below which nothing is said
+UNSURE = 0.35  # probability of the likeliest class below which nothing is said; above it the mixture tells how sure it is
 FLOW_PIXELS = 80_000  # flow is followed at about this size
 TEMPERATURES = np.geomspace(0.4, 4, 24)
 

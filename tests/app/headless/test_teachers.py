@@ -11,7 +11,7 @@ import pytest
 
 from app.cli import main
 from engine.clip import UNLABELLED
-from engine.errors import RunError
+from engine.errors import PromptError, RunError
 from engine.language import EmbeddedEncoder
 from engine.language.teachers import store
 from engine.language.text_vectors import write_vectors
@@ -21,6 +21,7 @@ from engine.readers.images import read_index
 from engine.readers.labels import read_classes
 from engine.scene import Scene
 from tests.language import peers
+from tests.language.tiny_models import write_model
 
 SMALL = ("--preset", "quick", "--iterations", "20", "--max-gaussians", "800", "--device", "cpu")
 
@@ -89,3 +90,16 @@ def test_features_of_peers_train_a_scene_that_can_be_prompted(kind, clip, tmp_pa
     assert main(["segment", str(run), "--prompt", "spleen", "--frame", "1", "--out", str(tmp_path / "n.npy")]) == 2  # has no text vector
     with pytest.raises(RunError, match="text encoder 'made-up'"):
         Scene.open(run, device="cpu", encoder=EmbeddedEncoder())
+
+
+def test_a_clip_model_trains_a_scene_that_can_be_prompted_without_it(clip, tmp_path):
+    model, run = write_model(tmp_path / "model", "clip"), tmp_path / "run"
+    assert main(["train", str(clip), "--out", str(run), "--teacher", f"vlm:{model}", *SMALL]) == 0
+    shutil.rmtree(model)
+    scene = Scene.open(run, device="cpu")
+    assert scene.encoder.name.startswith("clip-")
+    asked = scene.query(1).similarity(scene.vectors(("the gall bladder",))[0])
+    assert asked.shape == (48, 64)
+    assert 0.001 < np.ptp(asked) < 2
+    with pytest.raises(PromptError, match="xyzzy"):
+        scene.vectors(("xyzzy",))

@@ -1,0 +1,183 @@
+"""Vision-language models from a local folder, or from the cache that the user's own downloads filled; nothing is ever downloaded.
+
+Read: CLIP (`CLIPModel`) and CLIPSeg (`CLIPSegForImageSegmentation`) as `transformers` saves them, weights in safetensors.
+Not read: CAT-Seg's `model_final*.pth` (a detectron2 checkpoint) and SurgVLP's `SurgVLP.pth` are pickles of other programs, and open_clip's
+checkpoints name their layers otherwise. Features that such a model computed can be read from files (`precomputed`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from engine.errors import DegenseError
+from engine.readers.files import shown
+
+HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
+PROMPT = "a photo of a {}"
+#: Mean and deviation of the pictures that CLIP was trained on, where the model's own preprocessor_config.json does not say.
+MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+BATCH = 8
+PIECE = 1 << 20
+
+
+class DenseModel:
+    """A model that maps pictures to one vector a patch.
+
+    Parameters
+    ----------
+    folder : Path
+    device : torch.device
+
+    Attributes
+    ----------
+    kind : "clip" or "clipseg"
+        CLIP gives features in the space of its text vectors; CLIPSeg a logit for each of some wordings.
+    name : str
+        Kind and a digest of configuration and weights.
+    side : int
+        Pictures are square, of so many pixels.
+
+    Raises
+    ------
+    DegenseError
+        In one sentence, when transformers is missing or the folder holds no model that can be read.
+    """
+
+    def __init__(self, folder: Path, device: torch.device):
+        config = _config(folder)
+        self.kind = str(config.get("model_type"))
+        transformers = _transformers()
+        classes = {"clip": transformers.CLIPModel, "clipseg": transformers.CLIPSegForImageSegmentation}
+        if self.kind not in classes:
+            raise DegenseError(f"{shown(folder)} holds a model of the kind {self.kind!r}; those that can be read are {', '.join(classes)}.")
+        try:
+            model = classes[self.kind].from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
+            self._tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
+        except (OSError, ValueError, KeyError, RuntimeError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise DegenseError(f"{shown(folder)} holds no {self.kind} with model.safetensors and its tokenizer: {reason}") from error
+        self._model, self._device = model.eval().requires_grad_(False).to(device), device
+        self.side = int(model.config.vision_config.image_size)
+        self.name = f"{self.kind}-{_digest(folder)}"
+        preprocessing = folder / "preprocessor_config.json"
+        said = json.loads(preprocessing.read_text("utf-8")) if preprocessing.exists() else {}
+        self._mean = torch.tensor(said.get("image_mean", MEAN), device=device).reshape(3, 1, 1)
+        self._deviation = torch.tensor(said.get("image_std", DEVIATION), device=device).reshape(3, 1, 1)
+
+    @torch.no_grad()
+    def maps(self, pictures: np.ndarray, wordings: Sequence[str]) -> np.ndarray:
+        """Of square RGB pictures uint8 [n, side, side, 3]: features float32 [n, h, w, D] (CLIP), or a logit a wording [n, h, w, k]."""
+        out = []
+        for first in range(0, len(pictures), BATCH):
+            batch = torch.from_numpy(pictures[first : first + BATCH]).to(self._device).permute(0, 3, 1, 2).float() / 255
+            batch = (batch - self._mean) / self._deviation
+            made = self._patches(batch) if self.kind == "clip" else self._logits(batch, wordings)
+            out.append(made.float().cpu().numpy())
+        return np.concatenate(out)
+
+    def _patches(self, pictures: Tensor) -> Tensor:
+        """Projected value vectors of the last attention layer, which keep their place as its output does not (Zhou et al., ECCV 2022)."""
+        tower = self._model.vision_model
+        before = tower(pixel_values=pictures, output_hidden_states=True).hidden_states[-2]
+        last = tower.encoder.layers[-1]
+        values = last.self_attn.out_proj(last.self_attn.v_proj(last.layer_norm1(before)))
+        patches = self._model.visual_projection(tower.post_layernorm(values))[:, 1:]
+        rows = round(patches.shape[1] ** 0.5)
+        return patches.reshape(len(pictures), rows, rows, -1)
+
+    def _logits(self, pictures: Tensor, wordings: Sequence[str]) -> Tensor:
+        tokens = self._tokens(wordings)
+        made = []
+        for picture in pictures:
+            several = picture[None].expand(len(wordings), -1, -1, -1)
+            made.append(self._model(pixel_values=several, **tokens).logits.reshape(len(wordings), self.side, self.side))
+        return torch.stack(made).permute(0, 2, 3, 1)
+
+    @torch.no_grad()
+    def texts(self, wordings: Sequence[str]) -> np.ndarray:
+        """Text vectors of CLIP, float32 [n, D], not of unit length."""
+        pooled = self._model.text_model(**self._tokens(wordings)).pooler_output
+        return self._model.text_projection(pooled).float().cpu().numpy()
+
+    def _tokens(self, wordings: Sequence[str]) -> dict[str, Tensor]:
+        tokens = self._tokenizer([PROMPT.format(word) for word in wordings], padding=True, truncation=True, return_tensors="pt")
+        return {name: tokens[name].to(self._device) for name in ("input_ids", "attention_mask")}
+
+
+def find_model(place: str) -> Path:
+    """The folder of a model: `place` itself, or what the user's own cache holds of the hub's model of that name.
+
+    Raises
+    ------
+    DegenseError
+        When it is neither, or a checkpoint that cannot be read.
+    """
+    path = Path(place).expanduser()
+    if path.suffix in (".pth", ".pt", ".bin", ".ckpt") or (
+        path.is_dir() and not (path / "config.json").exists() and any(path.glob("*.pt*"))
+    ):
+        raise DegenseError(
+            f"{shown(path)} is a pickled checkpoint (as of CAT-Seg or SurgVLP), which is not read; compute its features with its program "
+            "and train with --teacher precomputed:FOLDER."
+        )
+    if path.is_dir():
+        return path
+    if not HUB_NAME.fullmatch(place):
+        raise DegenseError(f"{shown(path)} is no folder; name the folder of a model, as in --teacher vlm:FOLDER.")
+    _transformers()
+    from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import LocalEntryNotFoundError
+
+    try:
+        return Path(snapshot_download(place, local_files_only=True))
+    except LocalEntryNotFoundError as error:
+        raise DegenseError(f"{place} is neither a folder nor in your model cache; download it first (degense never does).") from error
+
+
+def _config(folder: Path) -> dict[str, Any]:
+    file = folder / "config.json"
+    if not file.exists():
+        other = (
+            "an open_clip checkpoint; take the copy of the model that transformers reads"
+            if (folder / "open_clip_config.json").exists()
+            else "no model"
+        )
+        raise DegenseError(f"{shown(folder)} holds no config.json: it is {other}.")
+    try:
+        config = json.loads(file.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DegenseError(f"{shown(file)} is not valid JSON.") from error
+    if not isinstance(config, dict):
+        raise DegenseError(f"{shown(file)} describes no model.")
+    return config
+
+
+def _transformers() -> Any:
+    try:
+        import transformers
+    except ImportError as error:
+        raise DegenseError("the teacher vlm needs the package transformers; install it with: pip install 'degense[vlm]'") from error
+    transformers.utils.logging.disable_progress_bar()
+    return transformers
+
+
+def _digest(folder: Path) -> str:
+    """Of the configuration, the size of the weights and a few pieces of them, 12 hexadecimal digits."""
+    total = hashlib.sha256((folder / "config.json").read_bytes())
+    for file in sorted(folder.glob("*.safetensors")):
+        size = file.stat().st_size
+        total.update(f"{file.name} {size}".encode())
+        with file.open("rb") as opened:
+            for place in (0, size // 2, max(0, size - PIECE)):
+                opened.seek(place)
+                total.update(opened.read(PIECE))
+    return total.hexdigest()[:12]
