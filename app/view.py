@@ -46,7 +46,7 @@ class ViewRequest:
         Show the recorded frame instead of the layer, where it is there: what one labels.
     """
 
-    frame: int
+    frame: float
     look: Look
     span: tuple[float, float] | None = None
     splats: bool = True
@@ -83,7 +83,7 @@ class View:
         What the hatched pixels mean; empty when there are none.
     """
 
-    frame: int
+    frame: float
     camera: Camera
     rgb: np.ndarray
     span: tuple[float, float] | None
@@ -128,7 +128,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         span=span,
         unit=image.unit,
         cmap=cmap,
-        observed=scene.observed(frame) if look.compare != "off" and request.camera is None else None,
+        observed=scene.observed(round(frame)) if look.compare != "off" and request.camera is None else None,
         splats=splat_arrays(scene, layer, query, look, span, cmap) if request.splats else None,
         uncertain=layer.uncertain_words if image.uncertain is not None and image.uncertain.any() else "",
     )

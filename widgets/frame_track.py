@@ -27,9 +27,10 @@ class FrameTrack(QSlider):
         self._test: set[int] = set()
         self._labelled: set[int] = set()
         self._strips: dict[str, tuple[np.ndarray, QColor]] = {}
+        self._played: tuple[int, int] | None = None
 
     def set_frames(self, count: int) -> None:
-        self._test, self._labelled = set(), set()
+        self._test, self._labelled, self._played = set(), set(), None
         self.blockSignals(True)
         self.setRange(0, max(count - 1, 0))
         self.setValue(0)
@@ -38,6 +39,11 @@ class FrameTrack(QSlider):
 
     def set_marks(self, test: Iterable[int], labelled: Iterable[int]) -> None:
         self._test, self._labelled = set(test), set(labelled)
+        self.update()
+
+    def set_played(self, played: tuple[int, int] | None) -> None:
+        """Bracket the frames that are played; None: all."""
+        self._played = played
         self.update()
 
     def set_strip(self, name: str, values: np.ndarray, colour: QColor) -> None:
@@ -90,6 +96,8 @@ class FrameTrack(QSlider):
         x = self._x(self.value())
         painter.setBrush(accent)
         painter.drawRoundedRect(QRectF(groove.left(), groove.top(), x - groove.left(), 4), 2, 2)
+        if self._played is not None:
+            self._paint_played(painter, middle, text)
         self._paint_marks(painter, middle + _LINE / 2 + 1, text)
         if self._strips:
             painter.setPen(QPen(text, 1))
@@ -97,6 +105,20 @@ class FrameTrack(QSlider):
         painter.setPen(QPen(text if self.hasFocus() else self.palette().color(QPalette.ColorRole.Window), 1.5))
         painter.setBrush(accent)
         painter.drawEllipse(QPointF(x, middle), 6, 6)
+
+    def _paint_played(self, painter: QPainter, middle: float, ink: QColor) -> None:
+        """A bracket around the frames that are played."""
+        assert self._played is not None
+        wash = QColor(self.palette().color(QPalette.ColorRole.Accent))
+        wash.setAlpha(50)
+        left, right = (self._x(frame) for frame in self._played)
+        painter.fillRect(QRectF(left, middle - _LINE / 2, right - left, _LINE), wash)
+        painter.setPen(QPen(ink, 1.6))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        for x, inwards in ((left, 3), (right, -3)):
+            top, bottom = middle - _LINE / 2, middle + _LINE / 2
+            painter.drawPolyline([QPointF(x + inwards, top), QPointF(x, top), QPointF(x, bottom), QPointF(x + inwards, bottom)])
+        painter.setPen(Qt.PenStyle.NoPen)
 
     def _paint_strip(self, painter: QPainter, values: np.ndarray, colour: QColor, height: float) -> None:
         finite = np.isfinite(values)

@@ -51,6 +51,8 @@ _GLYPHS = {
     "first": (_polygon((9.5, 3), (4.5, 8), (9.5, 13)).united(_polygon((15, 3), (10, 8), (15, 13))).united(_bar(1.5, 3, 2, 10)), True),
     "last": (_polygon((6.5, 3), (11.5, 8), (6.5, 13)).united(_polygon((1, 3), (6, 8), (1, 13))).united(_bar(12.5, 3, 2, 10)), True),
     "cross": (_lines(((4, 4), (12, 12)), ((12, 4), (4, 12))), False),
+    "up": (_lines(((3, 10), (8, 5), (13, 10))), False),
+    "down": (_lines(((3, 6), (8, 11), (13, 6))), False),
     "plus": (_lines(((8, 3), (8, 13)), ((3, 8), (13, 8))), False),
     "minus": (_lines(((3, 8), (13, 8))), False),
     "eye": (_eye(True), False),

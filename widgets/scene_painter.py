@@ -69,6 +69,15 @@ def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: n
     return Gaussians(means, quats, scales, opacities)
 
 
+#: Points that are drawn at most while the hand moves.
+MOST_POINTS = 40_000
+
+
+def _every(count: int) -> int:
+    """Each how manieth of `count` splats is drawn as a point."""
+    return max(1, -(-count // MOST_POINTS))
+
+
 class ScenePainter:
     """The splats of one plotter.
 
@@ -83,6 +92,7 @@ class ScenePainter:
         self._mesh: pv.PolyData | None = None
         self._actor: pv.Actor | None = None
         self._points: pv.Actor | None = None
+        self._cloud: pv.PolyData | None = None
         self._means = np.zeros((0, 3), np.float32)
         self._camera: Camera | None = None
         self._lowpass = (0.0, 0.0)
@@ -97,12 +107,14 @@ class ScenePainter:
         else:
             self._mesh.points = gaussians.means
             self._fill(self._mesh, gaussians, as_bytes(colours))
+        self._fill_cloud()
 
     def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
         """Change only colours [N, 3] and opacities [N]."""
         if self._mesh is not None:
             self._mesh.point_data["colour"] = as_bytes(colours)
             self._mesh.point_data["opacity"] = np.asarray(opacities, np.float32).reshape(-1)
+            self._fill_cloud()
 
     def set_camera(self, camera: Camera, lowpass_scale: float = 1.0) -> None:
         """Look through `camera`, whose image fills the viewport. Call `sort` before the splats are to be right.
@@ -138,10 +150,24 @@ class ScenePainter:
         self._mesh.SetVerts(cells)
 
     def show_points(self, on: bool) -> None:
-        """Draw plain points (fast on software GL, any order) or the splats."""
+        """Draw plain points (fast on software GL, any order; some of them when there are many) or the splats."""
         if self._actor is not None and self._points is not None:
             self._actor.visibility = not on
             self._points.visibility = on
+            self._fill_cloud()
+
+    def _fill_cloud(self) -> None:
+        """Put the present centres and colours into the points, when they are shown.
+
+        They have arrays of their own: VTK keeps one buffer an array on the GPU for all mappers, and the one that draws points shifts the
+        coordinates in it, which the one that draws splats does not know.
+        """
+        if self._points is not None and self._points.visibility:
+            assert self._cloud is not None
+            assert self._mesh is not None
+            step = _every(len(self._means))
+            self._cloud.points = self._means[::step].copy()
+            self._cloud.point_data["colour"] = np.array(self._mesh.point_data["colour"])[::step].copy()
 
     def _depth_range(self, camera: Camera) -> tuple[float, float]:
         """Clipping planes that keep every splat in front of the camera."""
@@ -154,7 +180,7 @@ class ScenePainter:
     def _build(self, gaussians: Gaussians, colours: np.ndarray) -> None:
         if self._actor is not None:
             self._plotter.remove_actor([self._actor, self._points], render=False)
-            self._actor, self._points, self._mesh = None, None, None
+            self._actor, self._points, self._mesh, self._cloud = None, None, None, None
         if not len(gaussians.means):
             return
         mesh = pv.PolyData(gaussians.means)
@@ -169,9 +195,12 @@ class ScenePainter:
         mapper.AnisotropicOn()
         actor.ForceTranslucentOn()
         mapper.SetLowpassMatrix(self._lowpass[0], 0.0, self._lowpass[1])
-        points = self._plotter.add_mesh(mesh, style="points", point_size=3.0, **plain)
+        step = _every(len(gaussians.means))
+        cloud = pv.PolyData(gaussians.means[::step].copy())
+        cloud.point_data["colour"] = colours[::step].copy()
+        points = self._plotter.add_mesh(cloud, style="points", point_size=3.0, **plain)
         points.visibility = False
-        self._mesh, self._actor, self._points = mesh, actor, points
+        self._mesh, self._actor, self._points, self._cloud = mesh, actor, points, cloud
 
     @staticmethod
     def _fill(mesh: pv.PolyData, gaussians: Gaussians, colours: np.ndarray) -> None:

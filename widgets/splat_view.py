@@ -124,6 +124,14 @@ class SplatView(QWidget):
         self._free = camera
         self._apply_camera(sort=True)
 
+    def fly_to(self, camera: Camera) -> None:
+        """Look from there as if a hand had moved the camera: points now, splats when it rests. Of the lock nobody is told."""
+        self._free = camera
+        self._painter.show_points(True)
+        self._apply_camera(sort=False)
+        self._idle.start()
+        self.camera_moved.emit(camera)
+
     def is_locked(self) -> bool:
         return self._free is None and self._home is not None
 
@@ -212,13 +220,9 @@ class SplatView(QWidget):
     def _move(self, camera: Camera) -> None:
         """The hand moved the camera: draw points now and splats when it rests."""
         was_locked = self.is_locked()
-        self._free = camera
-        self._painter.show_points(True)
-        self._apply_camera(sort=False)
-        self._idle.start()
+        self.fly_to(camera)
         if was_locked:
             self.locked_changed.emit(False)
-        self.camera_moved.emit(camera)
 
     def _settle(self) -> None:
         if self._closed:

@@ -52,6 +52,7 @@ class Timeline(QWidget):
         self._count = 0
         self._fps = 25.0
         self._playing = False
+        self._played: tuple[int, int] | None = None
         self._phase = 0.0
         self._ticked = 0.0
         self._asked: float | None = None  # when the frame not yet drawn was asked for
@@ -126,6 +127,7 @@ class Timeline(QWidget):
             raise ValueError(f"a timeline has 0 frames or more at a positive rate, not {count} at {fps} a second")
         self.pause()
         self._count, self._fps = count, fps
+        self._played = None
         self._track.set_frames(count)
         self._emit_timer.stop()
         for widget in (self._track, self._play_button, *self._move_buttons, self._speed_box, self._loop_box):
@@ -148,6 +150,16 @@ class Timeline(QWidget):
         self._track.blockSignals(False)
         self._phase = float(self.frame())
         self._show_readout()
+
+    def set_played(self, first: int | None, last: int | None) -> None:
+        """Play only from `first` to `last` (None: from the start, to the end); everything can still be scrubbed."""
+        first, last = first or 0, self._count - 1 if last is None else min(last, self._count - 1)
+        self._played = (first, last) if 0 <= first < last and (first, last) != (0, self._count - 1) else None
+        self._track.set_played(self._played)
+
+    def played(self) -> tuple[int, int]:
+        """First and last frame that are played."""
+        return self._played or (0, max(self._count - 1, 0))
 
     def step(self, frames: int) -> None:
         """Go on by some frames, as the user does; playback pauses."""
@@ -181,8 +193,9 @@ class Timeline(QWidget):
     def play(self) -> None:
         if self._playing or self._count < 2:
             return
-        if self.loop_mode() == "once" and self.frame() == self._count - 1:
-            self._track.setValue(0)
+        first, last = self.played()
+        if not first <= self.frame() <= last or (self.loop_mode() == "once" and self.frame() == last):
+            self._track.setValue(first)
         self._playing = True
         self._phase = float(self.frame())
         self._ticked = self._clock()
@@ -232,7 +245,9 @@ class Timeline(QWidget):
         now = self._clock()
         self._phase += (now - self._ticked) * self._fps * self.speed()
         self._ticked = now
-        frame, ended = played_frame(self._phase, self._count, self.loop_mode())
+        first, last = self.played()
+        step, ended = played_frame(max(self._phase - first, 0.0), last - first + 1, self.loop_mode())
+        frame = first + step
         waiting = self._asked is not None and now - self._asked < PATIENCE
         if frame != self.frame() and not waiting:
             self._track.blockSignals(True)

@@ -59,7 +59,8 @@ class Answering(QObject):
         if scene is None or not scene.has_semantics or self.session.playing or not look.visible_prompts:
             self._show_answers(())
             return
-        self.service.submit("answers", lambda: answers(scene, view.frame, look), self._show_answers, self.parts.say, self._show_answers)
+        frame = round(view.frame)
+        self.service.submit("answers", lambda: answers(scene, frame, look), self._show_answers, self.parts.say, self._show_answers)
 
     def _show_answers(self, known: tuple[Answer, ...]) -> None:
         bar, look = self.parts.prompts, self.session.look

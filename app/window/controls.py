@@ -10,6 +10,7 @@ from PySide6.QtGui import QColor
 
 from app.look import Colour, ColourRange, Look, RangeMode, decoder_refined
 from app.pictures import get_layer
+from app.playback import Playback
 from app.session import Session
 from app.settings import SettingsFile
 from app.window.parts import Parts
@@ -26,9 +27,9 @@ DECODER_WORDS = {
 class Controls(QObject):
     """Two-way bindings. The session is the truth: after each change the widgets are set from it, and their setters emit nothing."""
 
-    def __init__(self, session: Session, settings: SettingsFile, parts: Parts) -> None:
+    def __init__(self, session: Session, settings: SettingsFile, parts: Parts, playback: Playback) -> None:
         super().__init__(parts)
-        self.session, self.settings, self.parts = session, settings, parts
+        self.session, self.settings, self.parts, self.playback = session, settings, parts, playback
         self._texts: dict[int, str] = {}
         session.opened.connect(self._opened)
         session.look_changed.connect(lambda before, after: self._show(after))
@@ -42,6 +43,7 @@ class Controls(QObject):
         session, parts = self.session, self.parts
         scene, clip = session.scene, session.clip
         parts.timeline.set_frames(session.frames, scene.fps if scene else clip.fps if clip else 25.0)
+        self._show_playback()
         parts.timeline.set_marks(clip.test_frames if clip else (), clip.labelled_frames if clip else ())
         for dock in (parts.layers_dock, parts.prompts_dock, parts.probe_dock):
             dock.setEnabled(scene is not None)
@@ -92,6 +94,13 @@ class Controls(QObject):
         session.frame_changed.connect(timeline.set_frame)
         session.playing_changed.connect(self._follow_playing)
         timeline.set_speed(self.settings.value.speed)
+        timeline.loop_mode_changed.connect(self.playback.set_mode)
+        self.playback.changed.connect(lambda record: self._show_playback())
+
+    def _show_playback(self) -> None:
+        timeline, playback = self.parts.timeline, self.playback
+        timeline.set_loop_mode(playback.mode)
+        timeline.set_played(playback.first, playback.last)
 
     def _follow_playing(self, playing: bool) -> None:
         timeline = self.parts.timeline

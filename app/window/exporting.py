@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFileDialog
 
@@ -32,7 +33,10 @@ class Exporting(QObject):
 
     def save_picture(self, path: Path) -> None:
         """The picture as it is shown, with its colour bar, as PNG."""
-        picture, view = self.parts.panel.grab_image(), self.drawing.view
+        self._write(path, self.parts.panel.grab_image())
+
+    def _write(self, path: Path, picture: np.ndarray) -> None:
+        view = self.drawing.view
         if view is not None and view.span is not None:
             title = get_layer(self.session.look.layer).title
             picture = with_colour_bar(picture, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain))
@@ -42,6 +46,17 @@ class Exporting(QObject):
             show_error(self.parts.window, str(error))
         else:
             self.parts.say(f"Saved {path}")
+
+    def ask_for_screenshot(self) -> None:
+        name = f"{self.session.name}-3d-{self.session.look.layer}-{self.session.frame:06d}.png"
+        file, _ = QFileDialog.getSaveFileName(self.parts.window, "Export 3D view", name, "PNG (*.png)")
+        if file:
+            self.save_screenshot(Path(file))
+
+    def save_screenshot(self, path: Path) -> None:
+        """The 3D view as it is seen, with its colour bar, as PNG."""
+        assert self.parts.splats is not None
+        self._write(path, self.parts.splats.screenshot_image())
 
     def ask(self, name: str) -> None:
         """Ask where to write a format, and write it there."""

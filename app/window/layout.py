@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from PySide6.QtCore import QByteArray
 
+from app.camera_book import camera_from_json, camera_to_json
 from app.part import Part
 from app.session import Session
 from app.window.drawing import Drawing
@@ -37,13 +37,13 @@ class WindowLayout(Part):
         return {
             "docks": bytes(self.parts.window.saveState().toBase64().data()).decode("ascii"),
             "views": self.parts.views.sizes(),
-            "camera": _camera_json(splats.camera()) if free and splats is not None else None,
+            "camera": camera_to_json(splats.camera()) if free and splats is not None else None,
         }
 
     def from_json(self, data: Any, source: str) -> None:
         try:
             docks, views = str(data["docks"]).encode("ascii")[:LONGEST], [min(1 << 15, max(0, int(size))) for size in data["views"]]
-            self._camera = None if data["camera"] is None else _camera(data["camera"])
+            self._camera = None if data["camera"] is None else camera_from_json(data["camera"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise RunError(f"{source} does not hold the layout of a window ({error}).") from error
         self.parts.window.restoreState(QByteArray.fromBase64(docks))
@@ -58,19 +58,3 @@ class WindowLayout(Part):
         if self.session.camera_mode == "free":
             splats.set_free_camera(self._camera)
         self._camera = None
-
-
-def _camera_json(camera: Camera) -> dict[str, Any]:
-    numbers = {name: float(getattr(camera, name)) for name in ("fx", "fy", "cx", "cy")}
-    return {"width": camera.width, "height": camera.height, **numbers, "viewmat": camera.viewmat.tolist()}
-
-
-def _camera(data: dict[str, Any]) -> Camera:
-    viewmat = np.array(data["viewmat"], np.float64)
-    fx, fy, cx, cy = (float(data[name]) for name in ("fx", "fy", "cx", "cy"))
-    width, height = int(data["width"]), int(data["height"])
-    if viewmat.shape != (4, 4) or not np.isfinite(viewmat).all() or not np.isfinite([fx, fy, cx, cy]).all() or min(fx, fy) <= 0:
-        raise ValueError("not a camera")
-    if not (0 < width < 1 << 15 and 0 < height < 1 << 15):
-        raise ValueError("not the size of a picture")
-    return Camera(width, height, fx, fy, cx, cy, viewmat)

@@ -7,12 +7,14 @@ from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QShowEvent
 from PySide6.QtWidgets import QMainWindow
 
 from app.actions import ActionRegistry
+from app.playback import Playback
 from app.render_service import RenderService
 from app.session import Session
 from app.settings import SettingsFile
 from app.window import actions
 from app.window.annotating import Annotating
 from app.window.answering import Answering
+from app.window.cameras import Cameras
 from app.window.clip_querying import ClipQuerying
 from app.window.controls import Controls
 from app.window.drawing import Drawing
@@ -75,12 +77,15 @@ class MainWindow(QMainWindow):
         self.session = Session()
         self.service = RenderService(CHANNELS, self)
         self.parts = Parts(self)
+        self.playback = Playback()
+        self.session.register("playback", self.playback)
         self.drawing = Drawing(self.session, self.service, self.parts)
-        self.controls = Controls(self.session, settings, self.parts)
+        self.controls = Controls(self.session, settings, self.parts, self.playback)
         self.probing = Probing(self.session, self.service, self.parts, self.drawing)
         self.answering = Answering(self.session, self.service, self.parts, self.drawing)
         self.querying = ClipQuerying(self.session, self.service, self.parts, self.answering)
         self.ranking = RankingControl(self.session, self.service, self.parts, self.drawing)
+        self.cameras = Cameras(self.session, self.service, self.parts, self.drawing)
         self.runs = Runs(self.session, self.service, settings, self.parts, self.drawing)
         self.keeping = Keeping(self.session, settings, self.parts)
         self.opening = Opening(self.session, self.service, settings, self.parts, self.keeping)
@@ -117,6 +122,8 @@ class MainWindow(QMainWindow):
         self.ranking.changed.connect(self.menus.refresh)
         self.querying.changed.connect(self.menus.refresh)
         self.runs.changed.connect(self.menus.refresh)
+        self.cameras.changed.connect(self.menus.refresh)
+        self.playback.changed.connect(lambda record: self.menus.refresh())
         self.parts.log.attach()
         self.setAcceptDrops(True)
         self.resize(1440, 900)
@@ -176,6 +183,7 @@ class MainWindow(QMainWindow):
             return
         self.session.pause()
         self.annotating.end()
+        self.cameras.land()
         self.keeping.end()
         self.run_list.stop()
         geometry = bytes(self.saveGeometry().toBase64().data()).decode("ascii")

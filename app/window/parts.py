@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
 from app.window.facts import Facts
 from app.window.log_view import LogView
 from widgets.annotation_panel import AnnotationPanel
+from widgets.camera_list import CameraList
 from widgets.colour_bar import ColourBar
 from widgets.curve_plot import CurvePlot
 from widgets.history_list import HistoryList
@@ -69,6 +70,7 @@ class Parts(QObject):
         self.similarity.set_labels("frame", "cosine")
         self.similarity.hide()
         self.ranking = RankingList()
+        self.cameras = CameraList()
         self.bars = [ViewBar(self.panel)]
         self.facts = Facts()
         self.monitor = TrainingMonitor()
@@ -136,6 +138,8 @@ class Parts(QObject):
         below.addWidget(self.similarity, 2)
         self.probe_dock = self._dock("Probe", probe, right)
         self.ranking_dock = self._dock("Findings", self.ranking, right)
+        self.cameras_dock = self._dock("Cameras", self.cameras, right)
+        self.cameras_dock.hide()
         self.facts_dock = self._dock("Clip and run", self.facts, right)
         self.history_dock = self._dock("History", self.history, right)
         self.annotation_dock = self._dock("Annotation", self.annotation, right)
@@ -144,7 +148,8 @@ class Parts(QObject):
         self.monitor_dock.hide()
         self.log_dock.hide()
         window.tabifyDockWidget(self.probe_dock, self.ranking_dock)
-        window.tabifyDockWidget(self.ranking_dock, self.facts_dock)
+        window.tabifyDockWidget(self.ranking_dock, self.cameras_dock)
+        window.tabifyDockWidget(self.cameras_dock, self.facts_dock)
         window.tabifyDockWidget(self.facts_dock, self.history_dock)
         window.tabifyDockWidget(self.history_dock, self.annotation_dock)
         window.resizeDocks([self.layers_dock, self.prompts_dock, self.probe_dock], [240, 160, 420], Qt.Orientation.Vertical)
@@ -174,6 +179,7 @@ class Parts(QObject):
             self.facts_dock,
             self.history_dock,
             self.annotation_dock,
+            self.cameras_dock,
         )
         return *right, self.monitor_dock, self.log_dock
 

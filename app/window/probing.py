@@ -127,7 +127,7 @@ class Probing(QObject):
         if index >= 0 and view is not None and view.splats is not None:
             pixel, depth = view.camera.project(view.splats.means[index].astype(float))
             if depth > 0 and 0 <= pixel[0] < view.camera.width and 0 <= pixel[1] < view.camera.height:
-                self.session.probe = Spot(view.frame, float(pixel[0]), float(pixel[1]))
+                self.session.probe = Spot(round(view.frame), float(pixel[0]), float(pixel[1]))
             else:
                 self.parts.say("The surgeon's camera does not see this spot.")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from app.actions import ActionRegistry
-from app.window.actions import annotation, asking, edit, files, help, inspection, play, training, view
+from app.window.actions import annotation, asking, cameras, edit, files, help, inspection, play, training, view
 
 if TYPE_CHECKING:
     from app.window.main import MainWindow
@@ -15,6 +15,7 @@ AREAS = (
     files,
     edit,
     view,
+    cameras,
     inspection,
     asking,
     annotation,

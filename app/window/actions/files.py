@@ -41,6 +41,16 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
             lambda: session.frames > 0,
             group=1,
         ),
+        Action(
+            "export.view3d",
+            "3D view as shown…",
+            exporting.ask_for_screenshot,
+            ("File", "Export"),
+            ("Ctrl+Shift+E",),
+            lambda: has_scene() and window.parts.splats is not None,
+            group=1,
+            help="screenshot",
+        ),
         *(
             Action(f"export.{name}", f"{entry.title}…", partial(exporting.ask, name), export, (), has_scene, group=1)
             for name, entry in FORMATS.items()

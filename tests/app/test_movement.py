@@ -1,0 +1,140 @@
+"""Task: play a part of the clip, keep cameras, fly along them, and take a movie of the flight."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog, QPushButton
+
+from app.camera_book import CameraPath
+from widgets.images import to_array
+
+
+def press(qtbot, panel, text: str) -> None:
+    button = next(button for button in panel.findChildren(QPushButton) if button.text().startswith(text))
+    qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
+
+
+def test_a_part_is_played_over_and_over(qtbot, opened, idle, run, screenshot):
+    session, panel, timeline = opened.session, opened.parts.panel, opened.parts.timeline
+    panel.setFocus()
+    session.go_to(3)
+    qtbot.keyClick(panel, Qt.Key.Key_I)
+    session.go_to(6)
+    qtbot.keyClick(panel, Qt.Key.Key_O)
+    idle()
+    screenshot(opened, "movement-loop")
+    seen: list[int] = []
+    session.frame_changed.connect(seen.append)
+    qtbot.keyClick(panel, Qt.Key.Key_Space)
+    qtbot.waitUntil(lambda: seen.count(3) >= 2 and 6 in seen, timeout=10_000)
+    rate = timeline._rate.text()
+    assert rate.endswith("/ 25 fps")
+    qtbot.keyClick(panel, Qt.Key.Key_Space)
+    idle()
+    assert set(seen) <= {3, 4, 5, 6}
+    session.save()
+    opened.opening.open_path(run)
+    idle()
+    assert timeline.played() == (3, 6)
+    panel.setFocus()
+    qtbot.keyClick(panel, Qt.Key.Key_I, Qt.KeyboardModifier.ShiftModifier)
+    assert timeline.played() == (0, 9)
+
+
+def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot, tmp_path, monkeypatch):
+    session, splats, listed = opened.session, opened.parts.splats, opened.parts.cameras
+    splats.setFocus()
+    opened.registry.run("cameras.add")
+    session.go_to(8)
+    for _ in range(3):
+        qtbot.keyClick(splats._canvas, Qt.Key.Key_Right)
+    there = splats.camera()
+    opened.registry.run("cameras.add")
+    assert [row[:2] for row in listed.rows()] == [("Camera 1", "0"), ("Camera 2", "8")]
+    idle()
+    listed._table.item(0, 2).setText("0.4")  # as typed into the cell
+    assert opened.cameras.book.stops[0].seconds == 0.4
+    listed._table.item(0, 2).setText("soon")
+    assert listed.rows()[0][2] == "0.4"
+    screenshot(opened, "movement-cameras")
+    opened.registry.run("cameras.previous")
+    idle()
+    assert session.frame == 0
+    assert not np.allclose(splats.camera().viewmat, there.viewmat)
+    press(qtbot, listed, "Fly")
+    qtbot.waitUntil(lambda: opened.cameras._flight is None, timeout=20_000)
+    idle()
+    assert session.frame == 8
+    assert np.allclose(splats.camera().viewmat, there.viewmat, atol=1e-9)
+    film = tmp_path / "flight.mp4"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *args: (str(film), ""))
+    session.set_layer("displacement")
+    press(qtbot, listed, "Movie")
+    idle()
+    movie = cv2.VideoCapture(str(film))
+    assert movie.get(cv2.CAP_PROP_FRAME_COUNT) == 11  # 0.4 s at 25 a second, both ends
+    pictures = [movie.read()[1].astype(int) for _ in range(11)]
+    movie.release()
+    assert np.abs(pictures[0] - pictures[-1]).mean() > 5
+    path = tmp_path / "path.json"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *args: (str(path), ""))
+    opened.registry.run("cameras.save")
+    stops = opened.cameras.book.stops
+    opened.cameras.book.remove(0)
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *args: (str(path), ""))
+    opened.registry.run("cameras.open")
+    assert len(listed.rows()) == 2
+    assert np.allclose(CameraPath(opened.cameras.book.stops).at(0.2)[0].viewmat, CameraPath(stops).at(0.2)[0].viewmat)
+    session.undo.undo()
+    session.undo.undo()
+    assert opened.cameras.book.stops == stops
+    session.save()
+    opened.opening.open_path(run)
+    idle()
+    assert [row[0] for row in listed.rows()] == ["Camera 1", "Camera 2"]
+
+
+def test_a_movie_is_stopped_and_leaves_nothing(qtbot, opened, idle, tmp_path):
+    for frame in (0, 9):
+        opened.session.go_to(frame)
+        opened.registry.run("cameras.add")
+    idle()
+    opened.cameras.book.change(0, seconds=600.0)
+    opened.cameras.write_movie(tmp_path / "long.mp4")
+    qtbot.waitUntil(lambda: ": picture" in opened.parts.busy_text.text(), timeout=20_000)
+    opened.registry.run("export.stop")
+    idle()
+    qtbot.waitUntil(lambda: list(tmp_path.glob("*long*")) == [], timeout=5_000)
+
+
+def test_a_screenshot_of_the_3d_view(opened, idle, tmp_path):
+    opened.exporting.save_screenshot(tmp_path / "a.png")
+    shown = cv2.imread(str(tmp_path / "a.png"))[..., ::-1]
+    assert shown.shape[1] == opened.parts.splats.width()
+    assert shown.std() > 10
+    opened.session.set_layer("depth")
+    idle()
+    opened.exporting.save_screenshot(tmp_path / "b.png")
+    assert cv2.imread(str(tmp_path / "b.png")).shape[1] > shown.shape[1]  # with its colour bar
+
+
+@pytest.mark.parametrize("key", [Qt.Key.Key_Down, Qt.Key.Key_Up])
+def test_no_cameras_no_harm(qtbot, opened, key):
+    opened.parts.panel.setFocus()
+    qtbot.keyClick(opened.parts.panel, key, Qt.KeyboardModifier.AltModifier)
+    assert opened.session.frame == 0
+
+
+def test_splats_come_back_when_the_hand_rests(qtbot, opened, idle):
+    """Points give way to splats that lie where they should, turn after turn."""
+    splats = opened.parts.splats
+    opened.session.go_to(8)
+    idle()
+    for _ in range(2):
+        qtbot.keyClick(splats._canvas, Qt.Key.Key_Right)
+        points = to_array(splats._canvas.grabFramebuffer())
+        qtbot.waitUntil(lambda: not splats._idle.isActive())
+        assert to_array(splats._canvas.grabFramebuffer()).std() > 2 * points.std()
