@@ -132,7 +132,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         splats=splat_arrays(scene, layer, query, look, span, cmap) if request.splats else None,
         uncertain=layer.uncertain_words if image.uncertain is not None and image.uncertain.any() else "",
     )
-    if request.recorded and (recorded := scene.observed(frame)) is not None:
+    if request.recorded and (recorded := scene.observed(round(frame))) is not None:
         view = replace(view, rgb=recorded, span=None, uncertain="")
     masked = look.visible_prompts if look.masks_shown and layer.name not in PROMPTED else ()
     if not masked:

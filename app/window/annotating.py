@@ -357,7 +357,7 @@ class Annotating(QObject):
 
     def _shown(self, view: View) -> None:
         if self.part.active and view.frame == self.session.frame:
-            self._pixels_changed(view.frame, None)
+            self._pixels_changed(self.session.frame, None)
 
     def _pixels_changed(self, frame: int, region: Region | None) -> None:
         work = self.part.work

@@ -101,7 +101,7 @@ def test_the_worst_places_are_listed_and_gone_to(qtbot, opened, idle, screenshot
     panel.setFocus()
     assert not opened.menus.actions["inspect.rank"].isEnabled()  # colour has no worst places
     qtbot.keyClick(panel, Qt.Key.Key_6)
-    qtbot.keyClick(panel, Qt.Key.Key_W)
+    qtbot.keyClick(panel, Qt.Key.Key_W, Qt.KeyboardModifier.ShiftModifier)
     idle()
     findings = opened.ranking.findings()
     assert len(findings) == len(listed.rows()) > 3

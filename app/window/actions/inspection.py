@@ -69,7 +69,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
             lambda: probing.curves is not None,
             help="csv png table",
         ),
-        Action("inspect.rank", "Find the worst places", ranking.search, menu, ("W",), ranking.can_search, group=1, help="ranking"),
+        Action("inspect.rank", "Find the worst places", ranking.search, menu, ("Shift+W",), ranking.can_search, group=1, help="ranking"),
         Action("inspect.next", "Next finding", partial(ranking.go_on, 1), menu, ("N",), listed, group=1),
         Action("inspect.previous", "Previous finding", partial(ranking.go_on, -1), menu, ("Shift+N",), listed, group=1),
         Action(
