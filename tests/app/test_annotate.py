@@ -86,9 +86,9 @@ def test_brush_sizes_and_keys_that_type(qtbot, annotating):
     assert part.radius == pytest.approx(4)
     field = window.parts.annotation._new
     field.setFocus()
-    qtbot.keyClicks(field, "clip 2 ]w")
+    qtbot.keyClicks(field, "clip 2 ]r")
     qtbot.keyClick(field, Qt.Key.Key_Return)
-    assert part.work.classes[-1].name == "clip 2 ]w"
+    assert part.work.classes[-1].name == "clip 2 ]r"
     assert part.current == len(part.work.classes) - 1
     assert part.radius == pytest.approx(4)
     assert part.tool == "brush"
@@ -114,7 +114,7 @@ def test_polygon_fill_superpixels_holes_and_lock(qtbot, annotating, screenshot):
     qtbot.keyClick(panel, Qt.Key.Key_Return)
     assert (labels(window)[12:38, 12:38] == 7).all()
     assert (labels(window) == 7).sum() < 34 * 34
-    qtbot.keyClick(panel, Qt.Key.Key_W)
+    qtbot.keyClick(panel, Qt.Key.Key_R)
     qtbot.keyClick(panel, Qt.Key.Key_1)
     drag(qtbot, window, (25, 25), (26, 25))
     qtbot.keyClick(panel, Qt.Key.Key_8)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from app.window.main import MainWindow
 
 TOOL_TITLES = {"brush": "Brush", "eraser": "Eraser", "superpixels": "Superpixel brush", "polygon": "Polygon", "fill": "Fill"}
-TOOL_KEYS = {"brush": "W", "eraser": "E", "superpixels": "S", "polygon": "P", "fill": "G"}
+TOOL_KEYS = {"brush": "R", "eraser": "E", "superpixels": "S", "polygon": "P", "fill": "G"}
 MENU, IMPORT, EXPORT = ("Annotate",), ("Annotate", "Import labels"), ("Annotate", "Export labels")
 
 
