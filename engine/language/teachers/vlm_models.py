@@ -61,7 +61,7 @@ class DenseModel:
             raise DegenseError(f"{shown(folder)} holds a model of the kind {self.kind!r}; those that can be read are {', '.join(classes)}.")
         try:
             model = classes[self.kind].from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
-            self._tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
+            self._tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True, trust_remote_code=False)
         except (OSError, ValueError, KeyError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise DegenseError(f"{shown(folder)} holds no {self.kind} with model.safetensors and its tokenizer: {reason}") from error
@@ -139,7 +139,7 @@ def find_model(place: str) -> Path:
 
     try:
         return Path(snapshot_download(place, local_files_only=True))
-    except LocalEntryNotFoundError as error:
+    except (LocalEntryNotFoundError, ValueError) as error:
         raise DegenseError(f"{place} is neither a folder nor in your model cache; download it first (degense never does).") from error
 
 
@@ -165,7 +165,7 @@ def _transformers() -> Any:
     try:
         import transformers
     except ImportError as error:
-        raise DegenseError("the teacher vlm needs the package transformers; install it with: pip install 'degense[vlm]'") from error
+        raise DegenseError("the teacher vlm needs the package transformers; install it with: pip install transformers") from error
     transformers.utils.logging.disable_progress_bar()
     return transformers
 

@@ -1,0 +1,53 @@
+"""Ten strokes on one frame of a real operation."""
+
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from engine.language import EmbeddedEncoder
+from engine.language.teachers import StrokeTeacher
+from engine.readers import open_clip
+from tests.language.scribbles import scribbled
+
+#: Ten strokes, at most two a class: liver, gallbladder, fat, abdominal wall, grasper, ligament.
+COUNTS = {1: 2, 2: 2, 3: 1, 5: 2, 6: 2, 7: 1}
+FLOOR = {"liver": 0.85, "gallbladder": 0.85, "fat": 0.65, "abdominal_wall": 0.6}
+
+
+@pytest.fixture
+def stroked(clips, tmp_path):
+    """The clip's first frames, with strokes on the annotated one instead of its label map; and that map."""
+    folder = tmp_path / "clip"
+    for i, file in enumerate(sorted((clips / "cholec160" / "images").iterdir())):
+        if i < 24:
+            (folder / "images").mkdir(parents=True, exist_ok=True)
+            shutil.copy(file, folder / "images" / file.name)
+    shutil.copy(clips / "cholec160" / "classes.json", folder)
+    labels = cv2.imread(str(clips / "cholec160" / "labels" / "000159.png"), cv2.IMREAD_UNCHANGED)
+    (folder / "strokes").mkdir()
+    cv2.imwrite(str(folder / "strokes" / "000159.png"), scribbled(labels, COUNTS))
+    return open_clip(folder), labels
+
+
+def test_ten_strokes_outline_the_organs_and_know_how_sure_they_are(stroked):
+    clip, labels = stroked
+    assert (clip.strokes(0) != 255).mean() < 0.015
+    teacher = StrokeTeacher(clip, EmbeddedEncoder())
+    answers = dict(teacher.answers([0, 23]))
+    vectors, index = answers[0]
+    likely = np.array(teacher.classes)[(vectors @ teacher.vectors.T).argmax(1)]
+    said = np.where(index >= 0, likely[index], 255)
+    inside = clip.valid(0)
+    for name, floor in FLOOR.items():
+        mine, true = (maps == clip.classes.index(name) for maps in (said, labels))
+        assert (mine & true & inside).sum() / ((mine | true) & inside).sum() > floor, name
+
+    right = (said == labels)[inside & (index >= 0)]
+    sure = (vectors @ teacher.vectors.T).max(1)[index[inside & (index >= 0)]]
+    assert right[sure > 0.95].mean() > 0.95
+    assert right[sure < 0.85].mean() < 0.85
+
+    _, later = answers[23]  # a second on, the camera has moved
+    assert (later >= 0)[clip.valid(23)].mean() > 0.9
