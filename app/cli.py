@@ -112,7 +112,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     )
     sub.add_argument("--methods", metavar="NAME,...", help="langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degense (default: all)")
     sub.add_argument("--seeds", type=_positive, default=1, metavar="N", help="trainings of each (default 1; intervals take 2 or more)")
-    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from, the same for all (default: labels)")
+    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from, the same for all: as for train")
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--iterations", type=_positive, metavar="N")
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
