@@ -186,6 +186,7 @@ class Parts(QObject):
     def _status(self) -> None:
         bar = self.window.statusBar()
         self.busy_text, self.busy_bar = QLabel(), QProgressBar()
+        self.busy_bar.setAccessibleName("What is being done")
         self.busy_bar.setTextVisible(False)
         self.busy_bar.setFixedWidth(140)
         self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)

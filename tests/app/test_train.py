@@ -119,8 +119,9 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     assert len(monitor._plot.series_names()) == len(monitor._scores.series_names()) == 1
     with_clip.session.go_to(5)  # the window goes on working
     screenshot(with_clip, "train")
-    qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
+    with_clip.menus.actions["train.pause"].trigger()
     qtbot.waitUntil(lambda: training.queue.paused is not None, timeout=20_000)
+    assert with_clip.menus.actions["train.go-on"].isEnabled()
     assert (monitor.state(), training.running) == ("paused", False)
     assert [job.out.name for job in training.queue.waiting] == ["second"]  # nobody takes the machine meanwhile
     stopped_at = json.loads((tmp_path / "run" / "run.json").read_text())["iteration"]

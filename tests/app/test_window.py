@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import logging
+import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,8 +14,10 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QDialog, QMessageBox
 
+from app.window import main
 from app.window.palette import Palette
 from engine.layers import LAYERS
+from tests.house.source import ROOT, imports, within
 
 
 def test_menus_hold_every_action_and_keys_the_layers(window):
@@ -81,6 +86,47 @@ def test_export_runs_in_the_worker(opened, idle, tmp_path):
     box = opened.findChild(QMessageBox, "error")
     assert "not empty" in box.text()
     box.close()
+
+
+def test_an_export_is_stopped(opened, idle, tmp_path):
+    opened.exporting.export("movie", tmp_path / "a.mp4")
+    opened.menus.refresh()
+    opened.menus.actions["export.stop"].trigger()
+    idle()
+    assert not opened.parts.busy_bar.isVisible()
+    assert not (tmp_path / "a.mp4").exists()
+    assert not opened.registry["export.stop"].enabled()
+
+
+def test_quit_closes_the_window(qtbot, window):
+    window.menus.actions["file.quit"].trigger()
+    qtbot.waitUntil(lambda: not window.isVisible())
+
+
+def test_a_crash_leaves_its_stacks(tmp_path):
+    """The processor's own faults go past Python; the stacks of all threads are written by the system's handler."""
+    code = (
+        "import faulthandler, sys; from pathlib import Path; from app.logs import start_logging\n"
+        "start_logging(Path(sys.argv[1]), print)\n"
+        "def deep(): faulthandler._sigsegv()\n"
+        "deep()"
+    )
+    result = subprocess.run([sys.executable, "-c", code, str(tmp_path / "degense.log")], cwd=ROOT, capture_output=True)
+    assert result.returncode != 0
+    text = (tmp_path / "degense.crash").read_text()
+    assert "Segmentation fault" in text
+    assert "in deep" in text
+
+
+def test_the_main_window_only_wires():
+    """Its file holds one class that makes the pieces and hands Qt's events on: short, and without knowledge of the engine."""
+    source = Path(main.__file__).read_text(encoding="utf-8")
+    tree = ast.parse(source)
+    assert len(source.splitlines()) < 250
+    assert [node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)] == ["MainWindow"]
+    assert not [name for _, name in imports(Path("app/window/main.py")) if within(name, ("engine",))]
+    methods = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name != "__init__"]
+    assert {node.name: node.end_lineno - node.lineno for node in methods if node.end_lineno - node.lineno > 20} == {}
 
 
 def test_what_is_not_caught_goes_to_the_log_and_in_one_sentence_to_the_user(window, qtbot, tmp_path, monkeypatch):
