@@ -78,6 +78,7 @@ class AnnotationPanel(QWidget):
         self._all.setObjectName("secondary")
         self._all.setWordWrap(True)
         self._progress = QProgressBar(self)
+        self._progress.setAccessibleName("Progress")
         self._progress.setTextVisible(False)
         self._progress.setMaximumHeight(8)
         self._progress.hide()

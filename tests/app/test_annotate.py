@@ -168,6 +168,10 @@ def test_a_frame_is_carried_reviewed_and_taken_back(qtbot, annotating, idle, scr
     assert part.work.record(5).status == "flagged"
     names = window.session.undo.entries
     assert names == ("Carry labels to 9 frames", "Reject frame 7", "Accept frame 5", "Accept 7 frames", "Frame 5: flagged")
+    window.session.undo.go_to(1)
+    press(qtbot, window, "annotate.accept")
+    press(qtbot, window, "annotate.reject-all")
+    assert (part.work.waiting(), part.work.record(5).status) == ([], "done")
     window.session.undo.go_to(0)
     assert part.work.records == {}
 

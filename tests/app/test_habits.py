@@ -73,6 +73,7 @@ def test_every_action_is_found_and_does_something(opened, idle, monkeypatch):
         if not opened.session.look.prompts:
             opened.session.add_prompt("liver")
         opened.session.set_layer(layer)
+        opened.registry.run("cameras.add")
         idle()
         for action_id in ids:
             if action_id in done or not opened.registry[action_id].enabled():
