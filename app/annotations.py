@@ -16,6 +16,7 @@ from engine.annotation.carried import Carried
 from engine.annotation.classes import LabelClass, check_classes, default_colour, named_classes
 from engine.annotation.edits import Edit, Piece, State, Status
 from engine.annotation.folder import NAME, load, save
+from engine.annotation.merging import merged
 from engine.annotation.painting import Region
 from engine.clip import UNLABELLED
 from engine.errors import DegenseError, RunError
@@ -222,16 +223,9 @@ class AnnotationsPart(Part):
     def take(self, classes: Sequence[LabelClass], maps: Mapping[int, np.ndarray], name: str) -> None:
         """Take label maps from elsewhere, of which values index `classes`; classes of the same name are the same."""
         assert self.work is not None
-        own = list(self.work.classes)
-        index = {kind.name.casefold(): number for number, kind in enumerate(own)}
-        table = np.full(256, UNLABELLED, np.uint8)
-        for value, kind in enumerate(classes):
-            if kind.name.casefold() not in index:
-                index[kind.name.casefold()] = len(own)
-                own.append(kind)
-            table[value] = index[kind.name.casefold()]
+        own, table = merged(self.work.classes, classes)
         if len(own) > len(self.work.classes):
-            self._set_classes(f"Classes of {name}", tuple(own))
+            self._set_classes(f"Classes of {name}", own)
         self._done(self.work.replace_labels({frame: table[labels] for frame, labels in maps.items()}, name))
         self.pixels_changed.emit(self.session.frame, None)
 

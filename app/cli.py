@@ -12,6 +12,7 @@ from pathlib import Path
 from engine.errors import Cancelled, DegenseError
 
 USER_ERROR, INTERRUPTED = 2, 130
+LABEL_FORMAT_WORDS = "masks-png, coco, cvat, yolo, nifti, cholecseg8k or endovis18"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -148,11 +149,36 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
 
     sub = command("export", "exporting:export", "write a run in formats that other tools read")
     _run(sub)
-    sub.add_argument("--format", required=True, metavar="NAME", help="ply, ply-sequence, masks-png, coco or movie")
+    sub.add_argument("--format", required=True, metavar="NAME", help=f"ply, ply-sequence, movie, {LABEL_FORMAT_WORDS}")
     sub.add_argument("--out", type=Path, required=True, metavar="PATH", help="file, or folder for ply-sequence and masks-png")
     sub.add_argument("--frame", type=float, metavar="I", help="frame of a single ply (default: the reference frame)")
     sub.add_argument("--layer", default="rgb", metavar="NAME", help="layer of a movie")
+    sub.add_argument(
+        "--source",
+        choices=("masks", "annotations"),
+        help="label maps of what the run answers or of what was annotated (default: annotations, if there are any and no prompts)",
+    )
     _prompts(sub, required=False)
+
+    sub = command("annotate", "annotating:annotate", "carry label maps of some frames to all others")
+    sub.add_argument("path", type=Path, metavar="PATH", help="a run, or a clip: then along its motion alone")
+    sub.add_argument(
+        "--labels",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="indexed or grey PNG with class numbers, 255 unlabelled; repeatable (default: what was annotated by hand, else the clip's)",
+    )
+    sub.add_argument("--frame", type=int, action="append", default=[], metavar="I", help="the frame of each --labels, from 0")
+    sub.add_argument("--out", type=Path, metavar="PATH", help="folder or file to write")
+    sub.add_argument("--format", default="masks-png", metavar="NAME", help=f"{LABEL_FORMAT_WORDS} (default masks-png)")
+    sub.add_argument("--review", action="store_true", help="keep them with the run or clip as proposals, to accept or reject in the window")
+
+    sub = command("import", "annotating:import_labels", "take label maps of another tool as annotations of a run or clip")
+    sub.add_argument("path", type=Path, metavar="PATH", help="a run or a clip")
+    sub.add_argument("file", type=Path, metavar="FILE", help="file or folder to read")
+    sub.add_argument("--format", required=True, metavar="NAME", help=LABEL_FORMAT_WORDS)
 
     sub = command("bench", "benching:bench", "measure run time against error on this machine")
     sub.add_argument(

@@ -13,5 +13,5 @@ def export(options: argparse.Namespace) -> None:
     from engine.scene import Scene
 
     scene = Scene.open(options.run_folder)
-    wanted = ExportOptions(tuple(options.prompts), options.decoder, options.threshold, options.frame, options.layer)
+    wanted = ExportOptions(tuple(options.prompts), options.decoder, options.threshold, options.frame, options.layer, source=options.source)
     print(run_steps(chosen.export(scene, options.out, wanted), Bar()))
