@@ -81,6 +81,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--routing", metavar="NAME", help="how semantic gradients travel: paper, isolated or coupled")
     sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from: labels, strokes, precomputed[:FOLDER], vlm:MODEL or none")
+    _encoder(sub, "gives a teacher's classes their vectors: a CLIP's or sentence model's folder, or a file of text vectors (.safetensors)")
     sub.add_argument("--iterations", type=_positive, metavar="N")
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
     sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
@@ -131,6 +132,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     )
     sub.add_argument("--range", type=_range, metavar="LOW:HIGH", help="values of the first and last colour (default: from the frames)")
     _prompts(sub, required=False)
+    _encoder(sub, "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other")
 
     sub = command("segment", "drawing:segment", "write the masks of prompts")
     _run(sub)
@@ -146,6 +148,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
         "with --frames a folder for label maps, masks and areas, in which what is there already is kept",
     )
     _prompts(sub, required=True)
+    _encoder(sub, "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other")
 
     sub = command("export", "exporting:export", "write a run in formats that other tools read")
     _run(sub)
@@ -218,6 +221,10 @@ def _clip_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--stride", type=_positive, default=1, metavar="N", help="use each Nth frame of a video file")
     sub.add_argument("--max-frames", type=_positive, default=2000, metavar="N", help="most frames used of a video file (default 2000)")
     sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
+
+
+def _encoder(sub: argparse.ArgumentParser, text: str) -> None:
+    sub.add_argument("--encoder", metavar="PLACE", help=text)
 
 
 def _prompts(sub: argparse.ArgumentParser, required: bool) -> None:

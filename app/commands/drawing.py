@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from app.commands.encoding import chosen_encoder
 from app.exports import ExportOptions, write_movie
 from app.pictures import check_decoder, check_frame, get_layer, layer_picture, write_npy, write_png
 from app.segmenting import write_clip_masks
@@ -28,7 +29,7 @@ def render(options: argparse.Namespace) -> None:
 
     layer = get_layer(options.layer)
     check_decoder(options.decoder)
-    scene = Scene.open(options.run_folder)
+    scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
     wanted = ExportOptions(tuple(options.prompts), options.decoder, options.threshold, layer=options.layer, span=options.range)
     if options.frames is None:
         _render_frame(scene, layer, check_frame(scene, options.frame), options.out, wanted)
@@ -82,7 +83,7 @@ def _render_frames(scene: Scene, layer: Layer, frames: Sequence[int], out: Path,
 def segment(options: argparse.Namespace) -> None:
     from engine.scene import Scene
 
-    scene = Scene.open(options.run_folder)
+    scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
     check_decoder(options.decoder)
     if options.frames is not None:
         _segment_clip(scene, options)

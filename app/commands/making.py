@@ -14,6 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from app.commands.encoding import chosen_encoder
 from app.terminal import Bar
 from engine.errors import DegenseError
 
@@ -93,7 +94,8 @@ def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, sto
         said.append(event["event"])
         report(event)
 
-    run = run_training(clip, options.out, config, teacher=options.teacher, resume=options.resume, events=tell, stop=stop)
+    encoder = chosen_encoder(options)
+    run = run_training(clip, options.out, config, teacher=options.teacher, encoder=encoder, resume=options.resume, events=tell, stop=stop)
     if run is None and "stopped" not in said:  # it had not come to its first step
         report({"event": "stopped", "iteration": 0})
 

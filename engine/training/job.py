@@ -19,7 +19,7 @@ from engine.errors import Cancelled, DegenseError
 from engine.field import FieldConfig, SceneModel
 from engine.field.still import find_moving
 from engine.files import replacing
-from engine.language import keep_encoder
+from engine.language import TextEncoder, keep_encoder, open_encoder
 from engine.language.teachers import CostlyTeacher, Teacher, answered, default_teacher, teacher_by_name
 from engine.poses import find_cameras, with_cameras
 from engine.progress import Progress
@@ -53,6 +53,7 @@ def train(
     config: TrainConfig,
     *,
     teacher: str | None = None,
+    encoder: TextEncoder | None = None,
     resume: bool = False,
     events: Events,
     stop: Callable[[], bool],
@@ -67,6 +68,8 @@ def train(
     ----------
     teacher : str or None
         A name that `engine.language.teacher_by_name` knows, "none", or None for the clip's default.
+    encoder : TextEncoder or None
+        Whose text vectors a teacher by label maps or strokes gives the classes; None for the embedded one's.
     resume : bool
         Continue the training in `out` with the settings it started with.
     """
@@ -89,6 +92,8 @@ def train(
     if run is not None:
         config = TrainConfig.from_json(run.info["config"] | {"device": config.device})
         teacher = run.info["teacher"]["name"]
+        if teacher != "none" and teacher.partition(":")[0] not in ("precomputed", "vlm"):
+            encoder = open_encoder(run.info["encoder"], run.info["classes"], out, encoder)
         if run.info["clip"]["fingerprint"] != fingerprint(clip):
             raise DegenseError(f"{clip.path} is not the clip that {out} was trained on; resume with that clip or start a new run")
         if run.info["state"] == "finished":
@@ -104,7 +109,9 @@ def train(
         tell = progress("load")
         teacher = teacher or default_teacher(clip)
         frames = TrainingFrames(clip, config.max_pixels, device)
-        chosen = None if teacher == "none" else teacher_by_name(teacher, clip)
+        if encoder is not None and teacher == "none":
+            raise DegenseError("an encoder gives a teacher's classes their vectors, and there is no teacher; choose one, or no encoder")
+        chosen = None if teacher == "none" else teacher_by_name(teacher, clip, encoder)
         tell(0.5, "reading the clip")
         evidence = MotionEvidence(frames, progress("flow")) if config.flow > 0 and len(clip.train_frames) > 1 else None
         semantics = None

@@ -118,7 +118,7 @@ def test_what_cannot_be_read_is_one_sentence(models, tmp_path, monkeypatch):
         with pytest.raises(DegenseError, match=r"a model must be named|scales"):
             teacher_by_name(name, clip)
     monkeypatch.setitem(sys.modules, "transformers", None)
-    with pytest.raises(DegenseError, match=r"needs the package transformers; install it with: pip install transformers"):
+    with pytest.raises(DegenseError, match=r"needs the package transformers; install it with: pip install 'degense\[vlm\]'"):
         VlmTeacher(clip, str(models["clip"]))
 
 

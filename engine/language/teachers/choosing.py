@@ -8,6 +8,7 @@ from pathlib import Path
 from engine.clip import Clip
 from engine.errors import DegenseError
 from engine.language.embedded import EmbeddedEncoder
+from engine.language.encoder import TextEncoder
 from engine.language.teachers.degraded import Degradation, DegradedTeacher
 from engine.language.teachers.labels import LabelTeacher
 from engine.language.teachers.precomputed import PrecomputedTeacher, find_features
@@ -62,20 +63,29 @@ def _choice(name: str, count: int, there: str, missing: str) -> TeacherChoice:
     return TeacherChoice(name, count > 0, there if count else missing)
 
 
-def teacher_by_name(name: str, clip: Clip) -> Teacher | CostlyTeacher:
+def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -> Teacher | CostlyTeacher:
     """The teacher called `name` for a clip; `answered` makes a costly one speak.
 
     "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; or "degraded", the labels made as unreliable
     as a vision-language model, possibly with its strength: "degraded:patches=24,noise=0.5,confusion=0.15,flicker=0.1,seed=0".
 
+    Parameters
+    ----------
+    name : str
+    clip : Clip
+    encoder : TextEncoder, optional
+        Whose vectors teachers that know classes by name give them; by default the embedded one's. Features of a model bring their own.
+
     Raises
     ------
     DegenseError
-        For an unknown name, and when the clip lacks what the teacher needs.
+        For an unknown name, an encoder that the teacher cannot take, and when the clip lacks what the teacher needs.
     """
     kind, _, how = name.partition(":")
     if kind not in TEACHERS or (how and kind in ("labels", "strokes")):
         raise DegenseError(f"there is no teacher {name!r}; choose {', '.join(TEACHERS)} or none")
+    if encoder is not None and kind in ("precomputed", "vlm"):
+        raise DegenseError(f"features of the teacher {kind} bring their own text vectors, so no other encoder can be chosen")
     if kind == "precomputed":
         place, values = _place(name, {"level": 0})
         return PrecomputedTeacher(clip, Path(place).expanduser() if place else find_features(clip), values["level"])
@@ -86,7 +96,7 @@ def teacher_by_name(name: str, clip: Clip) -> Teacher | CostlyTeacher:
         from engine.language.teachers.vlm import VlmTeacher
 
         return VlmTeacher(clip, model, values["scales"])
-    encoder = EmbeddedEncoder()
+    encoder = encoder or EmbeddedEncoder()
     if kind == "strokes":
         return StrokeTeacher(clip, encoder)
     return LabelTeacher(clip, encoder) if kind == "labels" else DegradedTeacher(LabelTeacher(clip, encoder), Degradation.parse(how))

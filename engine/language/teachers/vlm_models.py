@@ -53,21 +53,21 @@ class DenseModel:
     """
 
     def __init__(self, folder: Path, device: torch.device):
-        config = _config(folder)
+        config = model_config(folder)
         self.kind = str(config.get("model_type"))
-        transformers = _transformers()
+        transformers = transformers_library()
         classes = {"clip": transformers.CLIPModel, "clipseg": transformers.CLIPSegForImageSegmentation}
         if self.kind not in classes:
             raise DegenseError(f"{shown(folder)} holds a model of the kind {self.kind!r}; those that can be read are {', '.join(classes)}.")
         try:
             model = classes[self.kind].from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
-            self._tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True, trust_remote_code=False)
+            self._tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
         except (OSError, ValueError, KeyError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise DegenseError(f"{shown(folder)} holds no {self.kind} with model.safetensors and its tokenizer: {reason}") from error
         self._model, self._device = model.eval().requires_grad_(False).to(device), device
         self.side = int(model.config.vision_config.image_size)
-        self.name = f"{self.kind}-{_digest(folder)}"
+        self.name = f"{self.kind}-{model_digest(folder)}"
         preprocessing = folder / "preprocessor_config.json"
         said = json.loads(preprocessing.read_text("utf-8")) if preprocessing.exists() else {}
         self._mean = torch.tensor(said.get("image_mean", MEAN), device=device).reshape(3, 1, 1)
@@ -133,17 +133,17 @@ def find_model(place: str) -> Path:
         return path
     if not HUB_NAME.fullmatch(place):
         raise DegenseError(f"{shown(path)} is no folder; name the folder of a model, as in --teacher vlm:FOLDER.")
-    _transformers()
+    transformers_library()
     from huggingface_hub import snapshot_download
     from huggingface_hub.errors import LocalEntryNotFoundError
 
     try:
         return Path(snapshot_download(place, local_files_only=True))
-    except (LocalEntryNotFoundError, ValueError) as error:
+    except LocalEntryNotFoundError as error:
         raise DegenseError(f"{place} is neither a folder nor in your model cache; download it first (degense never does).") from error
 
 
-def _config(folder: Path) -> dict[str, Any]:
+def model_config(folder: Path) -> dict[str, Any]:
     file = folder / "config.json"
     if not file.exists():
         other = (
@@ -161,16 +161,17 @@ def _config(folder: Path) -> dict[str, Any]:
     return config
 
 
-def _transformers() -> Any:
+def transformers_library() -> Any:
+    """The package transformers, quiet. DegenseError when it is not installed."""
     try:
         import transformers
     except ImportError as error:
-        raise DegenseError("the teacher vlm needs the package transformers; install it with: pip install transformers") from error
+        raise DegenseError("a model needs the package transformers; install it with: pip install 'degense[vlm]'") from error
     transformers.utils.logging.disable_progress_bar()
     return transformers
 
 
-def _digest(folder: Path) -> str:
+def model_digest(folder: Path) -> str:
     """Of the configuration, the size of the weights and a few pieces of them, 12 hexadecimal digits."""
     total = hashlib.sha256((folder / "config.json").read_bytes())
     for file in sorted(folder.glob("*.safetensors")):
