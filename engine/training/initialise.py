@@ -11,7 +11,7 @@ from engine.errors import ClipError
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 
-KEYFRAMES = 10
+KEYFRAMES = 24
 DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame to be taken for something else
 
 
@@ -28,7 +28,7 @@ def initial_gaussians(
     Parameters
     ----------
     budget : int
-        At most this many points.
+        At most this many points. Where that is too few, the first frame keeps its own and all key frames give up the same share.
 
     Returns
     -------
@@ -43,34 +43,28 @@ def initial_gaussians(
     stride = max(1.0, float(np.sqrt(width * height / (0.6 * budget))))
     shown = np.zeros((height, width, 3), np.int16)
     known = np.zeros((height, width), bool)
-    points, colors, pitches, lifetimes = [], [], [], []
     rate = 0.75 * (len(keys) - 1)  # two neighbouring key frames, 2 / (keys − 1) apart, share the time between them
-    left = budget
+    found = []
     for key in keys:
         image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
         smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
         expected = shown if evidence is None else evidence.carried(shown, train[0], key)[0]
         fresh = valid & (~known | (np.abs(smooth.astype(np.int16) - expected).max(2) > DIFFERENT))
         pixels = jittered_grid(width, height, stride, generator)
+        pixels = pixels[fresh[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]]
         rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
-        keep = np.flatnonzero(fresh[rows, columns])
-        if len(keep) > left:
-            keep = generator.choice(keep, left, replace=False)
-        left -= len(keep)
-        rows, columns = rows[keep], columns[keep]
         z = depth[rows, columns]
-        points.append(frames.cameras[key].unproject(pixels[keep], z))
-        colors.append(smooth[rows, columns] / 255.0)
-        pitches.append(stride * z / frames.cameras[key].fx)
-        lasting = ~known[rows, columns]
-        lifetimes.append(np.stack([np.full(len(keep), frames.clip.time(key)), np.where(lasting, 0.0, rate)], 1))
+        born = np.stack([np.full(len(pixels), frames.clip.time(key)), np.where(known[rows, columns], rate, 0.0)], 1)
+        place, pitch = frames.cameras[key].unproject(pixels, z), stride * z / frames.cameras[key].fx
+        found.append((place, smooth[rows, columns] / 255.0, pitch, born))
         shown[valid & ~known] = smooth[valid & ~known]
         known |= valid
-    means = torch.from_numpy(np.concatenate(points)).float()
+    points, colors, pitches, lifetimes = _within(found, budget, generator)
+    means = torch.from_numpy(points).float()
     count = len(means)
     if count == 0:
         raise ClipError(f"{frames.clip.path}: hardly a pixel is valid, so there is nothing to start from; check the mask polarity")
-    scales = torch.from_numpy(np.concatenate(pitches)).float() * 0.6
+    scales = torch.from_numpy(pitches).float() * 0.6
     low, high = torch.from_numpy(np.percentile(means.numpy(), [0.5, 99.5], axis=0)).float()
     margin = 0.1 * (high - low).clamp_min(0.05)
     canonical = {
@@ -78,9 +72,9 @@ def initial_gaussians(
         "log_scales": scales.log()[:, None].repeat(1, 3),
         "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
         "logits": torch.full((count,), 2.0),
-        "colors": torch.from_numpy(np.concatenate(colors)).float(),
+        "colors": torch.from_numpy(colors).float(),
         "tints": torch.zeros(count, color_knots, 3),
-        "lifetimes": torch.from_numpy(np.concatenate(lifetimes)).float(),
+        "lifetimes": torch.from_numpy(lifetimes).float(),
         "semantics": torch.from_numpy(generator.normal(0, 0.01, (count, rank))).float(),
     }
     return canonical, torch.stack([low - margin, high + margin])
@@ -90,6 +84,19 @@ def lasting_only(canonical: dict[str, Tensor]) -> dict[str, Tensor]:
     """The Gaussians of `initial_gaussians` that exist for ever; those of the first frame always do."""
     lasting = canonical["lifetimes"][:, 1] == 0
     return {name: values[lasting] for name, values in canonical.items()}
+
+
+def _within(found: list[tuple[np.ndarray, ...]], budget: int, generator: np.random.Generator) -> tuple[np.ndarray, ...]:
+    """The points of all key frames, at most `budget`: the first one keeps its own, the others give up the same share."""
+    first, rest = len(found[0][0]), sum(len(part[0]) for part in found[1:])
+    share = min(1.0, max(0, budget - first) / max(rest, 1))
+    kept = []
+    for number, part in enumerate(found):
+        count = len(part[0])
+        wanted = min(count, budget) if number == 0 else int(share * count)
+        rows = slice(None) if wanted == count else np.sort(generator.choice(count, wanted, replace=False))
+        kept.append([values[rows] for values in part])
+    return tuple(np.concatenate(column) for column in zip(*kept, strict=True))
 
 
 def jittered_grid(width: int, height: int, stride: float, generator: np.random.Generator) -> np.ndarray:
