@@ -121,8 +121,10 @@ def find_evidence(unit: Tensor, labels: Tensor, count: int) -> tuple[Tensor, Ten
     means = _means(flat, owner, torch.zeros(count, unit.shape[2], device=unit.device))
     means = _means(flat, owner, means)
     rough = torch.log(_second_difference(unit) + rnse.QUIET).flatten()
-    sums = torch.zeros(count, 2, device=unit.device).index_add_(0, owner, torch.stack([rough, torch.ones_like(rough)], 1))
-    noise = torch.exp(sums[:, 0] / sums[:, 1].clamp_min(1))
+    # in float64, as in `_means`: what a region's noise is must not depend on the order in which threads add
+    sums = torch.zeros(count, 2, dtype=torch.float64, device=unit.device)
+    sums.index_add_(0, owner, torch.stack([rough, torch.ones_like(rough)], 1).double())
+    noise = torch.exp((sums[:, 0] / sums[:, 1].clamp_min(1)).float())
     doubt = _box(_ramp(noise, rnse.NOISE)[labels][None], rnse.DOUBT_WINDOW)[0]
     local = _box(unit.permute(2, 0, 1), 3).permute(1, 2, 0)
     direction = unit + doubt[..., None] * (local - unit)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+import torch
 
 from engine.clip import UNLABELLED
 from engine.language import EmbeddedEncoder, fit_basis
-from engine.masks import DECODERS, MaskQuery
+from engine.masks import DECODERS, MaskQuery, Question
 from tests.masks.scenes import latents, overlap, scene
 
 CLASSES = ("liver", "fat", "gallbladder", "grasper", "L-hook electrocautery")
@@ -87,6 +88,33 @@ def test_maps_are_kept_and_shared_but_not_writable(asked):
     assert query.refined(vectors[2]) is query.refined(vectors[2].copy())
     with pytest.raises(ValueError, match="read-only"):
         query.refined(vectors[2])[0, 0] = 1
+
+
+@pytest.mark.parametrize("device", ["memory", "tensors"])
+def test_asked_alone_or_together_is_the_same_to_the_last_bit(asked, device):
+    _, vectors, encoder, _ = asked
+    rgb, latent = asked[0]._aggregation._rgb, asked[0]._aggregation.unit
+
+    def new() -> MaskQuery:
+        return MaskQuery(*((rgb, latent) if device == "memory" else map(torch.from_numpy, (rgb, latent))), asked[0].basis)
+
+    questions = [Question(encoder.expand(text), encoder.exclude(text)) for text in ("liver", "tool, not grasper", "fat", "tissue")]
+    for decoder in DECODERS:
+        together = new()
+        masks = together.masks(questions, decoder, 0.45, vectors)
+        for question, mask in zip(questions, masks, strict=True):
+            alone = new()
+            np.testing.assert_array_equal(alone.mask(question.meant, decoder, 0.45, vectors, question.excluded), mask)
+            np.testing.assert_array_equal(alone.refined(question.meant), together.refined(question.meant))
+            np.testing.assert_array_equal(alone.similarity(question.meant), together.similarity(question.meant))
+
+
+@pytest.mark.parametrize("decoder", DECODERS)
+def test_what_is_excluded_leaves_the_mask_whatever_the_decoder(asked, decoder):
+    query, vectors, encoder, labels = asked
+    mask = query.mask(encoder.expand("tool, not grasper"), decoder, 0.3, vectors, encoder.exclude("tool, not grasper"))
+    assert overlap(mask, labels == 4) > 0.9
+    assert not query.mask(vectors[3], decoder, 0.3, vectors, vectors[3:4]).any()  # nothing is more alike than itself
 
 
 def test_alpha_weighs_the_similarity(asked):
