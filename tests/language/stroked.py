@@ -19,14 +19,18 @@ class StrokedClip(Clip):
     Parameters
     ----------
     strokes : dict of frame to list of (class, (x, y), (x, y))
+    contrast : float
+        Of the disc's colour with the tissue's; at 0 nobody can tell them apart.
     """
 
     depth_measured = False
 
-    def __init__(self, strokes, frames=10, width=128, height=96, seed=0):
+    def __init__(self, strokes, frames=10, width=128, height=96, seed=0, contrast=1.0):
         super().__init__("stroked", Path("stroked"), [Camera(width, height, 100, 100, width / 2, height / 2)] * frames)
         self.classes = ("liver", "gallbladder", "grasper", "fat")
         self.drawn, self.read = strokes, set()
+        self.colours = COLOURS.copy()
+        self.colours[1] = COLOURS[0] + contrast * (COLOURS[1] - COLOURS[0])
         random = np.random.default_rng(seed)
         self.texture = cv2.GaussianBlur(random.normal(0, 60, (height, width)).astype(np.float32), (0, 0), 2)
         self.noise = random.normal(0, 2, (frames, height, width, 3))
@@ -44,7 +48,7 @@ class StrokedClip(Clip):
         labels = self.truth_labels(index)
         shift = np.roll(self.texture, 3 * index, axis=1)
         texture = np.where(labels == 1, shift, self.texture)
-        return np.clip(COLOURS[labels] + texture[..., None] + self.noise[index], 0, 255).astype(np.uint8)
+        return np.clip(self.colours[labels] + texture[..., None] + self.noise[index], 0, 255).astype(np.uint8)
 
     def valid(self, index):
         valid = np.ones(self.size[::-1], bool)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SHARED = 0.5  # of each class's covariance that is the mean of all classes'
+SHARED = 0.2  # of each class's covariance that is the mean of all classes'
 ROUND = 0.1  # of the shared covariance that is a ball, and a fifth of it again for each class
 COOL = 2.0  # the features are not independent: log-likelihoods are divided by this
 

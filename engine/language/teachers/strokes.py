@@ -3,7 +3,7 @@
 In a frame with strokes, classes walk from the strokes to whatever touches them and looks like them (`Regions.walk`); how each class looks
 is learnt from the strokes and, in further rounds, from what the walk was sure of. In every other frame the same walk starts from the map
 of the nearest frame with strokes, carried along the flow where it can be believed, instead of from strokes.
-Confidence is calibrated on strokes that were held back: what the walk says of them without knowing them.
+Confidence is calibrated on halves of strokes that were held back: what the walk says of them without knowing them.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from engine.motion import consistent, follow, sample
 from engine.progress import Progress, silent
 from engine.readers import fingerprint
 
-REVISION = 2  # of the method: answers of another are not the same
+REVISION = 3  # of the method: answers of another are not the same
 ROUNDS = 3  # of learning how the classes look
-SURE = 0.8  # probability from which a region teaches the next round
+SURE = 0.6  # probability from which a region teaches the next round
 STROKE_TRUST, CARRIED_TRUST = 1e3, 0.3  # of `Regions.walk`
 UNSURE = 0.35  # probability of the likeliest class below which nothing is said; above it the mixture tells how sure it is
 FLOW_PIXELS = 80_000  # flow is followed at about this size
@@ -165,16 +165,19 @@ class StrokeTeacher:
     def temperature(self) -> float:
         """By what power 1 / T probabilities are sharpened (T < 1) or flattened, so that they hold for strokes the walk does not know.
 
-        Every stroke of a class that has another is held back in turn; 1 where there is none.
+        One half of every stroke is held back, then the other.
         """
         said: list[np.ndarray] = []
-        for frame, kept, part, value in _held_back(self._strokes):
-            _, found = self._learn({**self._strokes, frame: kept})
-            inside = np.unique(self._regions[frame].of[part])
-            said.append(np.log(np.maximum(found[frame][inside], 1e-6))[:, [self.classes.index(value), *range(len(self.classes))]])
-        if not said:
-            return 1.0
-        # each stroke counts alike, however many regions it crosses
+        for half in (0, 1):
+            strokes = {frame: _halved(values, half) for frame, values in self._strokes.items()}
+            _, found = self._learn(strokes)
+            for frame, values in self._strokes.items():
+                held = (values != UNLABELLED) & (strokes[frame] == UNLABELLED)
+                for value in np.unique(values[held]):
+                    there = np.unique(self._regions[frame].of[held & (values == value)])
+                    log = np.log(np.maximum(found[frame][there], 1e-6))
+                    said.append(log[:, [self.classes.index(int(value)), *range(len(self.classes))]])
+        # each class counts alike, however many regions its strokes cross
         losses = [np.mean([(np.log(np.exp(log[:, 1:] / t).sum(1)) - log[:, 0] / t).mean() for log in said]) for t in TEMPERATURES]
         return float(TEMPERATURES[int(np.argmin(losses))])
 
@@ -221,16 +224,18 @@ class StrokeTeacher:
         return (vectors, spoken) if (spoken >= 0).any() else None
 
 
-def _held_back(strokes: dict[int, np.ndarray]) -> Iterator[tuple[int, np.ndarray, np.ndarray, int]]:
-    """Each stroke of a class that has others in turn: frame, the frame's map without it, its pixels bool [H, W], its class."""
-    pieces = []
-    for frame, values in strokes.items():
-        for value in np.unique(values[values != UNLABELLED]):
-            count, parts = cv2.connectedComponents((values == value).astype(np.uint8), connectivity=8)
-            pieces += [(frame, int(value), parts == k) for k in range(1, count)]
-    for frame, value, part in pieces:
-        if sum(other == value for _, other, _ in pieces) > 1:
-            yield frame, np.where(part, UNLABELLED, strokes[frame]).astype(np.uint8), part, value
+def _halved(strokes: np.ndarray, half: int) -> np.ndarray:
+    """A map with one half (0 or 1) of each stroke: cut across its length, at its middle."""
+    kept = np.full_like(strokes, UNLABELLED)
+    for value in np.unique(strokes[strokes != UNLABELLED]):
+        count, parts = cv2.connectedComponents((strokes == value).astype(np.uint8), connectivity=8)
+        for part in range(1, count):
+            y, x = np.nonzero(parts == part)
+            points = np.stack([x, y], 1) - np.array([x.mean(), y.mean()])
+            along = points @ np.linalg.svd(points, full_matrices=False)[2][0]
+            chosen = (along > np.median(along)) == bool(half)
+            kept[y[chosen], x[chosen]] = value
+    return kept
 
 
 def _resized(maps: np.ndarray, size: tuple[int, int]) -> np.ndarray:
