@@ -77,6 +77,10 @@ class RenderService(QObject):
         """Whether an answer is still to come on a channel."""
         return channel in self._listeners
 
+    def idle(self) -> bool:
+        """Whether no answer is to come on any channel."""
+        return not self._listeners
+
     def close(self) -> None:
         """Stop the worker after its present step; nothing is delivered afterwards."""
         self._listeners.clear()

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from engine.clip import Clip
     from engine.layers import Layer, LayerRequest
     from engine.scene import Scene
+    from widgets.still_picture import StillRequest
 
 #: Layers that show the answer to prompts.
 PROMPTED = ("similarity", "mask")
@@ -195,3 +196,16 @@ def draw_clip(clip: Clip, frame: int) -> View:
     invalid = ~clip.valid(frame)
     masks = mask_overlay([(invalid, EXCLUDED)], MASK_FILL) if invalid.any() else None
     return View(frame, clip.cameras[frame], clip.frame(frame), None, "", "", None, None, masks)
+
+
+def draw_still(request: StillRequest) -> np.ndarray:
+    """Splats as the 3D view wants them, drawn by the rasterizer, uint8 [H, W, 3]."""
+    import torch
+
+    from engine.raster import rasterize
+
+    values = (*request.gaussians, request.colours.astype(np.float32) / 255)
+    means, quats, scales, opacities, colours = (torch.from_numpy(np.ascontiguousarray(array)) for array in values)
+    background = torch.tensor(request.background, dtype=torch.float32) / 255
+    drawn = rasterize(means, quats, scales, opacities, colours, request.camera, background=background)
+    return (drawn.image.clamp(0, 1) * 255 + 0.5).byte().numpy()

@@ -14,7 +14,11 @@ from widgets.camera_moves import dolly, framing, letterboxed, orbit, pan, splat_
 from widgets.images import to_array
 from widgets.keys import ARROWS, keep_keys
 from widgets.scene_painter import Gaussians, ScenePainter, as_bytes, tamed
+from widgets.still_picture import StillDrawer, StillPicture, StillRequest
 from widgets.theme import picture_background
+
+#: What OpenGL implementations on the processor call themselves, in small letters, and the enumerator that asks for the name.
+SOFTWARE, GL_RENDERER = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software"), 0x1F01
 
 #: Points give way to sorted splats this long after the last movement, milliseconds.
 IDLE_MS = 120
@@ -32,11 +36,16 @@ class SplatView(QWidget):
 
     Locked, it shows the surgeon's view exactly as the 2D panel does when fitted; a drag leaves that view and looks around freely.
     While the hand moves, plain points are drawn, and the sorted splats when it rests.
+
+    Where OpenGL runs on the processor, splats take VTK some hundred milliseconds, during which the window does nothing else. With
+    `use_stills` their owner draws them instead, elsewhere: `still_wanted` asks, `still_request` says what is to be drawn, and `set_still`
+    shows it.
     """
 
     camera_moved = Signal(object)
     locked_changed = Signal(bool)
     picked = Signal(int)
+    still_wanted = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -56,6 +65,8 @@ class SplatView(QWidget):
         self._note.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._note.move(8, 8)
 
+        self._still = StillPicture(self)
+        self._draws_stills: StillDrawer | None = None
         self._painter = ScenePainter(self._canvas)
         self._gaussians: Gaussians | None = None
         self._colours = np.zeros((0, 3), np.uint8)
@@ -88,7 +99,8 @@ class SplatView(QWidget):
             self._scalars = self._highlight = None
         self._gaussians = tamed(means, quats, scales, opacities)
         self._colours = as_bytes(colours)
-        self._painter.set_splats(self._gaussians._replace(opacities=self._shown_opacities(self._gaussians)), self._shown_colours())
+        if self._draws_stills is None or self._moving():
+            self._painter.set_splats(self._gaussians._replace(opacities=self._shown_opacities(self._gaussians)), self._shown_colours())
         self._apply_camera(sort=True)
 
     def set_scalars(self, values: np.ndarray, cmap: str, low: float, high: float) -> None:
@@ -112,6 +124,41 @@ class SplatView(QWidget):
         self._background = colour
         self._paint_background()
 
+    # Pictures drawn elsewhere
+
+    def draws_on_the_processor(self) -> bool:
+        """Whether OpenGL has no GPU here."""
+        self._canvas.makeCurrent()
+        name = str(self._canvas.context().functions().glGetString(GL_RENDERER)).lower()
+        self._canvas.doneCurrent()
+        return any(word in name for word in SOFTWARE)
+
+    def use_stills(self, draw: StillDrawer) -> None:
+        """From now on ask for pictures of the splats at rest; `draw` makes one at once, for screenshots."""
+        self._draws_stills = draw
+        self._ask()
+
+    def still_request(self) -> StillRequest | None:
+        """What is to be drawn now; None without splats or while the hand moves."""
+        if self._gaussians is None or self._moving() or self._closed:
+            return None
+        gaussians = self._gaussians._replace(opacities=self._shown_opacities(self._gaussians))
+        colour = self._background or picture_background(self.palette())
+        return StillRequest(gaussians, self._shown_colours(), self._viewport_camera(), (colour.red(), colour.green(), colour.blue()))
+
+    def set_still(self, rgb: np.ndarray) -> None:
+        """Show a picture of the splats, uint8 [H, W, 3] in device pixels; while the hand moves it comes too late."""
+        if not self._moving() and not self._closed:
+            self._still.show_picture(rgb)
+            self._note.raise_()
+
+    def _ask(self) -> None:
+        if self._gaussians is not None and not self._closed:
+            self.still_wanted.emit()
+
+    def _moving(self) -> bool:
+        return self._idle.isActive()
+
     # The camera
 
     def set_camera(self, camera: Camera) -> None:
@@ -127,9 +174,12 @@ class SplatView(QWidget):
     def fly_to(self, camera: Camera) -> None:
         """Look from there as if a hand had moved the camera: points now, splats when it rests. Of the lock nobody is told."""
         self._free = camera
+        if self._draws_stills is not None and not self._moving() and self._gaussians is not None:
+            self._painter.set_splats(self._gaussians, self._shown_colours())
+        self._still.hide()
+        self._idle.start()
         self._painter.show_points(True)
         self._apply_camera(sort=False)
-        self._idle.start()
         self.camera_moved.emit(camera)
 
     def is_locked(self) -> bool:
@@ -151,6 +201,9 @@ class SplatView(QWidget):
     def screenshot_image(self) -> np.ndarray:
         """What is on the screen, uint8 [H, W, 3] in device pixels."""
         self._settle()
+        request = self.still_request()
+        if self._draws_stills is not None and request is not None:
+            return self._draws_stills(request)
         return to_array(self._canvas.grabFramebuffer())
 
     def pick(self, x: float, y: float) -> int:
@@ -176,15 +229,21 @@ class SplatView(QWidget):
     def _apply_camera(self, sort: bool) -> None:
         if self._closed:
             return
+        self._write_note()
+        if self._draws_stills is not None and not self._moving():
+            self._ask()
+            return
         camera = self._viewport_camera()
         # Locked, the pixels of the clip are dilated, as in the 2D panel; free, those of the screen.
         self._painter.set_camera(camera, camera.fx / self._home.fx if self._home is not None and self._free is None else 1.0)
         if sort:
             self._painter.sort()
+        self._canvas.update()
+
+    def _write_note(self) -> None:
         self._note.setText("Surgeon’s view" if self.is_locked() else "Free look — R goes back" if self._home is not None else "Free look")
         self._note.adjustSize()
         self._note.setVisible(self._gaussians is not None)
-        self._canvas.update()
 
     def _shown_colours(self) -> np.ndarray:
         colours = self._colours if self._scalars is None else colourise(*self._scalars)
@@ -203,6 +262,9 @@ class SplatView(QWidget):
     def _recolour(self) -> None:
         if self._gaussians is None or self._closed:
             return
+        if self._draws_stills is not None and not self._moving():
+            self._ask()
+            return
         self._painter.set_colours(self._shown_colours(), self._shown_opacities(self._gaussians))
         self._canvas.update()
 
@@ -210,6 +272,8 @@ class SplatView(QWidget):
         colour = self._background or picture_background(self.palette())
         self._canvas.renderer.SetBackground(colour.redF(), colour.greenF(), colour.blueF())
         self._canvas.update()
+        if self._draws_stills is not None:
+            self._ask()
 
     def _pivot(self) -> np.ndarray:
         """The point one turns around: the middle of the scene in front of the camera."""
@@ -228,7 +292,8 @@ class SplatView(QWidget):
         if self._closed:
             return
         self._idle.stop()
-        self._painter.show_points(False)
+        if self._draws_stills is None:
+            self._painter.show_points(False)
         self._apply_camera(sort=True)
 
     # Events: the canvas would hand them to VTK's own interaction styles, which know nothing of our cameras.
@@ -306,6 +371,7 @@ class SplatView(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
+        self._still.setGeometry(self._canvas.geometry())
         QTimer.singleShot(0, self, lambda: self._apply_camera(sort=False))
 
     def changeEvent(self, event: QEvent) -> None:

@@ -13,6 +13,10 @@ from engine.errors import DegenseError
 if TYPE_CHECKING:
     from engine.bench.options import BenchOptions
 
+#: Needs a display, so it is not one of "all".
+OF_THE_WINDOW = {
+    "window": ("app.bench_window", "how instant the window is: first frame, scrubbing, prompts, brush, stalls (needs a display)")
+}
 SEEDS, REPEATS = 3, 15
 QUICK_SEEDS, QUICK_REPEATS = 1, 5
 
@@ -20,23 +24,24 @@ QUICK_SEEDS, QUICK_REPEATS = 1, 5
 def bench(options: argparse.Namespace) -> None:
     from engine.bench.run import BENCHES, check_names
 
+    benches = BENCHES | OF_THE_WINDOW
     names: list[str] = options.names
     if names[:1] == ["report"]:
         _report(names[1:], options.out)
     elif not names:
-        width = max(map(len, BENCHES))
+        width = max(map(len, benches))
         print("Benchmarks; run some by name, or all of them with: degense bench all\n")
-        print("\n".join(f"  {name:<{width}}  {text}" for name, (_, text) in BENCHES.items()))
+        print("\n".join(f"  {name:<{width}}  {text}" for name, (_, text) in benches.items()))
     else:
         chosen = list(BENCHES) if names == ["all"] else list(dict.fromkeys(names))
-        check_names(chosen)
+        check_names(chosen, benches)
         _run(chosen, options)
 
 
 def _run(names: list[str], options: argparse.Namespace) -> None:
     """Run benchmarks one after the other; each table is printed, and written, as soon as it is there."""
     from engine.bench.report import plain_section, save_table
-    from engine.bench.run import run
+    from engine.bench.run import BENCHES, run
 
     if options.out is not None and options.out.exists() and not options.out.is_dir():
         raise DegenseError(f"{options.out} is a file; name a folder for the tables and plots.")
@@ -49,7 +54,7 @@ def _run(names: list[str], options: argparse.Namespace) -> None:
                 def progress(fraction: float, message: str, done: int = done, name: str = name) -> None:
                     bar((done + fraction) / len(names), f"{name}: {message}")
 
-                for table in run(name, chosen, progress):
+                for table in run(name, chosen, progress, BENCHES | OF_THE_WINDOW):
                     bar.close()
                     print(plain_section(table), end="\n\n", flush=True)
                     if options.out is not None:

@@ -15,7 +15,7 @@ from app.pictures import get_layer
 from app.render_service import RenderService
 from app.session import Session
 from app.terminal import Steps
-from app.view import EXCLUDED, View, ViewRequest, draw_clip, draw_view, layer_request
+from app.view import EXCLUDED, View, ViewRequest, draw_clip, draw_still, draw_view, layer_request
 from app.window.parts import WELCOME, Parts
 from engine.camera import Camera
 from engine.colour_maps import UNKNOWN
@@ -65,6 +65,9 @@ class Drawing(QObject):
         assert self.parts.splats is not None
         self.parts.splats.locked_changed.connect(self._locked_changed)
         self.parts.splats.camera_moved.connect(self._camera_moved)
+        if self.parts.splats.draws_on_the_processor():
+            self.parts.splats.still_wanted.connect(self._draw_still)
+            self.parts.splats.use_stills(draw_still)
         self.parts.splats.setVisible(self.session.scene is not None)
         self.request()
 
@@ -211,6 +214,13 @@ class Drawing(QObject):
     def _camera_moved(self, camera: Camera) -> None:
         if self.from_free_camera:
             self.request()
+
+    def _draw_still(self) -> None:
+        """Draw the 3D view in the worker: without a GPU, VTK would hold up the window."""
+        splats = self.parts.splats
+        request = splats.still_request() if splats is not None else None
+        if splats is not None and request is not None:
+            self.service.submit("still", lambda: draw_still(request), splats.set_still, self.parts.say)
 
     def _locked_changed(self, locked: bool) -> None:
         self.session.camera_mode = "surgeon" if locked else "free"

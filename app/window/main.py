@@ -40,6 +40,7 @@ CHANNELS = (
     "check-picture",
     "check",
     "view",
+    "still",
     "range",
     "answers",
     "material",

@@ -18,7 +18,8 @@ from engine.errors import DegenseError
 from engine.progress import Progress, silent
 
 #: Name → (module with `run(options, progress) -> Iterable[Table]`, what it answers).
-BENCHES: dict[str, tuple[str, str]] = {
+Benches = dict[str, tuple[str, str]]
+BENCHES: Benches = {
     "raster": ("engine.bench.raster", "what a picture and its gradient cost on each back end, and how wrong they are"),
     "field": ("engine.bench.field", "what a state in time costs: exact, baked, half precision, with and without the savings"),
     "viewing": ("engine.bench.viewing", "how fast a scene plays and answers prompts"),
@@ -34,19 +35,19 @@ BENCHES: dict[str, tuple[str, str]] = {
 }
 
 
-def run(name: str, options: BenchOptions, progress: Progress = silent) -> Iterator[Table]:
-    """The tables of one benchmark, as they are finished. Raises DegenseError for a name that is none."""
-    check_names([name])
-    for number, table in enumerate(importlib.import_module(BENCHES[name][0]).run(options, progress)):
+def run(name: str, options: BenchOptions, progress: Progress = silent, benches: Benches = BENCHES) -> Iterator[Table]:
+    """The tables of one benchmark, as they are finished. Raises DegenseError for a name that is none of `benches`."""
+    check_names([name], benches)
+    for number, table in enumerate(importlib.import_module(benches[name][0]).run(options, progress)):
         table.bench, table.device, table.number = name, options.device, number
         table.command, table.hardware, table.date = command_line(name, options), hardware(options.device), date.today().isoformat()
         yield table
 
 
-def check_names(names: list[str]) -> None:
-    """DegenseError unless every name is one of BENCHES."""
-    if unknown := [name for name in names if name not in BENCHES]:
-        raise DegenseError(f"There is no benchmark {unknown[0]!r}; choose from {', '.join(BENCHES)}, or all.")
+def check_names(names: list[str], benches: Benches = BENCHES) -> None:
+    """DegenseError unless every name is one of `benches`."""
+    if unknown := [name for name in names if name not in benches]:
+        raise DegenseError(f"There is no benchmark {unknown[0]!r}; choose from {', '.join(benches)}, or all.")
 
 
 def command_line(name: str, options: BenchOptions) -> str:

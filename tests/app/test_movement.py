@@ -129,8 +129,29 @@ def test_no_cameras_no_harm(qtbot, opened, key):
 
 
 def test_splats_come_back_when_the_hand_rests(qtbot, opened, idle):
-    """Points give way to splats that lie where they should, turn after turn."""
+    """Points while the hand moves, then splats that lie where they should, turn after turn. Without a GPU the worker draws them."""
     splats = opened.parts.splats
+    assert splats.draws_on_the_processor()
+    opened.session.go_to(8)
+    idle()
+    for _ in range(2):
+        qtbot.keyClick(splats._canvas, Qt.Key.Key_Right)
+        assert splats._still.isHidden()
+        points = to_array(splats._canvas.grabFramebuffer())
+        qtbot.waitUntil(splats._still.isVisible, timeout=10_000)
+        still = to_array(splats._still._image)
+        assert still.std() > 2 * points.std()
+        scene, camera = opened.session.scene, splats.camera()
+        rendered = scene.draw(8, camera, ("rgb",))
+        covered = rendered["alpha"] > 0.99
+        assert np.abs(still[covered] / 255 - rendered["rgb"][covered]).max() < 0.02
+
+
+def test_vtk_draws_splats_that_come_back_too(qtbot, opened, idle):
+    """As with a GPU: points and splats share nothing that one of them could spoil."""
+    splats = opened.parts.splats
+    splats._draws_stills = None
+    splats._still.hide()
     opened.session.go_to(8)
     idle()
     for _ in range(2):
