@@ -4,7 +4,8 @@ All share what is not in question: the field (HexPlane, Z_kin, Ψ_geo), the rast
 densification, Adam and its rates, and the teacher with its basis and its weights of rare classes. None of the peers' own autoencoders
 (512 → 3 dimensions), segmenters (SAM) or vision-language models is here: all systems hear the same words, in a basis that keeps their
 angles. The peers' regularisers of pictures (total variation) are left out, and none of ours on motion is put in their place. Their
-semantic loss, a mean over 3 channels with weight 1, is a sum over some 8 channels with weight 0.2 here, which is as large.
+semantic loss, a mean over 3 channels with weight 1, is a sum over some 8 channels with weight 0.2 here, which is as large. Those that train
+everything together take it in every second or third step, as the preset has it: in every step their masks and pictures are worse.
 """
 
 from __future__ import annotations
