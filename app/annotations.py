@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 Tool = Literal["brush", "eraser", "superpixels", "polygon", "fill"]
 TOOLS: tuple[Tool, ...] = get_args(Tool)
 SMALLEST, LARGEST = 0.5, 100.0  # radius of the brush, pixels
+TOLD_SECONDS = 1.0  # of a stroke, after which the journal is told of it: what a crash costs at most
 
 
 def folder_beside(clip: Clip) -> Path:
@@ -69,6 +72,7 @@ class AnnotationsPart(Part):
         self.work: Annotations | None = None
         self.unsaved_beside_clip = False
         self._stroke: Stroke | None = None
+        self._told = 0.0
         self._active = False
         self.clear()
 
@@ -173,6 +177,7 @@ class AnnotationsPart(Part):
     def begin(self, name: str) -> None:
         """Begin a stroke in the frame that is shown. Errors as `ready`."""
         self._stroke = self.ready().stroke(self.session.frame, f"{name} in frame {self.session.frame}")
+        self._told = -math.inf  # its first dab is told at once
 
     def dab(self, region: Region | None) -> None:
         """Paint a region as part of the stroke."""
@@ -180,6 +185,14 @@ class AnnotationsPart(Part):
             changed = self._stroke.paint(region, self.value, self.inside)
             if changed is not None:
                 self.pixels_changed.emit(self._stroke.frame, changed)
+                self._tell_stroke(self._stroke)
+
+    def _tell_stroke(self, stroke: Stroke) -> None:
+        """Let the journal know of a stroke that takes long."""
+        now = time.monotonic()
+        if now - self._told >= TOLD_SECONDS and (piece := stroke.so_far()) is not None:
+            self._told = now
+            self._tell({"pieces": [piece.to_json()]})
 
     def end(self) -> None:
         """End the stroke: one step of undo."""

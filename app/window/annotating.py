@@ -111,7 +111,7 @@ class Annotating(QObject):
             show_error(self.parts.window, str(error))
 
     def _edited(self, record: object) -> None:
-        if self.part.unsaved_beside_clip:
+        if self.part.unsaved_beside_clip and not self._saving.isActive():
             self._saving.start()
 
     def end(self) -> None:

@@ -89,12 +89,11 @@ class Keeping(QObject):
         box.open()
 
     def tick(self) -> None:
-        """Every second: bring the journal up to date, and save when it is time. Never amid a stroke or a drag."""
-        if QApplication.mouseButtons() != Qt.MouseButton.NoButton:
-            return
+        """Every second: bring the journal up to date, and save when it is time; not amid a stroke or a drag."""
         self.session.store.tell_pending()
         minutes = self.settings.value.autosave
-        if self._dirty_since is not None and minutes and time.monotonic() - self._dirty_since >= 60 * minutes:
+        due = self._dirty_since is not None and minutes and time.monotonic() - self._dirty_since >= 60 * minutes
+        if due and QApplication.mouseButtons() == Qt.MouseButton.NoButton:
             self.save()
 
     def end(self) -> None:

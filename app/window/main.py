@@ -179,11 +179,11 @@ class MainWindow(QMainWindow):
             self.opening.open_path(path)
 
     def closeEvent(self, event: QCloseEvent) -> None:
+        self.session.pause()
+        self.annotating.end()  # a stroke that has not ended is saved too
         if not (self.training.may_close(self.close) and self.keeping.may_leave(self.close)):
             event.ignore()
             return
-        self.session.pause()
-        self.annotating.end()
         self.cameras.land()
         self.keeping.end()
         self.run_list.stop()

@@ -230,6 +230,19 @@ class Stroke:
         self._changed = True
         return Region(region.top, region.left, mask)
 
+    def so_far(self) -> Piece | None:
+        """What would be the frame's state if the stroke ended now, for a journal; None when it has changed nothing."""
+        region = region_of(self._start != self.labels) if self._changed else None
+        if region is None:
+            return None
+        height, width = region.mask.shape
+        packed = pack(self.labels[region.box])
+        return Piece(self.frame, region.top, region.left, height, width, packed, True, True, self._status, None)
+
+    @property
+    def _status(self) -> Status:
+        return "flagged" if self.annotations.record(self.frame).status == "flagged" else "in progress"
+
     def finish(self) -> Edit | None:
         """End the stroke; None when it changed nothing."""
         if not self._changed:
@@ -237,8 +250,6 @@ class Stroke:
         annotations, frame = self.annotations, self.frame
         region = region_of(self._start != self.labels)
         before = annotations.piece(frame, region)
-        record = annotations.record(frame)
-        status: Status = "flagged" if record.status == "flagged" else "in progress"
-        annotations.records[frame] = Record(pack(self.labels), True, status, None)
+        annotations.records[frame] = Record(pack(self.labels), True, self._status, None)
         annotations._keep(frame, self.labels)
         return Edit(self.name, (before,), (annotations.piece(frame, region),))

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,28 +15,55 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QMessageBox
 
 from app.session_store import JOURNAL
+from engine.clip import UNLABELLED
 from engine.errors import DegenseError
 from engine.files import write_text
 
-#: A window in a process of its own: opens a run, adds a prompt as a user would, tells the journal, and waits to be killed.
+#: A window in a process of its own: opens a run, adds a prompt, then erases along a line in one stroke without end, and says how far it is.
 WINDOW = """
 import sys
+import time
 from pathlib import Path
-from PySide6.QtCore import QTimer
+from PySide6.QtCore import QEvent, QPointF, Qt, QTimer
+from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication
 from app.settings import SettingsFile
 from app.window.main import MainWindow
 
 app = QApplication([])
 window = MainWindow(SettingsFile(Path(sys.argv[2])))
-window.session.opened.connect(lambda: QTimer.singleShot(0, work))
+panel, left = window.parts.panel, Qt.MouseButton.LeftButton
+x = 10.0
+
+def mouse(kind):
+    place = panel._look.to_widget(QPointF(x, 40.0))
+    app.sendEvent(panel, QMouseEvent(kind, place, panel.mapToGlobal(place), left, left, Qt.KeyboardModifier.NoModifier))
 
 def work():
     window.session.add_prompt("liver")
     window.session.set_layer("depth")
-    QTimer.singleShot(1500, lambda: print("worked", flush=True))
+    window.registry.run("annotate.mode")
+    window.session.annotations.choose("eraser", radius=3.0)
+    QTimer.singleShot(1500, paint)  # the journal has been told of the prompt then
 
-window.opening.open_path(Path(sys.argv[1]))
+def paint():
+    if any(window.service.busy(name) for name in ("open", "view", "range")) or not panel.has_image():
+        QTimer.singleShot(100, paint)
+        return
+    mouse(QEvent.Type.MouseButtonPress)
+    timer.start(50)
+
+def step():
+    global x
+    x += 1
+    mouse(QEvent.Type.MouseMove)
+    print(int(x), flush=True)
+
+timer = QTimer()
+timer.timeout.connect(step)
+window.ready.connect(lambda: window.opening.open_path(Path(sys.argv[1])))
+window.session.opened.connect(lambda: QTimer.singleShot(0, work))
+window.show()
 app.exec()
 """
 
@@ -75,11 +103,17 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
 
 
 def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, run, idle, tmp_path, screenshot):
+    """kill -9 amid a stroke that has lasted for seconds: at most its last two are lost, and nothing else."""
     settings = tmp_path / "other.json"
     with subprocess.Popen([sys.executable, "-c", WINDOW, str(run), str(settings)], stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
-        assert child.stdout.readline() == "worked\n"
+        told: list[tuple[float, int]] = []
+        while len(told) < 10 or time.monotonic() - told[9][0] < 2.2:
+            x = int(child.stdout.readline())
+            told.append((time.monotonic(), x))
+        killed = time.monotonic()
         os.kill(child.pid, signal.SIGKILL)
+    safe = max(x for moment, x in told if moment < killed - 2)
     write_text(window.settings.path, settings.read_text())
     window.settings.__init__(window.settings.path)  # as the next start reads them
     path = window.keeping.left_behind()
@@ -87,12 +121,14 @@ def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, ru
     window.opening.open_path(path)
     idle()
     box = window.findChild(QMessageBox, "recovery")
-    assert "(view)" in box.informativeText()
+    assert "(annotations, view)" in box.informativeText()
     assert window.session.look.prompts == ()
     screenshot(window, "recovery")
     click(qtbot, box, "Restore")
     idle()
     assert (window.session.look.layer, [prompt.text for prompt in window.session.look.prompts]) == ("depth", ["liver"])
+    assert safe > 15
+    assert (window.session.annotations.labels(0)[40, 10:safe] == UNLABELLED).all()
     assert window.isWindowModified()
     window.registry.run("file.save")
     assert not (run / JOURNAL).exists()
