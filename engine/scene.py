@@ -14,7 +14,7 @@ from torch import Tensor
 
 from engine.camera import Camera
 from engine.clip import Clip
-from engine.errors import DegenseError
+from engine.errors import DegenseError, RunError
 from engine.field import SceneModel
 from engine.field.live import LiveField
 from engine.language import Basis, TextEncoder, open_encoder
@@ -107,11 +107,18 @@ class Scene:
             device = "cuda" if torch.cuda.is_available() else "cpu"
         model = run.load_model(device).eval().requires_grad_(False)
         name = run.info.get("encoder")
-        speaks = open_encoder(name, tuple(run.info["classes"]), run.path, encoder) if name else None
+        if encoder is not None and name is None:
+            raise RunError(f"{run.path.name} was trained without semantics, so no encoder can answer prompts; {NEEDS_TEACHER}")
+        speaks, basis = open_encoder(name, tuple(run.info["classes"]), run.path, encoder) if name else None, run.load_basis()
+        if speaks is not None and (basis is None or basis.dimension != speaks.dimension):
+            length = "no length" if basis is None else f"length {basis.dimension}"
+            raise RunError(
+                f"{run.path.name} has features of {length}, and text vectors of length {speaks.dimension}; one of them is damaged"
+            )
         missing = ""
         if clip is None:
             clip, missing = _find_clip(run)
-        return cls(run, model, run.load_basis(), speaks, clip, missing, run.load_support(len(model)))
+        return cls(run, model, basis, speaks, clip, missing, run.load_support(len(model)))
 
     # -- facts -----------------------------------------------------------------------------------------------------------------------------
     @property

@@ -10,6 +10,7 @@ import torch
 
 from engine.camera import Camera
 from engine.errors import DegenseError, PromptError, RunError
+from engine.language import TextVectors
 from engine.raster import rasterize
 from engine.scene import CHANNELS, Cache, Scene
 
@@ -27,6 +28,14 @@ def copied(scene, tmp_path, **changes):
     file = tmp_path / "copy" / "run.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | changes))
     return tmp_path / "copy"
+
+
+def test_words_that_do_not_fit_the_features_are_refused(scene, speechless, tmp_path):
+    other = TextVectors({"liver": np.ones(5)}, "embedded-surgical-1")  # it bears the right name
+    with pytest.raises(RunError, match="features of length 128, and text vectors of length 5"):
+        Scene.open(copied(scene, tmp_path, classes=["liver"]), encoder=other)
+    with pytest.raises(RunError, match="was trained without semantics, so no encoder"):
+        Scene.open(speechless.run.path, encoder=other)
 
 
 def test_facts(scene, clip):
