@@ -186,9 +186,11 @@ def prompt_masks(scene: Scene, frame: float, texts: Sequence[str], decoder: str 
 
 
 def masks_of(scene: Scene, request: LayerRequest, texts: Sequence[str]) -> list[np.ndarray]:
-    """The mask of each text, bool [H, W], decoded as the request says."""
-    layer = get_layer("mask")
-    return [layer.image(scene, replace(request, prompts=(text,))).values.astype(bool) for text in texts]
+    """The mask of each text, bool [H, W], decoded as the request says; all in one pass."""
+    from engine.clip_query import ClipQuestion, masks_at
+
+    asked = ClipQuestion(tuple(texts), request.decoder, request.threshold, request.negatives)
+    return list(masks_at(scene, asked, request.frame, request.camera)) if texts else []
 
 
 def draw_clip(clip: Clip, frame: int) -> View:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from engine.camera import Camera
 from engine.clip import UNLABELLED
 from engine.errors import PromptError
 from engine.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD, Maps, Question
@@ -99,6 +100,12 @@ def query_clip(scene: Scene, asked: ClipQuestion, frames: Sequence[int] | None =
         finally:
             for future in waiting:
                 future.cancel()
+
+
+def masks_at(scene: Scene, asked: ClipQuestion, frame: float, camera: Camera | None = None) -> np.ndarray:
+    """The masks of one instant, bool [n, H, W], from any camera; None is the surgeon's, whose similarities are kept."""
+    classes = scene.vectors(scene.classes) if scene.classes else None
+    return scene.query(frame, camera).masks(asked.questions(scene), asked.decoder, asked.threshold, classes)
 
 
 def _decoded(frame: int, maps: Sequence[Maps], asked: ClipQuestion) -> FrameMasks:

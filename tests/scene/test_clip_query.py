@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from engine import clip_query
 from engine.clip import UNLABELLED
-from engine.clip_query import ClipQuestion, query_clip
+from engine.clip_query import ClipQuestion, masks_at, query_clip
 from engine.errors import DegenseError, PromptError
 from engine.layers import LAYERS, LayerRequest
 from engine.masks import DECODERS, MaskQuery
@@ -26,13 +27,15 @@ def fresh(scene):
 
 @pytest.mark.parametrize("decoder", DECODERS)
 def test_the_whole_clip_at_once_is_every_prompt_on_every_frame_alone(fresh, decoder):
-    together = list(query_clip(fresh(), ClipQuestion(PROMPTS, decoder, 0.4, ("connective tissue",))))
+    asked = ClipQuestion(PROMPTS, decoder, 0.4, ("connective tissue",))
+    together = list(query_clip(fresh(), asked))
     assert [found.frame for found in together] == list(range(9))
     for found in together[::4]:
         for text, mask in zip(PROMPTS, found.masks, strict=True):
             request = LayerRequest(found.frame, None, (text,), 0.4, decoder, ("connective tissue",))
             alone = LAYERS["mask"].image(fresh(), request).values.astype(bool)  # a scene that has computed nothing yet
             np.testing.assert_array_equal(mask, alone)
+            np.testing.assert_array_equal(mask, masks_at(fresh(), replace(asked, prompts=(text,)), found.frame)[0])
         np.testing.assert_allclose(found.areas, found.masks.mean((1, 2)))
     assert together[4].masks[:3].any((1, 2)).all()
 
