@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import numba
 import numpy as np
@@ -23,6 +24,20 @@ numba.config.THREADING_LAYER = "workqueue"
 KERNEL_LOCK = threading.RLock()
 
 _HELPERS = ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="kernel")
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Let torch's operations in the calling thread run on it alone.
+
+    For many small ones: torch's threads meet after each, spinning, and on a busy machine every such meeting costs a time slice.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def run_kernel(kernel: Callable[..., None], *arguments) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 import torch
 from torch import nn
 
+from engine.threads import one_torch_thread
+
 #: Pixels of each class and corrected frame to learn from.
 SAMPLES = 1500
 WIDTH, STEPS, BATCH, RATE, SMOOTHING = 32, 300, 2048, 1e-2, 0.1
@@ -30,13 +32,15 @@ class Looks:
         inputs, targets = _samples(pictures, labels, count, np.random.default_rng(seed))
         self._mean, self._spread = inputs.mean(0), inputs.std(0) + 1e-6
         self._present = np.bincount(targets, minlength=count) > 0
-        self._network = _fitted((inputs - self._mean) / self._spread, targets, count, seed)
+        with one_torch_thread():
+            self._network = _fitted((inputs - self._mean) / self._spread, targets, count, seed)
 
     @torch.no_grad()
     def at(self, rgb: np.ndarray) -> np.ndarray:
         """Probabilities of the classes, float32 [H, W, count]; 0 for classes that no corrected frame has."""
         x = torch.from_numpy((surroundings(rgb) - self._mean) / self._spread)
-        scores = self._network(x)
+        with one_torch_thread():
+            scores = self._network(x)
         scores[:, ~torch.from_numpy(self._present)] = -torch.inf
         return torch.softmax(scores, 1).numpy().reshape(*rgb.shape[:2], -1)
 
