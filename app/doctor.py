@@ -154,6 +154,13 @@ def _opengl() -> Finding:
     return Finding("note" if slow else "ok", f"{said}{': drawn by the processor, the 3D view is slower' if slow else ''}")
 
 
+def _models() -> Finding:
+    version = _version("transformers")
+    if version.startswith("("):
+        return Finding("note", "transformers is not installed: the teacher vlm needs it (pip install transformers)")
+    return Finding("ok", f"transformers {version}: CLIP and CLIPSeg models on this machine can teach")
+
+
 def _folders() -> Finding:
     folders = (config_folder(), log_file().parent)
     for folder in folders:
@@ -196,5 +203,6 @@ CHECKS: dict[str, Callable[[], Finding]] = {
     "Movies": _video,
     "Qt": _qt,
     "OpenGL": _opengl,
+    "Models": _models,
     "Folders": _folders,
 }
