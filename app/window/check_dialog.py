@@ -33,7 +33,13 @@ from widgets.theme import error_colour
 if TYPE_CHECKING:
     from engine.clip import Clip
 
-LAYOUT_WORDS = {"endonerf": "EndoNeRF", "cholecseg8k": "CholecSeg8k", "frames": "Loose frames", "video": "Video file"}
+LAYOUT_WORDS = {
+    "endonerf": "EndoNeRF",
+    "cholecseg8k": "CholecSeg8k",
+    "endovis18": "EndoVis 2018",
+    "frames": "Loose frames",
+    "video": "Video file",
+}
 MASK_WORDS = ((None, "as detected"), ("tool", "white = instrument, left out"), ("keep", "white = tissue, kept"))
 POSE_WORDS = (
     ("auto", "as the clip says, else found out"),
@@ -72,7 +78,7 @@ class CheckDialog(QDialog):
         self.complaint.setPalette(colours)
         self.found: dict[str, QLabel] = {}
         self._asked_by: dict[QObject, str] = {}
-        self.layout_choice = _combo("Layout", ((None, "as detected"), *((name, LAYOUT_WORDS[name]) for name in LAYOUTS)))
+        self.layout_choice = _combo("Layout", ((None, "as detected"), *((name, LAYOUT_WORDS.get(name, name)) for name in LAYOUTS)))
         self.start, self.stride, self.most = (
             _whole(*about) for about in (("First frame", 0), ("Each so manyth frame", 1), ("Most frames", 1))
         )

@@ -66,21 +66,22 @@ def show_page(parent: QWidget, title: str, html: str) -> QDialog:
 
 
 def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -> QDialog:
-    """All shortcuts, by menu, in two columns."""
-    blocks = []
+    """All shortcuts, by menu, in three columns."""
+    columns: list[list[str]] = [[] for _ in range(3)]
+    per_column, count = sum(len(rows) + 2 for rows in sheet.values()) / len(columns), 0
     for menu, rows in sheet.items():
         keys = "".join(f"<tr><td style='padding: 2px 18px 2px 0'><b>{_arrows(key)}</b></td><td>{title}</td></tr>" for key, title in rows)
-        blocks.append(f"<h4 style='margin: 8px 0 2px 0'>{menu}</h4><table>{keys}</table>")
-    half = (len(blocks) + 1) // 2
-    columns = ("".join(blocks[:half]), "".join(blocks[half:]))
-    text = "<table><tr>" + "".join(f"<td style='padding-right: 36px'>{column}</td>" for column in columns) + "</tr></table>"
+        place = min(int((count + (len(rows) + 2) / 2) / per_column), len(columns) - 1)
+        columns[place].append(f"<h4 style='margin: 8px 0 2px 0'>{menu}</h4><table>{keys}</table>")
+        count += len(rows) + 2
+    text = "<table><tr>" + "".join(f"<td style='padding-right: 36px'>{''.join(blocks)}</td>" for blocks in columns) + "</tr></table>"
     label = QLabel(text)
     label.setAlignment(Qt.AlignmentFlag.AlignTop)
     label.setMargin(12)
     area = QScrollArea()
     area.setWidget(label)
     area.setWidgetResizable(True)
-    return _dialog(parent, "Shortcuts", area, (760, 680))
+    return _dialog(parent, "Shortcuts", area, (1000, 680))
 
 
 def _arrows(key: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import (
@@ -56,16 +57,13 @@ class Preferring(QObject):
             log.warning(sentence)
 
     def set_theme(self, theme: Theme) -> None:
-        self.settings.update(theme=theme)
-        self._dress()
-        self.changed.emit()
+        self._change("Theme", theme=theme)
 
     def set_autosave(self, minutes: float) -> None:
-        self.settings.update(autosave=minutes)
+        self._change("Autosave", autosave=minutes)
 
     def set_undo_memory(self, megabytes: float) -> None:
-        self.settings.update(undo_memory=megabytes)
-        self._use_memory()
+        self._change("Undo memory", undo_memory=megabytes)
 
     def show(self) -> None:
         """The dialog. Everything in it takes effect at once, so that it has nothing to confirm."""
@@ -73,8 +71,25 @@ class Preferring(QObject):
 
     def keep_shortcuts(self) -> None:
         """Remember the registry's shortcuts and use them."""
-        self.settings.update(shortcuts={action_id: list(keys) for action_id, keys in self.registry.given.items()})
-        self.shortcuts_changed.emit()
+        self._change("Shortcuts", shortcuts={action_id: list(keys) for action_id, keys in self.registry.given.items()})
+
+    def _change(self, name: str, **values: Any) -> None:
+        """Settle something, as a step that can be undone."""
+        before = {key: getattr(self.settings.value, key) for key in values}
+        if before != values:
+            self._put(values)
+            self.session.undo.push(name, self._put, before, values, key=f"preference {name}")
+
+    def _put(self, values: dict[str, Any]) -> None:
+        self.settings.update(**values)
+        if "theme" in values:
+            self._dress()
+        if "undo_memory" in values:
+            self._use_memory()
+        if "shortcuts" in values:
+            self.take_shortcuts()
+            self.shortcuts_changed.emit()
+        self.changed.emit()
 
     def _use_memory(self) -> None:
         self.session.undo.set_memory(round(self.settings.value.undo_memory * (1 << 20)))

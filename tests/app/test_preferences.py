@@ -35,6 +35,18 @@ def test_settings_hold_at_once_and_are_remembered(qtbot, window, preferences, qa
     preferences.close()
 
 
+def test_what_was_settled_can_be_undone(window, qapp):
+    for theme in ("light", "dark", "light"):
+        window.registry.run(f"theme.{theme}")
+    assert window.session.undo.entries == ("Theme",)  # in quick succession: one step
+    window.registry.run("edit.undo")
+    assert is_dark(qapp.palette())
+    assert window.settings.value.theme == "dark"
+    window.registry.run("edit.redo")
+    assert not is_dark(qapp.palette())
+    window.registry.run("theme.dark")
+
+
 def test_the_desktop_theme_is_followed(window, preferences, qapp, monkeypatch):
     preferences.close()
     window.registry.run("theme.system")
