@@ -31,6 +31,7 @@ BENCHES: Benches = {
     "ablation": ("engine.bench.ablation", "the paper's ablation with degraded teachers, against exact masks and motion"),
     "systems": ("engine.bench.systems", "the systems that the paper compares, with degraded teachers: each with its own best decoder"),
     "latent": ("engine.bench.latent", "resolution of the teacher's features and rank of the latents: time against mask quality"),
+    "annotation": ("engine.bench.annotation", "one corrected frame, carried to all others: mask quality against exact labels"),
     "stress": ("engine.bench.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }
 
