@@ -126,7 +126,8 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     which = sub.add_mutually_exclusive_group(required=True)
     which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
     which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
-    sub.add_argument("--layer", default="rgb", metavar="NAME", help="rgb, depth, features, similarity, mask, displacement, warp or support")
+    which.add_argument("--cameras", type=Path, metavar="PATH", help="a camera path that the window saved (.json): a flight along it, .mp4")
+    sub.add_argument("--layer", default="rgb", metavar="NAME", help="rgb (default), or a name from the README")
     sub.add_argument(
         "--out", type=Path, required=True, metavar="FILE", help=".png, or .npy for raw values; with --frames a folder, .npy or .mp4"
     )

@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from app.camera_book import Stop, load_path
+from app.camera_movie import camera_movie
 from app.commands.encoding import chosen_encoder
 from app.exports import ExportOptions, write_movie
+from app.look import PROMPT_COLOURS, ColourRange, Look, Prompt
 from app.pictures import check_decoder, check_frame, get_layer, layer_picture, write_npy, write_png
 from app.segmenting import write_clip_masks
 from app.terminal import Bar, Steps, run_steps
@@ -31,7 +34,9 @@ def render(options: argparse.Namespace) -> None:
     check_decoder(options.decoder)
     scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
     wanted = ExportOptions(tuple(options.prompts), options.decoder, options.threshold, layer=options.layer, span=options.range)
-    if options.frames is None:
+    if options.cameras is not None:
+        print(run_steps(camera_movie(scene, _fitting(scene, load_path(options.cameras)), _look(options), options.out), Bar()))
+    elif options.frames is None:
         _render_frame(scene, layer, check_frame(scene, options.frame), options.out, wanted)
     else:
         first, last = options.frames
@@ -39,6 +44,25 @@ def render(options: argparse.Namespace) -> None:
         if not frames:
             raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
         run_steps(_render_frames(scene, layer, frames, options.out, wanted), Bar())
+
+
+def _look(options: argparse.Namespace) -> Look:
+    """What the window would show with these options."""
+    plain = Look()
+    low, high = options.range or (0.0, 1.0)
+    return Look(
+        layer=options.layer,
+        prompts=tuple(Prompt(text, PROMPT_COLOURS[i % len(PROMPT_COLOURS)]) for i, text in enumerate(options.prompts)),
+        threshold=plain.threshold if options.threshold is None else options.threshold,
+        decoder=options.decoder or plain.decoder,
+        ranges=((options.layer, ColourRange("fixed", low, high)),) if options.range else (),
+    )
+
+
+def _fitting(scene: Scene, stops: tuple[Stop, ...]) -> tuple[Stop, ...]:
+    for stop in stops:
+        check_frame(scene, stop.frame)
+    return stops
 
 
 def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: ExportOptions) -> None:

@@ -14,8 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
+from app.camera_book import Stop, save_path
 from app.cli import build_parser, main
 from tests.app.conftest import RUN_ARGUMENTS
+from widgets.camera_moves import orbit
 
 
 def test_help_loads_nothing_heavy():
@@ -76,6 +78,19 @@ def test_render_a_frame(run, tmp_path, scene):
     values = np.load(tmp_path / "d.npy", allow_pickle=False)
     assert np.array_equal(values, scene.render(2.5, what=("displacement",))["displacement"], equal_nan=True)
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_render_a_flight(run, tmp_path, scene):
+    path, out = tmp_path / "path.json", tmp_path / "flight.mp4"
+    camera = scene.camera(0)
+    save_path(path, (Stop("a", camera, 0.0, 0.2), Stop("b", orbit(camera, np.array([0.0, 0.0, 90.0]), 0.3, 0.0), 9.0)))
+    arguments = ["render", str(run), "--cameras", str(path), "--layer", "displacement", "--prompt", "liver", "--decoder", "threshold"]
+    assert main([*arguments, "--out", str(out)]) == 0
+    movie = cv2.VideoCapture(str(out))
+    assert (movie.get(cv2.CAP_PROP_FRAME_COUNT), movie.get(cv2.CAP_PROP_FRAME_WIDTH)) == (6, 96)
+    movie.release()
+    save_path(path, (Stop("a", camera, 0.0), Stop("b", camera, 10.0)))
+    assert main([*arguments, "--out", str(out)]) == 2  # the run ends at frame 9
 
 
 def test_render_a_sequence(run, tmp_path):
