@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 from app.annotations import Tool
 from app.render_service import RenderService
@@ -85,6 +85,8 @@ class Annotating(QObject):
             self.session.pause()
             self.parts.annotation_dock.show()
             self.parts.annotation_dock.raise_()
+            docks = [self.parts.layers_dock, self.parts.prompts_dock, self.parts.annotation_dock]
+            self.parts.window.resizeDocks(docks, [150, 110, 600], Qt.Orientation.Vertical)
             self.parts.panel.setFocus()
             if self.part.blocked:
                 show_error(self.parts.window, self.part.blocked)

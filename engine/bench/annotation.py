@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 
+import cv2
 import numpy as np
 
 from engine.annotation.carried import Carried
@@ -32,12 +33,14 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         f"Phantoms of {size[0]} frames, {size[1]} × {size[2]}, of {len(options.seeds)} seeds. One frame, the one that shows most classes, "
         "is corrected to the truth; intersection over union of the other frames, the mean over classes of the mean over frames (a class "
         "predicted where the truth lacks it scores 0 there). The run is made with the preset quick and without any labels. Seconds: of the "
-        "carrying alone. Confidence: what it says of itself, on average.",
+        "carrying alone. Confidence: what it says of itself, on average. Strokes: the connected regions of the corrected frame, each an "
+        "outline or a fill for whoever labels it from nothing.",
         [
             Column("with", "carried through"),
             Column("tissues", "tissues, IoU", 3, "mean"),
             Column("instruments", "instruments, IoU", 3, "mean"),
             Column("confidence", "confidence", 3, "mean"),
+            Column("strokes", "strokes", 0),
             Column("seconds", "time, s", 0),
         ],
     )
@@ -52,9 +55,9 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
             tell(0.7 if given else 0.85, f"carrying through {through}")
             several.append(_measured(clip, given))
     for through, several in found.items():
-        tissues, instruments, confidence, seconds = (list(column) for column in zip(*several, strict=True))
+        tissues, instruments, confidence, strokes, seconds = (list(column) for column in zip(*several, strict=True))
         row: dict[str, Cell] = {"with": through, "tissues": tissues, "instruments": instruments}
-        table.rows.append(row | {"confidence": confidence, "seconds": seconds})
+        table.rows.append(row | {"confidence": confidence, "strokes": strokes, "seconds": seconds})
     yield table
 
 
@@ -76,8 +79,8 @@ def _prepared(
     return clip, Scene.open(run_folder, device=options.device, clip=clip)
 
 
-def _measured(clip: Clip, scene: Scene | None) -> tuple[float, float, float, float]:
-    """IoU of tissues and of instruments, confidence, seconds."""
+def _measured(clip: Clip, scene: Scene | None) -> tuple[float, float, float, float, float]:
+    """IoU of tissues and of instruments, confidence, strokes, seconds."""
     source = most_shown(clip)
     labels = clip.labels(source)
     assert labels is not None
@@ -97,7 +100,9 @@ def _measured(clip: Clip, scene: Scene | None) -> tuple[float, float, float, flo
     by_class = scores.result()["iou"]
     assert isinstance(by_class, dict)
     tools, others = ([v for name, v in by_class.items() if v is not None and (name in INSTRUMENTS) is tool] for tool in (True, False))
-    return float(np.mean(others)), float(np.mean(tools)), float(np.mean([found.confidence for found in carried.values()])), seconds
+    strokes = sum(cv2.connectedComponents((labels == value).astype(np.uint8))[0] - 1 for value in np.unique(labels))
+    confidence = float(np.mean([found.confidence for found in carried.values()]))
+    return float(np.mean(others)), float(np.mean(tools)), confidence, strokes, seconds
 
 
 def most_shown(clip: Clip) -> int:

@@ -20,8 +20,9 @@ def test_the_frame_that_shows_most_is_corrected_and_the_others_scored():
 
     clip.classes, clip.labels = ("liver", "gallbladder", "grasper"), with_a_rare_class
     assert annotation.most_shown(clip) == 2
-    tissues, instruments, confidence, seconds = annotation._measured(clip, None)
+    tissues, instruments, confidence, strokes, seconds = annotation._measured(clip, None)
     assert tissues > 0.7
     assert instruments < 0.2  # it is there in no other frame
     assert 0 < confidence <= 1
+    assert strokes == 4  # the two unlabelled rows are one region
     assert seconds > 0
