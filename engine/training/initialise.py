@@ -44,7 +44,7 @@ def initial_gaussians(
     shown = np.zeros((height, width, 3), np.int16)
     known = np.zeros((height, width), bool)
     rate = 0.75 * (len(keys) - 1)  # two neighbouring key frames, 2 / (keys − 1) apart, share the time between them
-    found = []
+    found: list[tuple[np.ndarray, ...]] = []
     for key in keys:
         image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
         smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
