@@ -30,7 +30,7 @@ def session(tmp_path) -> Session:
 
 
 #: What of `app/` stands on Qt. Everything else there is the model, and imports without it.
-ON_QT = {"application", "logs", "render_service", "training_process"}
+ON_QT = {"application", "bench_window", "logs", "render_service", "training_process"}
 
 
 def test_the_model_needs_no_qt():
