@@ -23,6 +23,8 @@ def frame_names(clip: Clip) -> tuple[str, ...]:
 def with_labels(clip: Clip, folder: Path) -> Clip:
     """The clip with the label maps of a folder (`labels/NAME.png` and `classes.json`) instead of its own.
 
+    They are its strokes too: what was only scribbled is for the teacher `strokes` to spread.
+
     Raises
     ------
     ClipError
@@ -34,5 +36,5 @@ def with_labels(clip: Clip, folder: Path) -> Clip:
     if maps is None:
         raise ClipError(f"{shown(folder)} holds no labels/ with PNG files; choose the folder above it.")
     words = f"{len(maps.files)} of {len(clip)} frames, {len(maps.classes)} classes, from {shown(folder)}"
-    provenance = {**clip.provenance, "labels": words}
-    return replace(clip, classes=maps.classes, label_maps=maps, provenance=provenance, cache=ArrayCache())
+    provenance = {**clip.provenance, "labels": words, "strokes": words}
+    return replace(clip, classes=maps.classes, label_maps=maps, stroke_maps=maps, provenance=provenance, cache=ArrayCache())
