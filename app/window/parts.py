@@ -10,11 +10,14 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSlider,
     QDockWidget,
+    QFrame,
     QLabel,
     QMainWindow,
     QProgressBar,
+    QScrollArea,
     QSizePolicy,
     QSplitter,
+    QTabBar,
     QVBoxLayout,
     QWidget,
 )
@@ -136,13 +139,13 @@ class Parts(QObject):
         below.setContentsMargins(0, 0, 0, 0)
         below.addWidget(self.probe, 3)
         below.addWidget(self.similarity, 2)
-        self.probe_dock = self._dock("Probe", probe, right)
-        self.ranking_dock = self._dock("Findings", self.ranking, right)
-        self.cameras_dock = self._dock("Cameras", self.cameras, right)
+        self.probe_dock = self._tab("Probe", probe)
+        self.ranking_dock = self._tab("Findings", self.ranking)
+        self.cameras_dock = self._tab("Cameras", self.cameras)
         self.cameras_dock.hide()
-        self.facts_dock = self._dock("Clip and run", self.facts, right)
-        self.history_dock = self._dock("History", self.history, right)
-        self.annotation_dock = self._dock("Annotation", self.annotation, right)
+        self.facts_dock = self._tab("Facts", self.facts)
+        self.history_dock = self._tab("History", self.history)
+        self.annotation_dock = self._tab("Annotation", self.annotation)
         self.monitor_dock = self._dock("Training", self.monitor, bottom)
         self.log_dock = self._dock("Log", self.log, bottom)
         self.monitor_dock.hide()
@@ -153,7 +156,9 @@ class Parts(QObject):
         window.tabifyDockWidget(self.facts_dock, self.history_dock)
         window.tabifyDockWidget(self.history_dock, self.annotation_dock)
         window.resizeDocks([self.layers_dock, self.prompts_dock, self.probe_dock], [240, 160, 420], Qt.Orientation.Vertical)
-        window.resizeDocks([self.layers_dock], [360], Qt.Orientation.Horizontal)
+        window.resizeDocks([self.layers_dock], [400], Qt.Orientation.Horizontal)
+        for bar in window.findChildren(QTabBar):
+            bar.setElideMode(Qt.TextElideMode.ElideNone)
         self.probe_dock.raise_()
         # A click is no wish to type: Space and arrows go on moving time. Tab still reaches everything.
         for owner in (*self.docks, self.timeline):
@@ -168,6 +173,16 @@ class Parts(QObject):
         dock.setWidget(widget)
         self.window.addDockWidget(area, dock)
         return dock
+
+    def _tab(self, title: str, widget: QWidget) -> QDockWidget:
+        """A dock of the right column's lower part. It scrolls, so that no panel can push the window beyond the screen."""
+        room = QScrollArea()
+        room.setAccessibleName(title)
+        room.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        room.setFrameShape(QFrame.Shape.NoFrame)
+        room.setWidgetResizable(True)
+        room.setWidget(widget)
+        return self._dock(title, room, Qt.DockWidgetArea.RightDockWidgetArea)
 
     @property
     def docks(self) -> tuple[QDockWidget, ...]:
