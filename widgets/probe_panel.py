@@ -39,6 +39,7 @@ class ProbePanel(QWidget):
         self.setAccessibleName("Probe")
         self._place = QLabel(self)
         self._place.setTextFormat(Qt.TextFormat.PlainText)
+        self._place.setWordWrap(True)
         self._swatch = QLabel(self)
         self._swatch.setAccessibleName("Colour under the cursor")
         self._unpin = GlyphButton("cross", "Follow the pointer again", self)

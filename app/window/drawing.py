@@ -15,7 +15,7 @@ from app.pictures import get_layer
 from app.render_service import RenderService
 from app.session import Session
 from app.terminal import Steps
-from app.view import EXCLUDED, View, ViewRequest, draw_clip, draw_still, draw_view, layer_request
+from app.view import EXCLUDED, SplatArrays, View, ViewRequest, draw_clip, draw_still, draw_view, layer_request
 from app.window.parts import WELCOME, Parts
 from engine.camera import Camera
 from engine.colour_maps import UNKNOWN
@@ -48,6 +48,7 @@ class Drawing(QObject):
         super().__init__(parts)
         self.session, self.service, self.parts = session, service, parts
         self.view: View | None = None
+        self._splats: SplatArrays | None = None  # that the 3D view has
         self.milliseconds: deque[float] = deque(maxlen=200)
         self._spans: dict[tuple[str, tuple[str, ...], float], tuple[float, float]] = {}
         self._camera: Camera | None = None
@@ -90,7 +91,7 @@ class Drawing(QObject):
 
     def _opened(self) -> None:
         self._spans.clear()
-        self.view = self._camera = None
+        self.view = self._camera = self._splats = None
         self.service.cancel("range")
         self.parts.panel.set_overlay(None)
         self.parts.panel.set_observed(None)
@@ -142,8 +143,10 @@ class Drawing(QObject):
             parts.colour_bar.set_cmap(view.cmap)
         parts.colour_bar.setVisible(view.span is not None)
         self._show_bars(view)
-        if view.splats is not None and parts.splats is not None:
-            arrays = view.splats
+        # A changed look waits for its masks: the 3D view would be drawn twice, and the worker would do it before them.
+        arrays = view.splats if view.complete or not same_frame else None
+        if arrays is not None and arrays is not self._splats and parts.splats is not None:
+            self._splats = arrays
             parts.splats.set_splats(arrays.means, arrays.quats, arrays.scales, arrays.opacities, arrays.colours)
             self._aim()
         if view.complete:
