@@ -5,23 +5,15 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
+from engine.colour_maps import CLASS_COLOURS
 from engine.errors import RunError
 
 RangeMode = Literal["frame", "sequence", "fixed"]
 Compare = Literal["off", "wipe", "blink", "difference"]
 Colour = tuple[int, int, int]
 
-#: Told apart by colour-blind readers (Okabe and Ito), in the order of the engine's mask layer; white last.
-PROMPT_COLOURS: tuple[Colour, ...] = (
-    (230, 159, 0),
-    (86, 180, 233),
-    (0, 158, 115),
-    (240, 228, 66),
-    (0, 114, 178),
-    (213, 94, 0),
-    (204, 121, 167),
-    (255, 255, 255),
-)
+#: The first seven of the classes (Okabe and Ito), in the order of the engine's mask layer; white last.
+PROMPT_COLOURS: tuple[Colour, ...] = (*CLASS_COLOURS[:7], (255, 255, 255))
 
 
 #: Each decoder that works pixel by pixel, and the one that decides alike on regions and along the edges of the picture.

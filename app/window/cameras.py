@@ -14,6 +14,7 @@ from app.camera_movie import camera_movie
 from app.render_service import RenderService
 from app.session import Session
 from app.window.drawing import Drawing
+from app.window.errand import write_in_worker
 from app.window.messages import show_error
 from app.window.parts import Parts
 from engine.camera import Camera
@@ -162,19 +163,8 @@ class Cameras(QObject):
         """Write a movie of what is shown along the path, in the worker; Export ▸ Stop exporting ends it."""
         scene, stops, look = self.session.scene, self.book.stops, self.session.look
         assert scene is not None
-
-        def done(text: str) -> None:
-            self.parts.set_busy()
-            self.parts.say(text)
-
-        def failed(message: str) -> None:
-            self.parts.set_busy()
-            show_error(self.parts.window, message)
-
-        def progress(step: tuple[float, str]) -> None:
-            self.parts.set_busy(f"Exporting {out.name}: {step[1]}", step[0])
-
-        self.service.submit("export", lambda: camera_movie(scene, stops, look, out), done, failed, progress)
+        words = f"Exporting {out.name}"
+        write_in_worker(self.service, self.parts, words, lambda: camera_movie(scene, stops, look, out), detailed=True)
 
     def ask_to_save(self) -> None:
         file, _ = QFileDialog.getSaveFileName(

@@ -13,6 +13,7 @@ from app.pictures import get_layer, with_colour_bar, write_png
 from app.render_service import RenderService
 from app.session import Session
 from app.window.drawing import Drawing
+from app.window.errand import write_in_worker
 from app.window.messages import show_error
 from app.window.parts import Parts
 from engine.errors import DegenseError
@@ -80,19 +81,7 @@ class Exporting(QObject):
             span=view.span if view is not None else None,
             source="masks",
         )
-
-        def done(text: str) -> None:
-            self.parts.set_busy()
-            self.parts.say(text)
-
-        def failed(message: str) -> None:
-            self.parts.set_busy()
-            show_error(self.parts.window, message)
-
-        def progress(step: tuple[float, str]) -> None:
-            self.parts.set_busy(f"Exporting {out.name}", step[0])
-
-        self.service.submit("export", lambda: FORMATS[name].export(scene, out, options), done, failed, progress)
+        write_in_worker(self.service, self.parts, f"Exporting {out.name}", lambda: FORMATS[name].export(scene, out, options))
 
     def cancel(self) -> None:
         self.service.cancel("export")

@@ -15,7 +15,7 @@ from app.session import Session
 from app.targets import Spot
 from app.view import layer_request
 from app.window.drawing import Drawing
-from app.window.messages import show_error
+from app.window.errand import write_in_worker
 from app.window.parts import Parts
 from engine.errors import DegenseError
 from engine.files import write_text
@@ -126,16 +126,5 @@ class RankingControl(QObject):
             return
         request, view = layer_request(self.session.look, 0), self.drawing.view
         span = view.span if view is not None and view.span is not None else (0.0, 1.0)
-
-        def done(text: str) -> None:
-            self.parts.set_busy()
-            self.parts.say(text)
-
-        def failed(message: str) -> None:
-            self.parts.set_busy()
-            show_error(self.parts.window, message)
-
-        def progress(step: tuple[float, str]) -> None:
-            self.parts.set_busy(f"Drawing {path.name}", step[0])
-
-        self.service.submit("export", lambda: findings_sheet(scene, ranking, findings, request, span, path), done, failed, progress)
+        words = f"Drawing {path.name}"
+        write_in_worker(self.service, self.parts, words, lambda: findings_sheet(scene, ranking, findings, request, span, path))
