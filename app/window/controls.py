@@ -17,8 +17,8 @@ from app.window.parts import Parts
 from engine.errors import DegenseError
 
 DECODER_WORDS = {
-    "rnse": ("Regions", "Similarity averaged over superpixels, edges taken from the picture, holes filled."),
-    "rnse+argmax": ("Regions, best class", "As regions, and the prompt must also beat the other classes."),
+    "rnse": ("Regions", "Similarity averaged over superpixels, edges taken from the picture, holes filled; other classes keep theirs."),
+    "rnse+argmax": ("Regions, best class", "As regions, but half the threshold is enough where the prompt beats all other classes."),
     "argmax": ("Best class", "Pixels where the prompt beats all other classes."),
     "threshold": ("Plain threshold", "Pixels whose similarity exceeds the threshold."),
 }

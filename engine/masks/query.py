@@ -113,8 +113,7 @@ class MaskQuery:
             One of `decoders.DECODERS`.
         threshold : float
         negatives : float [n, D], optional
-            Vectors of the session's classes; those that the prompt includes are left out.
-            Used by the argmax decoders and when holes are closed.
+            Vectors of the session's classes; those that the prompt includes are left out. "threshold" does not use them.
         excluded : float [k, D], optional
             Vectors of what the prompt says it does not mean. Whatever the decoder, pixels that are more like one of these are left out.
 

@@ -75,6 +75,20 @@ def test_a_higher_threshold_never_adds_pixels(asked):
     assert areas == sorted(areas, reverse=True)
 
 
+def test_where_two_classes_mix_the_shares_decide_and_the_threshold_moves_the_border():
+    basis = fit_basis(np.eye(2), np.ones(2))
+    share = np.broadcast_to(np.linspace(0, 1, 201, dtype=np.float32), (40, 201))
+    latent = np.stack([share, 1 - share], -1) @ basis.matrix
+    query, vectors = MaskQuery(np.full((40, 201, 3), 90, np.uint8), latent.astype(np.float32), basis), np.eye(2, dtype=np.float32)
+    for decoder in ("rnse", "rnse+argmax"):
+        first, second = (query.mask(vector, decoder, 0.5, vectors) for vector in vectors)
+        assert abs(first[20].sum() - 100) <= 2
+        assert (first & second).sum() <= 40
+    borders = [query.mask(vectors[0], "rnse", threshold, vectors)[20].argmax() / 200 for threshold in (0.3, 0.4, 0.6, 0.8)]
+    np.testing.assert_allclose(borders, [0.375, 0.444, 0.545, 0.615], atol=0.02)  # where the shares are as threshold to 0.5
+    assert query.mask(vectors[0], "rnse", 0.5)[20].argmax() / 200 == pytest.approx(0.366, abs=0.02)  # no class is known to compete
+
+
 def test_confidence_falls_with_rivals_and_doubt(asked):
     query, vectors, _, labels = asked
     sure = query.confidence(vectors[0], labels == 0, vectors)
