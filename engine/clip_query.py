@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numba import njit
 
 from engine.camera import Camera
 from engine.clip import UNLABELLED
@@ -112,6 +113,14 @@ def _decoded(frame: int, maps: Sequence[Maps], asked: ClipQuestion) -> FrameMask
     masks = np.stack([of_prompt.mask(asked.decoder, asked.threshold) for of_prompt in maps])
     best, similarity = np.full(masks.shape[1:], UNLABELLED, np.uint8), np.full(masks.shape[1:], -np.inf, np.float32)
     for index, (mask, of_prompt) in enumerate(zip(masks, maps, strict=True)):
-        better = mask & (of_prompt.similarity > similarity)
-        best[better], similarity[better] = index, of_prompt.similarity[better]
+        _name(mask, of_prompt.similarity, index, best, similarity)
     return FrameMasks(frame, masks, best)
+
+
+@njit(nogil=True, cache=True)
+def _name(mask, similarity, index, best, highest):
+    """Give pixels of a mask to a prompt, in place, where no prompt before it is as similar."""
+    for y in range(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            if mask[y, x] and similarity[y, x] > highest[y, x]:
+                best[y, x], highest[y, x] = index, similarity[y, x]
