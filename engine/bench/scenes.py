@@ -52,15 +52,20 @@ def with_count(scene: Scene, count: int) -> Scene:
     """The same scene with exactly `count` Gaussians, and nothing baked yet."""
     model = scene.model
     canonical = {name: value.detach().clone() for name, value in model.canonical.items()}
+    if model.responses is not None:
+        canonical["responses"] = model.responses.clone()
     if len(model) > count:
         kept = canonical["logits"].topk(count).indices.sort().values
         canonical = {name: value[kept] for name, value in canonical.items()}
     while (present := len(canonical["means"])) < count:
         largest = canonical["log_scales"].sum(1).topk(min(present, count - present)).indices
         canonical = _split(canonical, largest)
+    responses = canonical.pop("responses", None)
     other = SceneModel(model.config, model.bounds, canonical).to(model.bounds.device)
     values = model.state_dict() | {f"canonical.{name}": value for name, value in canonical.items()}
     other.load_state_dict({name: values[name] for name in other.state_dict()})
+    if responses is not None:
+        other.set_responses(responses)
     return Scene(scene.run, other.eval().requires_grad_(False), scene.basis, scene.encoder, scene.clip)
 
 

@@ -92,6 +92,9 @@ class SceneModel(nn.Module):
     ----------
     moving : int64 [M] or None
         The Gaussians that the field changes; the others never enter it. None: all. See `engine.field.still`.
+    responses : float [N, 3, rank] or None
+        R_i: how much a Gaussian's latent changes with its colour, since tissue that chars or is bled over changes its name with its look.
+        Given by `engine.training.meaning`; None: not at all.
 
     Raises
     ------
@@ -101,6 +104,7 @@ class SceneModel(nn.Module):
 
     bounds: Tensor
     moving: Tensor | None
+    responses: Tensor | None
 
     def __init__(self, config: FieldConfig, bounds: Tensor, canonical: dict[str, Tensor]):
         super().__init__()
@@ -122,6 +126,7 @@ class SceneModel(nn.Module):
         self.config = config
         self.register_buffer("bounds", bounds.float())
         self.register_buffer("moving", None)
+        self.register_buffer("responses", None)
         self.canonical = nn.ParameterDict({name: nn.Parameter(canonical[name].float().contiguous()) for name in CANONICAL})
         self.planes = HexPlane(config.channels, config.resolution, config.time_resolution, config.levels)
         self.kinematics = Kinematics(self.planes.dimension)
@@ -147,6 +152,12 @@ class SceneModel(nn.Module):
         if rows.ndim != 1 or rows.dtype != torch.int64 or (len(rows) and not (0 <= int(rows.min()) <= int(rows.max()) < len(self))):
             raise ValueError(f"moving must name rows of {len(self)} Gaussians")
         self.moving = rows.to(self.bounds.device)
+
+    def set_responses(self, responses: Tensor) -> None:
+        """Let latents follow colours. ValueError for a shape that does not fit."""
+        if responses.shape != (len(self), 3, self.config.rank):
+            raise ValueError(f"responses is {list(responses.shape)}, not {[len(self), 3, self.config.rank]}")
+        self.responses = responses.float().contiguous().to(self.bounds.device)
 
     def normalised(self, points: Tensor) -> Tensor:
         """Scene positions mapped so that `bounds` becomes [-1, 1]³."""
@@ -217,16 +228,24 @@ class SceneModel(nn.Module):
             return self.semantic(kinematic)
         return self.semantic(torch.cat([kinematic.detach(), self.semantic_planes(points, t)], 1))
 
+    def recolouring(self, t: float | Tensor, recolour: Tensor | None) -> Tensor | None:
+        """Δcolour [N, 3] at time `t`: that of Ψ_app and each Gaussian's own; None where colours do not change."""
+        if self.config.color_knots:
+            own = at_time(self.canonical["tints"], t)
+            return own if recolour is None else recolour + own
+        return recolour
+
     def _splats(self, t: float | Tensor, deformation: Deformation | None, recolour: Tensor | None, latents: Tensor) -> Splats:
         c = self.canonical
         means, log_scales, quats, logits, colors = c["means"], c["log_scales"], c["quats"], c["logits"], c["colors"]
         if deformation is not None:
             means, log_scales = means + deformation.means, log_scales + deformation.log_scales
             quats, logits = quats + deformation.quats, logits + deformation.opacities
-            if recolour is not None:
-                colors = colors + recolour
-            if self.config.color_knots:
-                colors = colors + at_time(c["tints"], t)
+            change = self.recolouring(t, recolour)
+            if change is not None:
+                colors = colors + change
+                if self.responses is not None and latents.shape[1]:
+                    latents = latents + (change.detach()[:, :, None] * self.responses).sum(1)
         middle, rate = c["lifetimes"].unbind(1)
         alive = torch.exp(-0.5 * (rate * (t - middle)).square())
         return Splats(means, quats, log_scales.exp(), logits.sigmoid() * alive, colors, latents)

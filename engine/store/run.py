@@ -158,10 +158,12 @@ def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: P
         if (count := len(canonical["means"])) > MAX_GAUSSIANS:
             raise RunError(f"{path} claims {count} Gaussians; at most {MAX_GAUSSIANS} are read")
         model = SceneModel(FieldConfig.from_json(field), tensors["bounds"], canonical)
-        moving = tensors.pop("moving", None)
+        moving, responses = tensors.pop("moving", None), tensors.pop("responses", None)
         model.load_state_dict(tensors)
         if moving is not None:
             model.set_moving(moving)
+        if responses is not None:
+            model.set_responses(responses)
     except (TypeError, ValueError, KeyError, RuntimeError) as error:
         raise RunError(f"{path} does not fit the configuration in run.json: {str(error).splitlines()[0]}") from error
     return model

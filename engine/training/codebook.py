@@ -44,7 +44,9 @@ def fit_codebook(
         return False
     clusters = two_levels(features.cpu().numpy(), model.canonical["means"].detach().cpu().numpy(), CODES, config.seed)
     of = torch.from_numpy(clusters).to(features.device)
-    said = heard(model, targets, frames, lambda f, words: progress(0.8 + 0.2 * f, words))
+    said = features.new_zeros(len(model), targets.basis.rank)
+    for words in heard(model, targets, frames, lambda f, words: progress(0.8 + 0.2 * f, words)):
+        said += words.said
     vectors = said.new_zeros(int(of.max()) + 1, said.shape[1]).index_add(0, of, said)
     model.canonical["semantics"].data.copy_(torch.nn.functional.normalize(vectors, dim=1)[of])
     return True

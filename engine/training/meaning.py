@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -21,39 +22,83 @@ from engine.training.config import TrainConfig
 from engine.training.frames import TrainingFrames
 from engine.training.semantics import SemanticTargets
 from engine.training.trainer import draw_latents
+from engine.training.trust import trust
 
 TELL_EVERY = 25  # steps
 #: What is left of the learning rates after a lift: canonical latents, planes, networks. A coarse teacher's frames contradict each other;
-#: steps as large as from nothing would follow each of them in turn and lose what their mean says. A pixelwise teacher is followed.
+#: steps as large as from nothing, or twice as many, would follow each of them in turn and lose what their mean says. A pixelwise teacher is
+#: followed.
 GENTLE = (0.1, 0.25, 0.3)
+LOOK_RIDGE = 5e-4  # variance of a Gaussian's colour, of 1, below which its look does not explain what is said of it
 
 
-def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> Tensor:
-    """Canonical latents [N, d]: for each Gaussian the mean of what the teacher says of the pixels it shows, over all frames.
+class Heard(NamedTuple):
+    """What the teacher says of each of N Gaussians in one frame.
 
-    Unit length; zero for Gaussians never seen where the teacher speaks.
+    Attributes
+    ----------
+    said : float [N, d]
+        Σ_p w_p a_ip v_p: a_ip is the share of Gaussian i in pixel p, w_p the target's weight, v_p its vector.
+    share : float [N]
+        Σ_p w_p a_ip: how much of it was spoken of.
+    recoloured : float [N, 3]
+        Δcolour: how it looked then, beside its canonical colour.
     """
-    return torch.nn.functional.normalize(heard(model, targets, frames, progress), dim=1)
+
+    said: Tensor
+    share: Tensor
+    recoloured: Tensor
 
 
-def heard(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> Tensor:
-    """All that the teacher says of each Gaussian, [N, d]: Σ_t Σ_p w_p a_ip(t) v_p(t).
+def heard(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> Iterator[Heard]:
+    """All that the teacher says, frame by frame.
 
-    a_ip is the share of Gaussian i in pixel p and w_p the target's weight. A picture is linear in the features that it blends, so the
-    inner sum is the gradient of Σ_p w_p ⟨F(p), v_p⟩ by f_i: one backward pass a frame.
+    A picture is linear in the features that it blends, so both sums are the gradient of Σ_p w_p ⟨F(p), (v_p, 1)⟩ by the features: one
+    backward pass a frame.
     """
-    total = torch.zeros_like(model.canonical["semantics"])
     for done, i in enumerate(targets.frames):
         progress(done / len(targets.frames), "lifting the teacher's words")
         with torch.no_grad():
             s = model.at(frames.clip.time(i), semantics=False).splats
-        features = torch.zeros_like(total, requires_grad=True)
         target = targets.target(i)
+        features = s.means.new_zeros(len(model), target.latents.shape[1] + 1).requires_grad_()
         picture = rasterize(s.means, s.quats, s.scales, s.opacities, features, frames.cameras[i]).image
-        wanted = target.latents[target.index] * target.weight[:, None]
-        said = (picture.reshape(-1, total.shape[1])[target.pixels] * wanted).sum()
-        total += torch.autograd.grad(said, features)[0]
-    return total
+        wanted = torch.nn.functional.pad(target.latents, (0, 1), value=1.0)[target.index] * target.weight[:, None]
+        total = (picture.reshape(-1, features.shape[1])[target.pixels] * wanted).sum()
+        found = torch.autograd.grad(total, features)[0]
+        yield Heard(found[:, :-1], found[:, -1], s.colors - model.canonical["colors"].detach())
+
+
+def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> tuple[Tensor, Tensor]:
+    """Canonical latents and how they follow colour, from all that the teacher says of the pixels a Gaussian shows.
+
+    A Gaussian that always looks the same gets the mean of all frames. One that changed its look (charred, bled over, an instrument that
+    came over it) gets the line through what was said of it at each look, by ridge regression over the frames:
+
+        f_i(t) = f_i + R_iᵀ Δc_i(t)        R_i = (Σ_cc + λI)⁻¹ Σ_cv        f_i = v̄_i − R_iᵀ c̄_i
+
+    with means and covariances weighted by its share in each frame, scaled so that v̄_i has unit length.
+
+    Returns
+    -------
+    latents : float [N, d]
+        f_i; zero for Gaussians never seen where the teacher speaks.
+    responses : float [N, 3, d]
+        R_i.
+    """
+    count, rank = model.canonical["semantics"].shape
+    moments = model.bounds.new_zeros(count, 4, rank + 4)  # Σ share (1, c)ᵀ (v, 1, c): all sums of the line at once
+    for said, share, colour in heard(model, targets, frames, progress):
+        look = torch.nn.functional.pad(colour, (1, 0), value=1.0)
+        moments += look[:, :, None] * torch.cat([said, share[:, None] * look], 1)[:, None]
+    moments = moments / moments[:, :1, rank : rank + 1].clamp_min(1e-12)
+    words, look = moments[:, 0, :rank], moments[:, 0, rank + 1 :]
+    both = moments[:, 1:, :rank] - look[:, :, None] * words[:, None]
+    colours = moments[:, 1:, rank + 1 :] - look[:, :, None] * look[:, None]
+    responses = torch.linalg.solve(colours + LOOK_RIDGE * torch.eye(3, device=look.device), both)
+    length = words.norm(dim=1).clamp_min(1e-12)[:, None]
+    latents = (words - (look[:, :, None] * responses).sum(1)) / length
+    return latents, responses / length[:, None]
 
 
 def fit_meaning(
@@ -73,11 +118,18 @@ def fit_meaning(
     """
     random = np.random.default_rng(config.seed)
     if config.lift:
-        model.canonical["semantics"].data.copy_(lift(model, targets, frames, lambda f, words: progress(0.2 * f, words)))
+        _settle(model, *lift(model, targets, frames, lambda f, words: progress((0.2 if targets.pixelwise else 0.1) * f, words)))
+    gentle = config.lift and not targets.pixelwise
+    if gentle and config.angular:
+        targets.trust = trust(model, targets, frames)
+        _settle(model, *lift(model, targets, frames, lambda f, words: progress(0.1 + 0.1 * f, words)))
     steps, order = min(config.semantic_steps, config.iterations), list[int]()  # a training cut short is cut short here too
-    with _only_meaning(model, config, gentle=config.lift and not targets.pixelwise) as optimizer:
+    if gentle:
+        steps //= 2
+    with _only_meaning(model, config, gentle=gentle) as optimizer:
         for step in range(steps):
             if stop():
+                model.responses = None  # a resumed training lifts again
                 return False
             for group in optimizer.param_groups:
                 group["lr"] = group["first"] * config.rate_final ** (step / steps)
@@ -95,6 +147,12 @@ def fit_meaning(
             if step % TELL_EVERY == 0:
                 progress(0.2 + 0.8 * step / steps, "refining meaning")
     return True
+
+
+def _settle(model: SceneModel, latents: Tensor, responses: Tensor) -> None:
+    """Give the Gaussians what `lift` found."""
+    model.canonical["semantics"].data.copy_(latents)
+    model.set_responses(responses)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import cv2
@@ -82,6 +82,8 @@ class SemanticTargets:
         Those the teacher itself speaks about; the others got its words along the optical flow.
     pixelwise : bool
         As the teacher has it.
+    trust : dict of int → float [k]
+        How far each word of a frame is believed (`engine.training.trust`); words of frames that are not in it are believed as they are.
     """
 
     def __init__(
@@ -95,6 +97,7 @@ class SemanticTargets:
         max_rank: int = 32,
     ):
         self.pixelwise = teacher.pixelwise
+        self.trust: dict[int, Tensor] = {}
         self._teacher, self._working, self._evidence, self._guided = teacher, frames, evidence, guided
         clip = frames.clip
         width, height = frames.size
@@ -166,8 +169,10 @@ class SemanticTargets:
         """The supervision of one of `frames`."""
         if frame in self._targets:
             self._targets.move_to_end(frame)
-            return self._targets[frame]
-        return _keep(self._targets, frame, self._target(frame, *self._said(frame, self._source[frame])), self._capacity)
+        else:
+            _keep(self._targets, frame, self._target(frame, *self._said(frame, self._source[frame])), self._capacity)
+        found = self._targets[frame]
+        return replace(found, weight=found.weight * self.trust[frame][found.index]) if frame in self.trust else found
 
     def _target(self, frame: int, vectors: np.ndarray, index: np.ndarray) -> Target:
         flat = index.ravel()

@@ -93,10 +93,13 @@ def test_damaged_support_is_refused(tmp_path, tensors):
 
 
 @pytest.mark.parametrize("moving", [None, [1, 3]])
-def test_a_model_comes_back(moving):
+@pytest.mark.parametrize("responds", [False, True])
+def test_a_model_comes_back(moving, responds):
     model = small()
     if moving is not None:
         model.set_moving(torch.tensor(moving))
+    if responds:
+        model.set_responses(torch.randn(5, 3, 2))
     again = build_model(model.config.to_json(), dict(model.state_dict()), FILE)
     for name, tensor in model.state_dict().items():
         assert torch.equal(tensor, again.state_dict()[name]), name
@@ -106,6 +109,7 @@ def test_a_model_comes_back(moving):
     ("damage", "said"),
     [
         (lambda field, tensors: tensors.pop("bounds"), "lacks the canonical Gaussians"),
+        (lambda field, tensors: tensors.update(responses=torch.zeros(5, 3, 9)), "does not fit the configuration"),
         (lambda field, tensors: tensors.pop("canonical.quats"), "lacks the canonical Gaussians"),
         (lambda field, tensors: tensors.pop("kinematics.states.weight"), "does not fit the configuration"),
         (lambda field, tensors: tensors.update(moving=torch.tensor([5])), "does not fit the configuration"),

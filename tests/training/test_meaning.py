@@ -13,8 +13,9 @@ from engine.training.config import TrainConfig
 from engine.training.frames import TrainingFrames
 from engine.training.guided import FIELD, REACH, RIDGE, refined_by_regions
 from engine.training.initialise import initial_gaussians
-from engine.training.meaning import fit_meaning, lift
+from engine.training.meaning import LOOK_RIDGE, fit_meaning, lift
 from engine.training.semantics import SemanticTargets
+from engine.training.trust import trust
 from tests.fakes import MemoryClip
 
 CPU = torch.device("cpu")
@@ -28,25 +29,136 @@ def stage():
     return frames, targets
 
 
-def model_for(frames, targets):
+def model_for(frames, targets, color_knots=0):
     torch.manual_seed(0)
-    canonical, bounds = initial_gaussians(frames, None, 400, targets.basis.rank, np.random.default_rng(0))
-    return SceneModel(FieldConfig(rank=targets.basis.rank, resolution=16, time_resolution=4), bounds, canonical)
+    canonical, bounds = initial_gaussians(frames, None, 400, targets.basis.rank, np.random.default_rng(0), color_knots)
+    return SceneModel(FieldConfig(rank=targets.basis.rank, color_knots=color_knots, resolution=16, time_resolution=4), bounds, canonical)
 
 
-def test_the_lift_is_the_weighted_mean_of_what_is_said(stage):
-    """Against blending weights found by drawing every Gaussian alone, as one feature channel each."""
+def spoken(model, targets, frames, frame):
+    """What is said of each Gaussian in a frame, its share [N] and its colour, from blending weights found by drawing each as a channel."""
+    with torch.no_grad():
+        s = model.at(frames.clip.time(frame), semantics=False).splats
+        shares = rasterize(s.means, s.quats, s.scales, s.opacities, torch.eye(len(model)), frames.cameras[frame]).image
+    target = targets.target(frame)
+    shares = shares.reshape(-1, len(model))[target.pixels].double() * target.weight[:, None].double()
+    return shares.T @ target.latents[target.index].double(), shares.sum(0), s.colors.double()
+
+
+def test_where_nothing_changes_colour_the_lift_is_the_weighted_mean_of_what_is_said(stage):
     frames, targets = stage
     model = model_for(frames, targets)
-    total = torch.zeros(len(model), targets.basis.rank, dtype=torch.float64)
-    for frame in targets.frames:
+    total = sum(spoken(model, targets, frames, frame)[0] for frame in targets.frames)
+    latents, responses = lift(model, targets, frames)
+    np.testing.assert_allclose(latents, torch.nn.functional.normalize(total, dim=1), atol=2e-3)
+    assert not responses.any()
+
+
+def test_where_colours_change_the_lift_is_a_ridge_regression_on_them(stage):
+    """Against a weighted regression of each Gaussian alone, in float64."""
+    frames, targets = stage
+    model = model_for(frames, targets, color_knots=4)
+    with torch.no_grad():
+        model.canonical["tints"].copy_(0.2 * torch.randn(model.canonical["tints"].shape, generator=torch.Generator().manual_seed(1)))
+    said, share, colour = (torch.stack(parts) for parts in zip(*(spoken(model, targets, frames, i) for i in targets.frames), strict=True))
+    latents, responses = lift(model, targets, frames)
+    canonical = model.canonical["colors"].detach().double()
+    checked = 0
+    for i in range(0, len(model), 7):
+        w = share[:, i] / share[:, i].sum()
+        if share[:, i].sum() < 1e-3:
+            continue
+        c = colour[:, i] - canonical[i]
+        words = said[:, i].sum(0) / share[:, i].sum()
+        centred = c - w @ c
+        slope = torch.linalg.solve(
+            (centred.T * w) @ centred + LOOK_RIDGE * torch.eye(3, dtype=torch.float64), centred.T @ said[:, i] / share[:, i].sum()
+        )
+        np.testing.assert_allclose(responses[i], slope / words.norm(), atol=5e-3)
+        np.testing.assert_allclose(latents[i], (words - (w @ c) @ slope) / words.norm(), atol=5e-3)
+        checked += 1
+    assert checked > 20
+
+
+class Charring(MemoryClip):
+    """A square that stays in its place, turns dark in the middle of the clip and is called by another name from then on."""
+
+    def place(self, index):
+        return slice(12, 24), slice(16, 28)
+
+    def frame(self, index):
+        image = self.wall.copy()
+        image[self.place(index)] = (30, 20, 20) if self.charred(index) else (220, 140, 130)
+        return image
+
+    def labels(self, index):
+        labels = np.zeros(self.wall.shape[:2], np.uint8)
+        labels[self.place(index)] = self.charred(index)
+        return labels
+
+    def charred(self, index):
+        return index >= 5
+
+
+def test_what_changes_its_look_changes_its_name():
+    clip = Charring()
+    frames = TrainingFrames(clip, 1 << 20, CPU)
+    teacher = LabelTeacher(clip, EmbeddedEncoder())
+    targets = SemanticTargets(teacher, frames)
+    model = model_for(frames, targets, color_knots=10)
+    wanted = torch.tensor([30.0, 20, 20]) / 255 - torch.tensor([220.0, 140, 130]) / 255
+    with torch.no_grad():
+        model.canonical["lifetimes"].zero_()  # nothing comes or goes: it changes its colour
+        x, y = frames.cameras[0].project(model.canonical["means"].double().numpy())[0].T
+        inside = torch.from_numpy((x > 16) & (x < 28) & (y > 12) & (y < 24))
+        model.canonical["tints"][inside, 5:] = wanted
+    latents, responses = lift(model, targets, frames)
+    model.canonical["semantics"].data.copy_(latents)
+    model.set_responses(responses)
+    vectors = torch.from_numpy(targets.basis.project(teacher.vectors)).float()
+    for frame in (1, 9):  # both held out
         with torch.no_grad():
-            s = model.at(frames.clip.time(frame), semantics=False).splats
-            shares = rasterize(s.means, s.quats, s.scales, s.opacities, torch.eye(len(model)), frames.cameras[frame]).image
-        shares = shares.reshape(-1, len(model))[targets.target(frame).pixels].double()
-        total += shares.T @ (targets.target(frame).latents[targets.target(frame).index] * targets.target(frame).weight[:, None]).double()
-    found = lift(model, targets, frames)
-    np.testing.assert_allclose(found, torch.nn.functional.normalize(total, dim=1), atol=2e-3)
+            s = model.at(clip.time(frame)).splats
+        found = rasterize(s.means, s.quats, s.scales, s.opacities, s.semantics, clip.cameras[frame]).image[14:22, 18:26] @ vectors.T
+        assert (found.argmax(-1) == int(clip.charred(frame))).all(), frame
+
+
+def test_words_that_the_other_frames_contradict_are_believed_less():
+    clip = MemoryClip(12, 96, 80)
+    frames = TrainingFrames(clip, 1 << 20, CPU)
+    exact = LabelTeacher(clip, EmbeddedEncoder())
+    lied = 4
+
+    class Mistaken:
+        """Right but for the lower left quarter of one frame, which it calls by the other name."""
+
+        pixelwise, name, provenance, encoder, frames = False, "mistaken", "made up", exact.encoder, exact.frames
+
+        def targets(self, frame):
+            vectors, index = exact.targets(frame)
+            patches = np.arange(80)[:, None] // 8 * 12 + np.arange(96) // 8
+            name = np.array([np.bincount(index[patches == p] + 1, minlength=3)[1:].argmax() for p in range(120)])
+            if frame == lied:
+                name[[p for p in range(120) if p // 12 >= 6 and p % 12 < 4]] = 1
+            return vectors[name], patches.astype(np.int32)
+
+    targets = SemanticTargets(Mistaken(), frames, guided=False)
+    model = model_for(frames, targets)
+    latents, responses = lift(model, targets, frames)
+    model.canonical["semantics"].data.copy_(latents)
+    model.set_responses(responses)
+    found = trust(model, targets, frames)
+    lies = [p for p in range(120) if p // 12 in (6, 7, 8) and p % 12 < 4]
+    truths = [p for p in range(120) if p // 12 in (6, 7, 8) and p % 12 > 8]
+    assert found[lied][lies].max() < 0.3 * found[lied][truths].min()
+    assert found[lied + 1][lies].min() > 0.8
+    counted = torch.cat([torch.bincount(targets.target(i).index, minlength=120).float() for i in targets.frames])
+    assert float((torch.cat([found[i] for i in targets.frames]) * counted).sum() / counted.sum()) == pytest.approx(1, abs=0.1)
+    before = targets.target(lied).weight
+    targets.trust = found
+    after = targets.target(lied)
+    assert torch.equal(after.weight, before * found[lied][after.index])
+    assert torch.equal(targets.target(lied).weight, after.weight)  # once, not again
 
 
 def test_only_meaning_changes_and_it_gets_better(stage):
@@ -67,15 +179,16 @@ def test_only_meaning_changes_and_it_gets_better(stage):
     told = []
     assert fit_meaning(model, targets, frames, config, progress=lambda fraction, words: told.append(fraction))
     assert told == sorted(told)
-    changed = {name for name, value in model.state_dict().items() if not torch.equal(value, before[name])}
+    changed = {name for name, value in model.state_dict().items() if name not in before or not torch.equal(value, before[name])}
     assert changed
-    assert all(name.startswith(("semantic", "canonical.semantics")) for name in changed)
+    assert all(name.startswith(("semantic", "canonical.semantics", "responses")) for name in changed)
     assert all(parameter.requires_grad for parameter in model.parameters())
     assert loss() < 0.25
     again = model_for(frames, targets)
     fit_meaning(again, targets, frames, config)
     assert all(torch.equal(a, b) for a, b in zip(model.state_dict().values(), again.state_dict().values(), strict=True))
     assert not fit_meaning(again, targets, frames, config, stop=lambda: True)
+    assert again.responses is None  # so that a training that is resumed finds the model it knows
 
 
 def test_regions_read_a_line_through_the_patches_at_their_colour():
