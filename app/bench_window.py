@@ -203,7 +203,7 @@ def dabs(window: MainWindow, repeats: int) -> list[float]:
     registry.run("annotate.mode")
     registry.run("annotate.brush")
     rest(window)
-    watch, times = Painted(panel), []
+    watch, times = Painted(panel, lambda: True), []
     for i in range(repeats + WARM):
         at = QPointF(panel.width() / 2 + 40 * ((i % 5) - 2), panel.height() / 2 + 30 * ((i % 3) - 1)).toPoint()
         watch.count, start = 0, time.perf_counter()
@@ -221,15 +221,15 @@ def dabs(window: MainWindow, repeats: int) -> list[float]:
 
 
 class Painted(QObject):
-    """Counts the paintings of a widget."""
+    """Counts the paintings of a widget that show what is awaited."""
 
-    def __init__(self, widget: QWidget) -> None:
+    def __init__(self, widget: QWidget, there: Callable[[], bool]) -> None:
         super().__init__(widget)
-        self.count = 0
+        self.there, self.count = there, 0
         widget.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Paint:
+        if event.type() == QEvent.Type.Paint and self.there():
             QTimer.singleShot(0, self, self._painted)  # after the painting itself
         return False
 
@@ -239,21 +239,17 @@ class Painted(QObject):
 
 def timed(window: MainWindow, act: Callable[[], object]) -> float:
     """Milliseconds from `act` until the complete view that answers it is painted."""
-    shown: list[object] = []
-    connection = window.drawing.shown.connect(shown.append)
+    drawing = window.drawing
+    before = drawing.view
     start = time.perf_counter()
     act()
-    painted(window, lambda: bool(shown))
-    spent = 1000 * (time.perf_counter() - start)
-    window.drawing.shown.disconnect(connection)
-    return spent
+    painted(window, lambda: drawing.view is not None and drawing.view is not before and drawing.view.complete)
+    return 1000 * (time.perf_counter() - start)
 
 
 def painted(window: MainWindow, there: Callable[[], bool]) -> None:
-    """Wait until something is there, and then until the picture has been painted."""
-    wait(there)
-    watch = Painted(window.parts.panel)
-    window.parts.panel.update()
+    """Wait until the picture has been painted with something there."""
+    watch = Painted(window.parts.panel, there)
     wait(lambda: watch.count > 0)
     watch.deleteLater()
 
@@ -261,7 +257,7 @@ def painted(window: MainWindow, there: Callable[[], bool]) -> None:
 def rest(window: MainWindow) -> None:
     """Wait until the worker has nothing to do and all is painted."""
     wait(window.service.idle)
-    QTest.qWait(30)
+    run_events(0.03)
 
 
 def wait(until: Callable[[], bool]) -> None:
@@ -272,6 +268,13 @@ def wait(until: Callable[[], bool]) -> None:
             raise DegenseError("The window did not answer within a minute, so it cannot be measured.")
         QApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 5)
         time.sleep(0.0005)
+
+
+def run_events(seconds: float) -> None:
+    """Run the event loop as the program does. `QTest.qWait` would keep the interpreter to itself, and the worker from working."""
+    loop = QEventLoop()
+    QTimer.singleShot(round(1000 * seconds), loop.quit)
+    loop.exec()
 
 
 def beats(seconds: float) -> list[float]:
@@ -289,7 +292,7 @@ def beats(seconds: float) -> list[float]:
     timer.setTimerType(Qt.TimerType.PreciseTimer)
     timer.timeout.connect(beat)
     timer.start(BEAT_MS)
-    QTest.qWait(round(1000 * seconds))
+    run_events(seconds)
     timer.stop()
     return gaps
 

@@ -149,7 +149,7 @@ def _opengl() -> Finding:
         "print(window.ReportCapabilities().split('OpenGL renderer string:')[1].splitlines()[0].strip())"
     )
     if not done:
-        return Finding("note", f"VTK {_version('vtk')} cannot draw here: the 3D view does not work ({said})")
+        return Finding("note", f"VTK {_version('vtk')} cannot draw here: the 3D view is drawn by the processor, slower ({said})")
     slow = any(name in said.lower() for name in ("llvmpipe", "softpipe", "swrast", "software"))
     return Finding("note" if slow else "ok", f"{said}{': drawn by the processor, the 3D view is slower' if slow else ''}")
 

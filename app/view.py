@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from engine.clip import Clip
     from engine.layers import Layer, LayerRequest
     from engine.scene import Scene
-    from widgets.still_picture import StillRequest
+    from widgets.still_surface import StillRequest
 
 #: Layers that show the answer to prompts.
 PROMPTED = ("similarity", "mask")

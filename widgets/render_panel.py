@@ -115,8 +115,9 @@ class RenderPanel(QWidget):
 
     def set_labels(self, rgba: np.ndarray | None) -> None:
         """Lay a label map uint8 [H, W, 4] above everything, at its own opacity; None takes it away."""
-        self._stack.set_labels(rgba)
-        self.update()
+        if rgba is not None or self._stack.labels is not None:
+            self._stack.set_labels(rgba)
+            self.update()
 
     def patch_labels(self, rgba: np.ndarray, left: int, top: int) -> None:
         """Replace a part, uint8 [h, w, 4], of the label map that is shown."""
@@ -167,16 +168,21 @@ class RenderPanel(QWidget):
 
     def set_outline(self, outline: Sequence[tuple[float, float]]) -> None:
         """Outline a region: corners (x, y) in image pixels; empty for none."""
-        self._outline = QPolygonF([QPointF(x, y) for x, y in outline])
-        self.update()
+        shape = QPolygonF([QPointF(x, y) for x, y in outline])
+        if shape != self._outline:
+            self._outline = shape
+            self.update()
 
     def set_marker(self, x: float, y: float) -> None:
-        self._marker = QPointF(x, y)
-        self.update()
+        self._mark(QPointF(x, y))
 
     def clear_marker(self) -> None:
-        self._marker = None
-        self.update()
+        self._mark(None)
+
+    def _mark(self, marker: QPointF | None) -> None:
+        if marker != self._marker:
+            self._marker = marker
+            self.update()
 
     def set_legend(self, entries: Sequence[tuple[str, QColor]]) -> None:
         self._legend = list(entries)

@@ -7,8 +7,6 @@ and is switched off.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pyvista as pv
 from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
@@ -16,6 +14,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from engine.camera import Camera
+from widgets.gaussians import Gaussians, as_bytes, tamed
 
 #: Screen-space dilation of every splat, squared pixels: what rasterizers of Gaussians add against aliasing.
 LOWPASS = 0.3
@@ -31,42 +30,6 @@ def projection_matrix(camera: Camera, near: float, far: float) -> np.ndarray:
             [0.0, 0.0, -1.0, 0.0],
         ]
     )
-
-
-def as_bytes(colours: np.ndarray) -> np.ndarray:
-    """Colours as uint8; floats are taken to lie in [0, 1]."""
-    colours = np.asarray(colours)
-    if colours.dtype == np.uint8:
-        return colours
-    return (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-
-
-class Gaussians(NamedTuple):
-    """What VTK may be given: float32 means [N, 3], unit quats [N, 4] (wxyz), scales [N, 3], opacities [N], all finite."""
-
-    means: np.ndarray
-    quats: np.ndarray
-    scales: np.ndarray
-    opacities: np.ndarray
-
-
-def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray) -> Gaussians:
-    """Gaussians with quaternions of any length made units (zero: no rotation).
-
-    One with a number that is not finite is made invisible and put where a sound one lies: it would fill VTK's screen with garbage.
-    """
-    means, quats, scales = (np.asarray(a, np.float32) for a in (means, quats, scales))
-    opacities = np.asarray(opacities, np.float32).reshape(-1)
-    sound = np.isfinite(means).all(1) & np.isfinite(quats).all(1) & np.isfinite(scales).all(1) & np.isfinite(opacities)
-    if not sound.all():
-        place = means[np.argmax(sound)] if sound.any() else np.zeros(3, np.float32)
-        means = np.where(sound[:, None], means, place)
-        quats, scales = (np.where(sound[:, None], a, np.float32(0.0)) for a in (quats, scales))
-        opacities = np.where(sound, opacities, np.float32(0.0))
-    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
-    turned = lengths > 0.0
-    quats = np.where(turned, quats / np.where(turned, lengths, 1.0), np.array([1.0, 0.0, 0.0, 0.0], np.float32)).astype(np.float32)
-    return Gaussians(means, quats, scales, opacities)
 
 
 #: Points that are drawn at most while the hand moves.

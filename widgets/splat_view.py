@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent, QMouseEvent, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
-from pyvistaqt import QtInteractor
 
 from engine.camera import Camera
 from engine.colour_maps import colourise
 from widgets.camera_moves import dolly, framing, letterboxed, orbit, pan, splat_at
-from widgets.images import to_array
+from widgets.gaussians import Gaussians, as_bytes, tamed
 from widgets.keys import ARROWS, keep_keys
-from widgets.scene_painter import Gaussians, ScenePainter, as_bytes, tamed
-from widgets.still_picture import StillDrawer, StillPicture, StillRequest
+from widgets.still_surface import StillDrawer, StillRequest, StillSurface
 from widgets.theme import picture_background
 
-#: What OpenGL implementations on the processor call themselves, in small letters, and the enumerator that asks for the name.
-SOFTWARE, GL_RENDERER = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software"), 0x1F01
-
-#: Points give way to sorted splats this long after the last movement, milliseconds.
+#: The hand rests when it has not moved the camera for so long, milliseconds.
 IDLE_MS = 120
 
 #: A press and release closer than this is a click, pixels.
@@ -31,15 +28,28 @@ HIGHLIGHT = np.array([255, 64, 255], np.float32)
 MARKED = 0.6
 
 
+class Surface(Protocol):
+    """What draws the splats: `VtkSurface` or `StillSurface`."""
+
+    @property
+    def widget(self) -> QWidget: ...
+    def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None: ...
+    def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None: ...
+    def set_background(self, colour: QColor) -> None: ...
+    def look(self, camera: Camera, lowpass_scale: float, moving: bool) -> None: ...
+    def picture(self) -> np.ndarray: ...
+
+
 class SplatView(QWidget):
     """Splats seen by a `Camera`.
 
     Locked, it shows the surgeon's view exactly as the 2D panel does when fitted; a drag leaves that view and looks around freely.
-    While the hand moves, plain points are drawn, and the sorted splats when it rests.
 
-    Where OpenGL runs on the processor, splats take VTK some hundred milliseconds, during which the window does nothing else. With
-    `use_stills` their owner draws them instead, elsewhere: `still_wanted` asks, `still_request` says what is to be drawn, and `set_still`
-    shows it.
+    Parameters
+    ----------
+    draw : StillDrawer, optional
+        For machines without a GPU: the owner draws the pictures, elsewhere. `still_wanted` asks, `still_request` says what is to be drawn,
+        and `set_still` shows it; `draw` makes one at once, for screenshots. Without it VTK draws.
     """
 
     camera_moved = Signal(object)
@@ -47,11 +57,19 @@ class SplatView(QWidget):
     picked = Signal(int)
     still_wanted = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None, draw: StillDrawer | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("3D view")
         self.setMinimumSize(160, 120)
-        self._canvas = QtInteractor(self, auto_update=False, multi_samples=0)
+        self._stills: StillSurface | None = None
+        if draw is None:
+            from widgets.vtk_surface import VtkSurface  # takes a second to load
+
+            self._surface: Surface = VtkSurface(self)
+        else:
+            self._surface = self._stills = StillSurface(self, draw)
+            self._stills.wanted.connect(self.still_wanted)
+        self._canvas = self._surface.widget
         self._canvas.setAccessibleName("Splats")
         self._canvas.setAcceptDrops(False)
         self._canvas.installEventFilter(self)
@@ -65,9 +83,6 @@ class SplatView(QWidget):
         self._note.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._note.move(8, 8)
 
-        self._still = StillPicture(self)
-        self._draws_stills: StillDrawer | None = None
-        self._painter = ScenePainter(self._canvas)
         self._gaussians: Gaussians | None = None
         self._colours = np.zeros((0, 3), np.uint8)
         self._scalars: tuple[np.ndarray, str, float, float] | None = None
@@ -84,7 +99,7 @@ class SplatView(QWidget):
         self._idle.setInterval(IDLE_MS)
         self._idle.timeout.connect(self._settle)
         self._paint_background()
-        self._apply_camera(sort=False)
+        self._apply_camera()
 
     # What is shown
 
@@ -99,9 +114,8 @@ class SplatView(QWidget):
             self._scalars = self._highlight = None
         self._gaussians = tamed(means, quats, scales, opacities)
         self._colours = as_bytes(colours)
-        if self._draws_stills is None or self._moving():
-            self._painter.set_splats(self._gaussians._replace(opacities=self._shown_opacities(self._gaussians)), self._shown_colours())
-        self._apply_camera(sort=True)
+        self._surface.set_splats(self._gaussians._replace(opacities=self._shown_opacities(self._gaussians)), self._shown_colours())
+        self._apply_camera()
 
     def set_scalars(self, values: np.ndarray, cmap: str, low: float, high: float) -> None:
         """Colour the splats by one value each, [N], through a colour map; NaN is grey."""
@@ -116,8 +130,10 @@ class SplatView(QWidget):
 
     def highlight(self, indices: np.ndarray | None) -> None:
         """Mark some splats in magenta and make them opaque enough to be seen; None or an empty array clears."""
-        self._highlight = None if indices is None or len(indices) == 0 else np.asarray(indices, np.int64)
-        self._recolour()
+        marked = None if indices is None or len(indices) == 0 else np.asarray(indices, np.int64)
+        if marked is not None or self._highlight is not None:
+            self._highlight = marked
+            self._recolour()
 
     def set_background(self, colour: QColor | None) -> None:
         """A colour of one's own, or None for the theme's."""
@@ -126,60 +142,32 @@ class SplatView(QWidget):
 
     # Pictures drawn elsewhere
 
-    def draws_on_the_processor(self) -> bool:
-        """Whether OpenGL has no GPU here."""
-        self._canvas.makeCurrent()
-        name = str(self._canvas.context().functions().glGetString(GL_RENDERER)).lower()
-        self._canvas.doneCurrent()
-        return any(word in name for word in SOFTWARE)
-
-    def use_stills(self, draw: StillDrawer) -> None:
-        """From now on ask for pictures of the splats at rest; `draw` makes one at once, for screenshots."""
-        self._draws_stills = draw
-        self._ask()
-
     def still_request(self) -> StillRequest | None:
-        """What is to be drawn now; None without splats or while the hand moves."""
-        if self._gaussians is None or self._moving() or self._closed:
-            return None
-        gaussians = self._gaussians._replace(opacities=self._shown_opacities(self._gaussians))
-        colour = self._background or picture_background(self.palette())
-        return StillRequest(gaussians, self._shown_colours(), self._viewport_camera(), (colour.red(), colour.green(), colour.blue()))
+        """What is to be drawn now; None when there is nothing, or VTK draws."""
+        return self._stills.request() if self._stills is not None and not self._closed else None
 
     def set_still(self, rgb: np.ndarray) -> None:
-        """Show a picture of the splats, uint8 [H, W, 3] in device pixels; while the hand moves it comes too late."""
-        if not self._moving() and not self._closed:
-            self._still.show_picture(rgb)
-            self._note.raise_()
-
-    def _ask(self) -> None:
-        if self._gaussians is not None and not self._closed:
-            self.still_wanted.emit()
-
-    def _moving(self) -> bool:
-        return self._idle.isActive()
+        """Show a picture of what `still_request` told, uint8 [H, W, 3]."""
+        if self._stills is not None and not self._closed:
+            self._stills.take(rgb)
 
     # The camera
 
     def set_camera(self, camera: Camera) -> None:
         """Lock to a camera of the clip."""
         self._home, self._free = camera, None
-        self._apply_camera(sort=True)
+        self._apply_camera()
 
     def set_free_camera(self, camera: Camera) -> None:
         """Look around freely from this camera on."""
         self._free = camera
-        self._apply_camera(sort=True)
+        self._apply_camera()
 
     def fly_to(self, camera: Camera) -> None:
-        """Look from there as if a hand had moved the camera: points now, splats when it rests. Of the lock nobody is told."""
+        """Look from there as if a hand had moved the camera: roughly drawn now, and well when it rests. Of the lock nobody is told."""
         self._free = camera
-        if self._draws_stills is not None and not self._moving() and self._gaussians is not None:
-            self._painter.set_splats(self._gaussians, self._shown_colours())
-        self._still.hide()
         self._idle.start()
-        self._painter.show_points(True)
-        self._apply_camera(sort=False)
+        self._apply_camera()
         self.camera_moved.emit(camera)
 
     def is_locked(self) -> bool:
@@ -193,7 +181,7 @@ class SplatView(QWidget):
         """Back to the surgeon's view, or to a camera that sees everything when there is none."""
         was_locked = self.is_locked()
         self._free = None
-        self._apply_camera(sort=True)
+        self._apply_camera()
         if self.is_locked() and not was_locked:
             self.locked_changed.emit(True)
         self.camera_moved.emit(self.camera())
@@ -201,10 +189,7 @@ class SplatView(QWidget):
     def screenshot_image(self) -> np.ndarray:
         """What is on the screen, uint8 [H, W, 3] in device pixels."""
         self._settle()
-        request = self.still_request()
-        if self._draws_stills is not None and request is not None:
-            return self._draws_stills(request)
-        return to_array(self._canvas.grabFramebuffer())
+        return self._surface.picture()
 
     def pick(self, x: float, y: float) -> int:
         """Index of the splat that one sees at a position in the widget (logical pixels), −1 for none."""
@@ -226,19 +211,14 @@ class SplatView(QWidget):
             return framing(self._gaussians.means if self._gaussians is not None else np.zeros((0, 3)), width, height)
         return letterboxed(camera, width, height)
 
-    def _apply_camera(self, sort: bool) -> None:
+    def _apply_camera(self) -> None:
         if self._closed:
             return
         self._write_note()
-        if self._draws_stills is not None and not self._moving():
-            self._ask()
-            return
         camera = self._viewport_camera()
         # Locked, the pixels of the clip are dilated, as in the 2D panel; free, those of the screen.
-        self._painter.set_camera(camera, camera.fx / self._home.fx if self._home is not None and self._free is None else 1.0)
-        if sort:
-            self._painter.sort()
-        self._canvas.update()
+        lowpass = camera.fx / self._home.fx if self._home is not None and self._free is None else 1.0
+        self._surface.look(camera, lowpass, moving=self._idle.isActive())
 
     def _write_note(self) -> None:
         self._note.setText("Surgeon’s view" if self.is_locked() else "Free look — R goes back" if self._home is not None else "Free look")
@@ -260,20 +240,11 @@ class SplatView(QWidget):
         return opacities
 
     def _recolour(self) -> None:
-        if self._gaussians is None or self._closed:
-            return
-        if self._draws_stills is not None and not self._moving():
-            self._ask()
-            return
-        self._painter.set_colours(self._shown_colours(), self._shown_opacities(self._gaussians))
-        self._canvas.update()
+        if self._gaussians is not None and not self._closed:
+            self._surface.set_colours(self._shown_colours(), self._shown_opacities(self._gaussians))
 
     def _paint_background(self) -> None:
-        colour = self._background or picture_background(self.palette())
-        self._canvas.renderer.SetBackground(colour.redF(), colour.greenF(), colour.blueF())
-        self._canvas.update()
-        if self._draws_stills is not None:
-            self._ask()
+        self._surface.set_background(self._background or picture_background(self.palette()))
 
     def _pivot(self) -> np.ndarray:
         """The point one turns around: the middle of the scene in front of the camera."""
@@ -282,7 +253,7 @@ class SplatView(QWidget):
         return np.median(self._gaussians.means, 0).astype(np.float64)
 
     def _move(self, camera: Camera) -> None:
-        """The hand moved the camera: draw points now and splats when it rests."""
+        """The hand moved the camera."""
         was_locked = self.is_locked()
         self.fly_to(camera)
         if was_locked:
@@ -292,9 +263,7 @@ class SplatView(QWidget):
         if self._closed:
             return
         self._idle.stop()
-        if self._draws_stills is None:
-            self._painter.show_points(False)
-        self._apply_camera(sort=True)
+        self._apply_camera()
 
     # Events: the canvas would hand them to VTK's own interaction styles, which know nothing of our cameras.
 
@@ -371,8 +340,7 @@ class SplatView(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
-        self._still.setGeometry(self._canvas.geometry())
-        QTimer.singleShot(0, self, lambda: self._apply_camera(sort=False))
+        QTimer.singleShot(0, self, self._apply_camera)
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)

@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QColor
 
@@ -66,9 +67,7 @@ class Drawing(QObject):
         assert self.parts.splats is not None
         self.parts.splats.locked_changed.connect(self._locked_changed)
         self.parts.splats.camera_moved.connect(self._camera_moved)
-        if self.parts.splats.draws_on_the_processor():
-            self.parts.splats.still_wanted.connect(self._draw_still)
-            self.parts.splats.use_stills(draw_still)
+        self.parts.splats.still_wanted.connect(self._draw_still)
         self.parts.splats.setVisible(self.session.scene is not None)
         self.request()
 
@@ -134,6 +133,8 @@ class Drawing(QObject):
 
     def _show(self, view: View) -> None:
         same_frame = self.view is not None and self.view.frame == view.frame
+        if self.view is not None and same_frame and not view.complete and np.array_equal(view.rgb, self.view.rgb):
+            return  # nothing new before the masks
         self.view = view
         parts = self.parts
         self.fill(parts.panel, view, keep_overlay=same_frame)
@@ -143,6 +144,8 @@ class Drawing(QObject):
             parts.colour_bar.set_cmap(view.cmap)
         parts.colour_bar.setVisible(view.span is not None)
         self._show_bars(view)
+        if view.complete:
+            parts.panel.repaint()  # the answer first: all that follows from it can wait
         # A changed look waits for its masks: the 3D view would be drawn twice, and the worker would do it before them.
         arrays = view.splats if view.complete or not same_frame else None
         if arrays is not None and arrays is not self._splats and parts.splats is not None:
@@ -219,7 +222,7 @@ class Drawing(QObject):
             self.request()
 
     def _draw_still(self) -> None:
-        """Draw the 3D view in the worker: without a GPU, VTK would hold up the window."""
+        """Draw the 3D view in the worker, where there is no GPU."""
         splats = self.parts.splats
         request = splats.still_request() if splats is not None else None
         if splats is not None and request is not None:

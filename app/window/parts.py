@@ -22,6 +22,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from app.view import draw_still
 from app.window.facts import Facts
 from app.window.log_view import LogView
 from widgets.annotation_panel import AnnotationPanel
@@ -54,7 +55,8 @@ class Parts(QObject):
     bars : list of ViewBar
         The colour bar in each view.
     splats : SplatView or None
-        The 3D view. It comes after the window is on the screen (`add_splat_view`), because loading VTK takes a second.
+        The 3D view. It comes after the window is on the screen (`add_splat_view`), because loading VTK, which draws it on a GPU,
+        takes a second.
     """
 
     def __init__(self, window: QMainWindow) -> None:
@@ -85,10 +87,11 @@ class Parts(QObject):
         _LayerDigits(self.panel)
 
     def add_splat_view(self) -> SplatView:
-        """Load VTK and put the 3D view at the left of the picture."""
+        """Put the 3D view at the left of the picture."""
+        from widgets.opengl import has_gpu
         from widgets.splat_view import SplatView
 
-        self.splats = SplatView()
+        self.splats = SplatView(draw=None if has_gpu() else draw_still)
         self.views.insertWidget(0, self.splats)
         self.bars.append(ViewBar(self.splats))
         self.views.setStretchFactor(0, 1)

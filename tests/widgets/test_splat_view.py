@@ -15,6 +15,7 @@ from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 from engine.colour_maps import colourise
 from tests.widgets.splatting import psnr, splatted
 from widgets.camera_moves import letterboxed
+from widgets.images import to_array
 from widgets.splat_view import SplatView
 
 LEFT, NONE, SHIFT = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier
@@ -81,6 +82,52 @@ def test_points_while_the_hand_moves_and_splats_when_it_rests(view, qtbot):
     qtbot.wait(250)
     assert view.grab().toImage() != moving
     assert difference(view.screenshot_image(), view.screenshot_image()) == 0
+
+
+def test_points_and_splats_share_nothing_that_one_could_spoil(view, qtbot, splats):
+    for _ in range(2):
+        QTest.keyClick(view.focusProxy(), Qt.Key.Key_Right)
+        points = to_array(view.focusProxy().grabFramebuffer())
+        qtbot.wait(250)
+        picture = to_array(view.focusProxy().grabFramebuffer())
+        truth = splatted(splats, view.camera())
+        assert psnr(picture, truth) > 45 > 2 * psnr(points, truth)
+
+
+def test_pictures_drawn_elsewhere(show, qtbot, splats, camera):
+    """Each change asks for a picture: coarse ones in quick succession, a fine one at last; it fills the view."""
+    asked: list = []
+
+    def drawn(request):
+        return np.full((request.camera.height, request.camera.width, 3), request.background, np.uint8)
+
+    view = show(SplatView(draw=drawn), 192, 160)
+
+    def draw():
+        asked.append(view.still_request())
+        view.set_still(drawn(asked[-1]))
+
+    view.still_wanted.connect(draw)
+    view.set_camera(camera)
+    assert not asked  # there is nothing to draw
+    view.set_background(QColor(10, 200, 30))
+    assert view.grab().toImage().pixelColor(96, 150).green() == 200
+    view.set_splats(*splats)
+    view.highlight(None)
+    assert [request.camera.width for request in asked] == [192]
+    QTest.keyClick(view.focusProxy(), Qt.Key.Key_Right)
+    assert asked[-1].camera.width == 96
+    np.testing.assert_allclose(asked[-1].camera.viewmat, view.camera().viewmat)
+    qtbot.waitUntil(lambda: asked[-1].camera.width == 192)
+    assert view.screenshot_image().shape == (160, 192, 3)
+    assert view.grab().toImage().pixelColor(96, 150).green() == 200
+    drag(view, (60, 60), (80, 70), (120, 90))
+    assert not view.is_locked()
+    view.close()
+    count = len(asked)
+    view.set_splats(*splats)  # a late frame harms nobody
+    view.set_still(drawn(asked[0]))
+    assert len(asked) == count
 
 
 def test_pan_wheel_and_keys_move_the_camera(view):

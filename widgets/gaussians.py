@@ -1,0 +1,44 @@
+"""Gaussians as the 3D view holds them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+def as_bytes(colours: np.ndarray) -> np.ndarray:
+    """Colours as uint8; floats are taken to lie in [0, 1]."""
+    colours = np.asarray(colours)
+    if colours.dtype == np.uint8:
+        return colours
+    return (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+
+
+class Gaussians(NamedTuple):
+    """What may be drawn: float32 means [N, 3], unit quats [N, 4] (wxyz), scales [N, 3], opacities [N], all finite."""
+
+    means: np.ndarray
+    quats: np.ndarray
+    scales: np.ndarray
+    opacities: np.ndarray
+
+
+def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray) -> Gaussians:
+    """Gaussians with quaternions of any length made units (zero: no rotation).
+
+    One with a number that is not finite is made invisible and put where a sound one lies: it would fill VTK's screen with garbage.
+    """
+    means, quats, scales = (np.asarray(a, np.float32) for a in (means, quats, scales))
+    opacities = np.asarray(opacities, np.float32).reshape(-1)
+    if not all(np.isfinite(array.sum()) for array in (means, quats, scales, opacities)):
+        sound = np.isfinite(means).all(1) & np.isfinite(quats).all(1) & np.isfinite(scales).all(1) & np.isfinite(opacities)
+        place = means[np.argmax(sound)] if sound.any() else np.zeros(3, np.float32)
+        means = np.where(sound[:, None], means, place)
+        quats, scales = (np.where(sound[:, None], a, np.float32(0.0)) for a in (quats, scales))
+        opacities = np.where(sound, opacities, np.float32(0.0))
+    lengths = np.sqrt(np.einsum("ni,ni->n", quats, quats))[:, None]
+    if not (lengths > 0.0).all():
+        quats = np.where(lengths > 0.0, quats, np.array([1.0, 0.0, 0.0, 0.0], np.float32))
+        lengths = np.where(lengths > 0.0, lengths, np.float32(1.0))
+    return Gaussians(means, quats / lengths, scales, opacities)
