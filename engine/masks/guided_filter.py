@@ -9,16 +9,15 @@ Bars on a and b are means over the windows that hold a pixel. Windows at the bor
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from engine.threads import KERNEL_LOCK
+from engine.threads import run_kernel, take_ticket
 
-
-def box(image: np.ndarray, size: int) -> np.ndarray:
-    """Mean of size × size pixels, float32 [H, W] or [H, W, C], the border repeated."""
-    return cv2.blur(image, (size, size), borderType=cv2.BORDER_REPLICATE).reshape(image.shape)
+#: r and the side of a window, pixels. Constants, for the kernels: loops of known length become vector instructions.
+RADIUS = 3
+SIZE = 2 * RADIUS + 1
+BAND = 48  # rows that a thread takes at once; it also works out some rows above and below
 
 
 class GuidedFilter:
@@ -27,90 +26,158 @@ class GuidedFilter:
     Parameters
     ----------
     rgb : uint8 [H, W, 3]
-    radius : int
-        r, pixels.
     flat : float
         ε: the variance of a colour in [0, 1] that counts as flat.
     level : float
         The variance of a map below which R² is taken against this.
     """
 
-    def __init__(self, rgb: np.ndarray, radius: int, flat: float, level: float):
-        self._guide = rgb.astype(np.float32) / np.float32(255)
-        self._size, self._level = 2 * radius + 1, np.float32(level)
-        with KERNEL_LOCK:
-            self._moments = box(_moments(self._guide), self._size)
-            _invert(self._moments, np.float32(flat))
+    def __init__(self, rgb: np.ndarray, flat: float, level: float):
+        self._guide = np.multiply(rgb.transpose(2, 0, 1), np.float32(1 / 255), order="C")
+        self._level = np.float32(level)
+        self._moments = np.empty((rgb.shape[0], 9, rgb.shape[1]), np.float32)
+        run_kernel(_statistics, self._guide, np.float32(flat), self._moments)
 
-    def __call__(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """G and the windows' mean R² of a map float32 [H, W], both float32 [H, W]."""
-        with KERNEL_LOCK:
-            means = box(_products(self._guide, image), self._size)
-            _fit(self._moments, means, self._level)
-            return _apply(self._guide, box(means, self._size))
+    def __call__(self, maps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """G and the windows' mean R² of maps float32 [n, H, W], both float32 [n, H, W]."""
+        guided, explained = np.empty_like(maps), np.empty_like(maps)
+        run_kernel(_filter, maps, self._guide, self._moments, self._level, guided, explained)
+        return guided, explained
 
 
-@njit(parallel=True, cache=True)
-def _moments(guide):
-    out = np.empty((*guide.shape[:2], 9), np.float32)
-    for y in prange(guide.shape[0]):
-        for x in range(guide.shape[1]):
-            r, g, b = guide[y, x, 0], guide[y, x, 1], guide[y, x, 2]
-            out[y, x, 0], out[y, x, 1], out[y, x, 2] = r, g, b
-            out[y, x, 3], out[y, x, 4], out[y, x, 5] = r * r, r * g, r * b
-            out[y, x, 6], out[y, x, 7], out[y, x, 8] = g * g, g * b, b * b
-    return out
+@njit(nogil=True, cache=True, error_model="numpy")
+def _statistics(guide, flat, moments, counter):
+    """Of every row, mean colours and (Σ + ε)⁻¹ in the order rr, rg, rb, gg, gb, bb, [H, 9, W]."""
+    _, height, width = guide.shape
+    wide, sums = np.empty(width + 2 * RADIUS, np.float32), np.empty((SIZE, 9, width), np.float32)
+    while True:
+        first = take_ticket(counter) * BAND
+        if first >= height:
+            return
+        known = max(first - RADIUS, 0)
+        for y in range(first, min(first + BAND, height)):
+            while known <= min(y + RADIUS, height - 1):
+                red, green, blue, row = guide[0, known], guide[1, known], guide[2, known], sums[known % SIZE]
+                _across(red, wide, row[0])
+                _across(green, wide, row[1])
+                _across(blue, wide, row[2])
+                for plane, (a, b) in enumerate(((red, red), (red, green), (red, blue), (green, green), (green, blue), (blue, blue))):
+                    _across_product(a, b, wide, row[3 + plane])
+                known += 1
+            m = moments[y]
+            for plane in range(9):
+                _down(sums, plane, y, height, m[plane])
+            for x in range(width):
+                r, g, b = m[0, x], m[1, x], m[2, x]
+                rr, rg, rb = m[3, x] - r * r + flat, m[4, x] - r * g, m[5, x] - r * b
+                gg, gb, bb = m[6, x] - g * g + flat, m[7, x] - g * b, m[8, x] - b * b + flat
+                c0, c1, c2 = gg * bb - gb * gb, rb * gb - rg * bb, rg * gb - rb * gg
+                scale = np.float32(1.0) / (rr * c0 + rg * c1 + rb * c2)
+                m[3, x], m[4, x], m[5, x] = c0 * scale, c1 * scale, c2 * scale
+                m[6, x], m[7, x], m[8, x] = (rr * bb - rb * rb) * scale, (rb * rg - rr * gb) * scale, (rr * gg - rg * rg) * scale
 
 
-@njit(parallel=True, cache=True)
-def _invert(moments, flat):
-    """Second moments, in place, to the inverse of the covariance plus flat."""
-    for y in prange(moments.shape[0]):
-        for x in range(moments.shape[1]):
-            m = moments[y, x]
-            rr, rg, rb = m[3] - m[0] * m[0] + flat, m[4] - m[0] * m[1], m[5] - m[0] * m[2]
-            gg, gb, bb = m[6] - m[1] * m[1] + flat, m[7] - m[1] * m[2], m[8] - m[2] * m[2] + flat
-            c0, c1, c2 = gg * bb - gb * gb, rb * gb - rg * bb, rg * gb - rb * gg
-            scale = np.float32(1.0) / (rr * c0 + rg * c1 + rb * c2)
-            m[3], m[4], m[5] = c0 * scale, c1 * scale, c2 * scale
-            m[6], m[7], m[8] = (rr * bb - rb * rb) * scale, (rb * rg - rr * gb) * scale, (rr * gg - rg * rg) * scale
+@njit(nogil=True, cache=True, error_model="numpy")
+def _filter(maps, guide, moments, level, guided, explained, counter):
+    """`guided` and `explained` of bands of all maps."""
+    count, height, width = maps.shape
+    bands = (height + BAND - 1) // BAND
+    wide, means = np.empty(width + 2 * RADIUS, np.float32), np.empty((5, width), np.float32)
+    sums, fits = np.empty((SIZE, 5, width), np.float32), np.empty((SIZE, 5, width), np.float32)  # of the last rows, summed along them
+    while True:
+        ticket = take_ticket(counter)
+        if ticket >= count * bands:
+            return
+        i, first = ticket // bands, ticket % bands * BAND
+        known, fitted = max(first - 2 * RADIUS, 0), max(first - RADIUS, 0)
+        for y in range(first, min(first + BAND, height)):
+            while fitted <= min(y + RADIUS, height - 1):
+                while known <= min(fitted + RADIUS, height - 1):
+                    p, row = maps[i, known], sums[known % SIZE]
+                    for plane in range(3):
+                        _across_product(p, guide[plane, known], wide, row[plane])
+                    _across(p, wide, row[3])
+                    _across_product(p, p, wide, row[4])
+                    known += 1
+                for plane in range(5):
+                    _down(sums, plane, fitted, height, means[plane])
+                _fit(means, moments[fitted], level, wide, fits[fitted % SIZE])
+                fitted += 1
+            for plane in range(4):
+                _down(fits, plane, y, height, means[plane])
+            _down(fits, 4, y, height, explained[i, y])
+            _product(means[0], guide[0, y], means[1], guide[1, y], means[2], guide[2, y], guided[i, y])
+            _add(guided[i, y], means[3])
 
 
-@njit(parallel=True, cache=True)
-def _products(guide, image):
-    out = np.empty((*image.shape, 5), np.float32)
-    for y in prange(image.shape[0]):
-        for x in range(image.shape[1]):
-            p = image[y, x]
-            for c in range(3):
-                out[y, x, c] = guide[y, x, c] * p
-            out[y, x, 3], out[y, x, 4] = p, p * p
-    return out
+@njit(inline="always")
+def _fit(means, m, level, wide, out):
+    """Means of (I p, p, p²) in the windows of a row to (a, b, R²), summed along the row, [5, W]."""
+    p, square = means[3], means[4]
+    for channel in range(3):
+        for x in range(len(p)):
+            means[channel, x] -= m[channel, x] * p[x]  # cov(I, p)
+    for x in range(len(p)):
+        square[x] = max(square[x] - p[x] * p[x], level)
+    a, part = np.empty((3, len(p)), np.float32), np.empty(len(p), np.float32)
+    _product(m[3], means[0], m[4], means[1], m[5], means[2], a[0])
+    _product(m[4], means[0], m[6], means[1], m[7], means[2], a[1])
+    _product(m[5], means[0], m[7], means[1], m[8], means[2], a[2])
+    _product(a[0], means[0], a[1], means[1], a[2], means[2], part)
+    for x in range(len(p)):
+        square[x] = min(max(part[x] / square[x], np.float32(0.0)), np.float32(1.0))
+    _product(a[0], m[0], a[1], m[1], a[2], m[2], part)
+    for x in range(len(p)):
+        p[x] -= part[x]
+    for channel in range(3):
+        _across(a[channel], wide, out[channel])
+    _across(p, wide, out[3])
+    _across(square, wide, out[4])
 
 
-@njit(parallel=True, cache=True)
-def _fit(moments, means, level):
-    """Means of (I p, p, p²), in place, to (a, b, R²)."""
-    for y in prange(means.shape[0]):
-        for x in range(means.shape[1]):
-            m, v = moments[y, x], means[y, x]
-            p = v[3]
-            c0, c1, c2 = v[0] - m[0] * p, v[1] - m[1] * p, v[2] - m[2] * p
-            a0 = m[3] * c0 + m[4] * c1 + m[5] * c2
-            a1 = m[4] * c0 + m[6] * c1 + m[7] * c2
-            a2 = m[5] * c0 + m[7] * c1 + m[8] * c2
-            explained = (a0 * c0 + a1 * c1 + a2 * c2) / max(v[4] - p * p, level)
-            v[0], v[1], v[2] = a0, a1, a2
-            v[3] = p - a0 * m[0] - a1 * m[1] - a2 * m[2]
-            v[4] = min(max(explained, np.float32(0.0)), np.float32(1.0))
+# Loops over a row, each of few arrays: what a compiler turns into vector instructions.
+@njit(inline="always")
+def _product(a0, b0, a1, b1, a2, b2, out):
+    for x in range(len(out)):
+        out[x] = a0[x] * b0[x] + a1[x] * b1[x] + a2[x] * b2[x]
 
 
-@njit(parallel=True, cache=True)
-def _apply(guide, fit):
-    out, explained = np.empty(fit.shape[:2], np.float32), np.empty(fit.shape[:2], np.float32)
-    for y in prange(fit.shape[0]):
-        for x in range(fit.shape[1]):
-            a = fit[y, x]
-            out[y, x] = a[0] * guide[y, x, 0] + a[1] * guide[y, x, 1] + a[2] * guide[y, x, 2] + a[3]
-            explained[y, x] = a[4]
-    return out, explained
+@njit(inline="always")
+def _add(out, row):
+    for x in range(len(out)):
+        out[x] += row[x]
+
+
+@njit(inline="always")
+def _across(row, wide, out):
+    """Sums of a row's windows; `wide` is lent."""
+    for x in range(len(row)):
+        wide[x + RADIUS] = row[x]
+    _slide(wide, out)
+
+
+@njit(inline="always")
+def _across_product(a, b, wide, out):
+    for x in range(len(a)):
+        wide[x + RADIUS] = a[x] * b[x]
+    _slide(wide, out)
+
+
+@njit(inline="always")
+def _slide(wide, out):
+    wide[:RADIUS], wide[len(wide) - RADIUS :] = wide[RADIUS], wide[len(wide) - RADIUS - 1]
+    for x in range(len(out)):
+        total = wide[x]
+        for step in range(1, SIZE):
+            total += wide[x + step]
+        out[x] = total
+
+
+@njit(inline="always")
+def _down(sums, plane, y, height, out):
+    """Means of a row's windows, of the sums [SIZE, P, W] along the last rows."""
+    a, b, c = sums[max(y - 3, 0) % SIZE, plane], sums[max(y - 2, 0) % SIZE, plane], sums[max(y - 1, 0) % SIZE, plane]
+    d, last = sums[y % SIZE, plane], height - 1
+    e, f, g = sums[min(y + 1, last) % SIZE, plane], sums[min(y + 2, last) % SIZE, plane], sums[min(y + 3, last) % SIZE, plane]
+    for x in range(len(out)):
+        out[x] = (a[x] + b[x] + c[x] + d[x] + e[x] + f[x] + g[x]) * np.float32(1.0 / SIZE**2)

@@ -40,8 +40,8 @@ MAJORITY = (0.5, 0.9)
 STRIDE, REACH, DOUBT_WINDOW, SPECK_WINDOW = 2, 9, 7, 9
 #: Noise below this is rounding; and how many times its share in the window a speck raises doubt.
 QUIET, SPECK_GAIN = 1e-3, 9.0
-#: Guided filter: window radius in pixels, and the variance of a colour in [0, 1] that counts as flat.
-RADIUS, FLAT = 3, 1e-3
+#: Guided filter: the variance of a colour in [0, 1] that counts as flat.
+FLAT = 1e-3
 #: The filter's least weight.
 LEAST_GUIDED = 0.55
 #: Variance of a similarity below which there is no edge to explain.

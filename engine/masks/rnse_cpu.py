@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit, prange
 
 from engine.masks import rnse
-from engine.masks.guided_filter import GuidedFilter, box
+from engine.masks.guided_filter import GuidedFilter
 from engine.masks.similarity import cosines, normalised
 from engine.masks.superpixels import superpixels
 from engine.threads import KERNEL_LOCK
@@ -63,7 +64,7 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
 
     @cached_property
     def _filter(self) -> GuidedFilter:
-        return GuidedFilter(self._rgb, rnse.RADIUS, rnse.FLAT, rnse.LEVEL)
+        return GuidedFilter(self._rgb, rnse.FLAT, rnse.LEVEL)
 
     def similarity(self, vectors: np.ndarray) -> np.ndarray:
         return cosines(self.unit, vectors)
@@ -71,21 +72,23 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
     def coarse(self, vectors: np.ndarray) -> np.ndarray:
         """Region means and pixels as trusted, float32 [n, H, W]."""
         regions, means, trust, _ = self.evidence
-        pixel = cosines(self.unit, vectors)
+        pixel, regional = cosines(self.unit, vectors), cosines(means[None], vectors)[:, 0]
         with KERNEL_LOCK:
-            _blend(pixel, regions, cosines(means[None], vectors)[:, 0], trust)
+            _blend(pixel, regions, regional, trust)
         return pixel
 
     def refined(self, vectors: np.ndarray) -> np.ndarray:
         maps = self.coarse(vectors)
-        for coarse in maps:
-            guided, explained = self._filter(coarse)
-            with KERNEL_LOCK:
-                _guide(coarse, guided, explained, self.evidence.doubt, rnse.EXPLAINED, rnse.LEAST_GUIDED)
+        guided, explained = self._filter(maps)
+        with KERNEL_LOCK:
+            _guide(maps, guided, explained, self.evidence.doubt, rnse.EXPLAINED, rnse.LEAST_GUIDED)
         return maps
 
     def largest(self, maps: Sequence[np.ndarray]) -> np.ndarray:
-        return maps[0] if len(maps) == 1 else np.maximum.reduce(list(maps))
+        greatest = maps[0]
+        for others in maps[1:]:
+            greatest = np.maximum(greatest, others, out=None if greatest is maps[0] else greatest)
+        return greatest
 
     def numpy(self, maps: Sequence[np.ndarray]) -> list[np.ndarray]:
         for values in maps:
@@ -95,6 +98,11 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
     def winners(self, maps: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         stack = np.stack(list(maps))
         return stack.argmax(0).astype(np.uint8), stack.max(0)
+
+
+def box(image: np.ndarray, size: int) -> np.ndarray:
+    """Mean of size × size pixels, float32 [H, W] or [H, W, C], the border repeated."""
+    return cv2.blur(image, (size, size), borderType=cv2.BORDER_REPLICATE).reshape(image.shape)
 
 
 def find_evidence(unit: np.ndarray, regions: np.ndarray) -> Evidence:
@@ -230,8 +238,9 @@ def _blend(pixel, regions, means, trust):
 
 @njit(parallel=True, cache=True)
 def _guide(coarse, guided, explained, doubt, ends, least):
-    """A coarse map [H, W], in place, to the final one."""
-    for y in prange(coarse.shape[0]):
-        for x in range(coarse.shape[1]):
-            weight = max(np.float32(least), doubt[y, x], _ramp(explained[y, x], ends))
-            coarse[y, x] += weight * (guided[y, x] - coarse[y, x])
+    """Coarse maps [n, H, W], in place, to the final ones."""
+    for y in prange(coarse.shape[1]):
+        for i in range(coarse.shape[0]):
+            for x in range(coarse.shape[2]):
+                weight = max(np.float32(least), doubt[y, x], _ramp(explained[i, y, x], ends))
+                coarse[i, y, x] += weight * (guided[i, y, x] - coarse[i, y, x])

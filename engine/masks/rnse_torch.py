@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from engine.masks import rnse
+from engine.masks.guided_filter import SIZE
 from engine.masks.similarity import SHORTEST
 from engine.masks.superpixels import dense
 from engine.masks.superpixels_torch import superpixels_on_device
@@ -198,7 +199,7 @@ def _ramp(values: Tensor, ends: tuple[float, float]) -> Tensor:
 
 
 def _window(planes: Tensor) -> Tensor:
-    return _box(planes, 2 * rnse.RADIUS + 1)
+    return _box(planes, SIZE)
 
 
 def _box(planes: Tensor, size: int) -> Tensor:

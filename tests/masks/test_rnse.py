@@ -8,7 +8,7 @@ import torch
 from engine.bench.mask_scenes import DEGRADATIONS, hand_frame, phantom_frame
 from engine.language import EmbeddedEncoder, fit_basis
 from engine.masks import DECODERS, MaskQuery, rnse, rnse_torch, superpixels
-from engine.masks.guided_filter import GuidedFilter
+from engine.masks.guided_filter import RADIUS, GuidedFilter
 from engine.masks.rnse_cpu import CpuAggregation, find_evidence
 from engine.masks.similarity import normalised
 from engine.masks.superpixels_torch import superpixels_on_device
@@ -120,9 +120,9 @@ def reference_guided_filter(guide, image, radius, flat):
 def test_guided_filter_is_the_published_one():
     rgb, labels = scene(160, 120, seed=2)
     image = normalised(latents(labels, np.eye(4, dtype=np.float32)))[..., 3]
-    found = GuidedFilter(rgb, rnse.RADIUS, rnse.FLAT, rnse.LEVEL)(np.ascontiguousarray(image))
-    for ours, expected in zip(found, reference_guided_filter(rgb, image, rnse.RADIUS, rnse.FLAT), strict=True):
-        np.testing.assert_allclose(ours, expected, atol=1e-3)
+    found = GuidedFilter(rgb, rnse.FLAT, rnse.LEVEL)(np.ascontiguousarray(image)[None])
+    for ours, expected in zip(found, reference_guided_filter(rgb, image, RADIUS, rnse.FLAT), strict=True):
+        np.testing.assert_allclose(ours[0], expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("degradation", DEGRADATIONS)
