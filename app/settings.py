@@ -43,6 +43,8 @@ class Settings:
         Keys that the user gave to actions, by action id; actions that are not named have their own.
     training : dict
         What the training dialog was last started with.
+    trainings : tuple of dict
+        Trainings that run, are paused or wait, the first first (`TrainingJob.to_json`); offered again at the next start.
     geometry, state : str
         The window's size and docks, as Qt saves them, base64.
     """
@@ -56,6 +58,7 @@ class Settings:
     undo_memory: float = 256.0
     shortcuts: dict[str, list[str]] = field(default_factory=dict)
     training: dict[str, Any] = field(default_factory=dict)
+    trainings: tuple[dict[str, Any], ...] = ()
     geometry: str = ""
     state: str = ""
 
@@ -146,6 +149,10 @@ def _checked(name: str, value: Any) -> Any:
         case "training":
             if not isinstance(value, dict):
                 raise ValueError("training is not a JSON object")
+        case "trainings":
+            if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+                raise ValueError("trainings are not a list of JSON objects")
+            return tuple(value)
         case "theme":
             if value not in get_args(Theme):
                 raise ValueError(f"theme is none of {', '.join(get_args(Theme))}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from engine.errors import DegenseError
 
@@ -76,6 +76,32 @@ class TrainingJob:
     def clip_options(self) -> dict[str, Any]:
         """What was said about the clip, as `ClipOptions` takes it."""
         return {name: value for name in CLIP_OPTIONS if (value := getattr(self, name)) is not None}
+
+    def to_json(self) -> dict[str, Any]:
+        """What is said, as JSON values; the paths in full."""
+        said = {item.name: getattr(self, item.name) for item in fields(self) if getattr(self, item.name) != item.default}
+        return said | {"clip": str(self.clip.resolve()), "out": str(self.out.resolve())}
+
+    @staticmethod
+    def from_json(data: Any) -> TrainingJob:
+        """The job that `to_json` wrote.
+
+        Raises
+        ------
+        DegenseError
+            When it is none.
+        """
+        kinds = get_type_hints(TrainingJob)
+        try:
+            values = {**data, "clip": Path(data["clip"]), "out": Path(data["out"])}
+            if "settings" in values:
+                values["settings"] = tuple((name, text) for name, text in values["settings"])
+                parse_settings(values["settings"])
+            if wrong := [name for name, value in values.items() if name != "settings" and not isinstance(value, kinds[name])]:
+                raise ValueError(f"{wrong[0]} cannot be {values[wrong[0]]!r}")
+        except (KeyError, TypeError, ValueError, DegenseError) as error:
+            raise DegenseError(f"A training that was kept for this start cannot be read ({error}).") from error
+        return TrainingJob(**values)
 
     def answers(self) -> dict[str, Any]:
         """What of it is reused for the next training."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from app.signal import Signal
@@ -11,6 +12,8 @@ from engine.errors import DegenseError
 
 class TrainingQueue:
     """One training at a time; the others wait in order. While one is paused, none of them starts: somebody wants the machine.
+
+    What is not done when the program ends is kept (`jobs`), and comes back paused (`restore`).
 
     Signals
     -------
@@ -27,6 +30,16 @@ class TrainingQueue:
     def waiting(self) -> tuple[TrainingJob, ...]:
         return tuple(self._waiting)
 
+    @property
+    def jobs(self) -> tuple[TrainingJob, ...]:
+        """All that is not done: what runs or is paused, then what waits."""
+        return tuple(job for job in (self.running, self.paused, *self._waiting) if job is not None)
+
+    def restore(self, jobs: Sequence[TrainingJob]) -> None:
+        """Take over what an earlier start of the program left; nothing of it starts before `resume`."""
+        self.paused, self._waiting = (jobs[0] if jobs else None), list(jobs[1:])
+        self.changed.emit()
+
     def add(self, job: TrainingJob) -> None:
         """Let a training wait for its turn.
 
@@ -35,8 +48,7 @@ class TrainingQueue:
         DegenseError
             When another one here writes into the same folder.
         """
-        others = [other for other in (self.running, self.paused, *self._waiting) if other is not None]
-        if any(other.out.resolve() == job.out.resolve() for other in others):
+        if any(other.out.resolve() == job.out.resolve() for other in self.jobs):
             raise DegenseError(f"A training into {job.out} is in the queue already; choose another folder.")
         self._waiting.append(job)
         self.changed.emit()
@@ -74,6 +86,6 @@ class TrainingQueue:
             self.changed.emit()
 
     def forget_paused(self) -> None:
-        """Give the paused training up; its folder keeps the checkpoint."""
-        self.paused = None
+        """Give the paused training up; its folder keeps the checkpoint. The next takes its place: the machine is still wanted."""
+        self.paused = self._waiting.pop(0) if self._waiting else None
         self.changed.emit()

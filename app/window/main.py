@@ -129,6 +129,7 @@ class MainWindow(QMainWindow):
         self.setAcceptDrops(True)
         self.resize(1440, 900)
         self._restore()
+        self.training.offer_kept()
         self._refresh()
 
     # What actions need

@@ -136,14 +136,39 @@ class Training(QObject):
         self._next()
 
     def cancel(self) -> None:
-        """Ask it to save and stop; one that is paused has done so."""
+        """Ask it to save and stop; one that is paused has done so, and makes room for the next to be paused."""
         if self.process is not None:
             self._pausing = False
             self.process.stop()
         elif self.queue.paused is not None:
             self.queue.forget_paused()
             self.parts.monitor.cancelled("Stopped; the checkpoint can be resumed.")
-            self._next()
+            self._show_paused("Waits. Resume starts it; Cancel gives it up.")
+
+    def offer_kept(self) -> None:
+        """Show what an earlier start of the program did not finish. Nothing of it starts by itself."""
+        jobs = []
+        for data in self.opening.settings.value.trainings:
+            try:
+                jobs.append(TrainingJob.from_json(data))
+            except DegenseError as error:
+                log.warning("%s", error)
+                self.parts.say(str(error))
+        self.queue.restore(jobs)
+        self._show_paused("Left from last time. Resume goes on with it; Cancel gives it up.")
+
+    def _show_paused(self, words: str) -> None:
+        """Show the training that waits for the user, if there is one."""
+        job = self.queue.paused
+        if job is not None:
+            self._show_monitor(job)
+            self.parts.monitor.pause(words)
+
+    def _show_monitor(self, job: TrainingJob) -> None:
+        self.parts.monitor_dock.show()
+        self.parts.monitor_dock.raise_()
+        self.parts.window.resizeDocks([self.parts.monitor_dock], [300], Qt.Orientation.Vertical)
+        self.parts.monitor.start(f"{job.clip.name} → {job.out.name}")
 
     def _next(self) -> None:
         """Train in a process of its own, if it is anybody's turn."""
@@ -156,15 +181,13 @@ class Training(QObject):
         process.stopped.connect(self._stopped)
         process.failed.connect(self._failed)
         self.process, self._pausing, self._observed = process, False, None
-        self.parts.monitor_dock.show()
-        self.parts.monitor_dock.raise_()
-        self.parts.window.resizeDocks([self.parts.monitor_dock], [300], Qt.Orientation.Vertical)
-        self.parts.monitor.start(f"{job.clip.name} → {job.out.name}")
+        self._show_monitor(job)
         process.start()
         self.changed.emit()
 
     def _show_queue(self) -> None:
         self.parts.monitor.queue.set_runs([f"{job.out.name} ({job.preset})" for job in self.queue.waiting])
+        self.opening.settings.update(trainings=tuple(job.to_json() for job in self.queue.jobs))
         self.changed.emit()
 
     def may_close(self, close: Callable[[], object]) -> bool:
@@ -175,17 +198,15 @@ class Training(QObject):
         box.setObjectName("training runs")
         box.setWindowTitle("DeGense")
         waiting = len(self.queue.waiting)
-        others = f" {waiting} waiting in the queue will be forgotten." if waiting else ""
-        box.setText(f"A training is running. Stop it and close? It saves a checkpoint, and can be resumed.{others}")
+        others = f", and so is the queue of {waiting}" if waiting else ""
+        box.setText(f"A training is running. Stop it and close? It saves a checkpoint; at the next start it is offered again{others}.")
         stop = box.addButton("Stop and save", QMessageBox.ButtonRole.AcceptRole)
         box.addButton("Keep it running", QMessageBox.ButtonRole.RejectRole)
 
         def answered() -> None:
             if box.clickedButton() is stop:
                 self._then = close
-                while self.queue.waiting:
-                    self.queue.remove(0)
-                self.cancel()
+                self.pause()
 
         box.finished.connect(answered)
         box.finished.connect(box.deleteLater)

@@ -11,7 +11,9 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
 
+from app.settings import SettingsFile
 from app.training_job import TrainingJob
+from app.window.main import MainWindow
 from engine.training import TrainConfig
 
 
@@ -206,3 +208,42 @@ def test_closing_while_training_asks_and_saves(qtbot, with_clip, tmp_path):
     next(button for button in box.buttons() if "Stop" in button.text()).click()
     qtbot.waitUntil(lambda: not with_clip.isVisible(), timeout=20_000)
     assert json.loads((tmp_path / "run" / "run.json").read_text())["state"] == "stopped"
+
+
+def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
+    """What ran and what waited is there at the next start, paused; it goes on from its checkpoint when it is told to."""
+    training, clip = with_clip.training, with_clip.session.clip.path
+    for name in ("first", "second"):
+        training.start(TrainingJob(clip, tmp_path / name, "quick", iterations=100_000, device="cpu"))
+    qtbot.waitUntil(lambda: (tmp_path / "first" / "metrics.jsonl").is_file(), timeout=90_000)
+    kept = json.loads((tmp_path / "settings.json").read_text())["trainings"]  # what a kill leaves
+    assert [entry["out"] for entry in kept] == [str(tmp_path / name) for name in ("first", "second")]
+    with_clip.close()
+    box = with_clip.findChild(QMessageBox, "training runs")
+    assert "the queue of 1" in box.text()
+    next(button for button in box.buttons() if "Stop" in button.text()).click()
+    qtbot.waitUntil(lambda: not with_clip.isVisible(), timeout=20_000)
+    stopped_at = json.loads((tmp_path / "first" / "run.json").read_text())["iteration"]
+
+    again = MainWindow(SettingsFile(tmp_path / "settings.json"))
+    qtbot.addWidget(again)
+    with qtbot.waitSignal(again.ready, timeout=20_000):
+        again.show()
+    monitor = again.parts.monitor
+    assert monitor.isVisible()
+    assert (monitor.state(), monitor.queue.names(), again.training.running) == ("paused", ["second (quick)"], False)
+    screenshot(again, "train-kept")
+    qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
+    seen: list[int] = []
+    again.training.process.told.connect(lambda event: seen.append(event["iteration"]) if event["event"] == "progress" else None)
+    qtbot.waitUntil(lambda: bool(seen), timeout=90_000)
+    assert seen[0] > stopped_at
+    again.registry.run("train.pause")
+    qtbot.waitUntil(lambda: monitor.state() == "paused", timeout=20_000)
+    for name in ("second", None):
+        qtbot.mouseClick(monitor._cancel, Qt.MouseButton.LeftButton)
+        paused = again.training.queue.paused
+        assert (paused and paused.out.name) == name
+        assert not again.training.running
+    assert SettingsFile(tmp_path / "settings.json").value.trainings == ()
+    again.close()

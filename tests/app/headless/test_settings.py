@@ -21,7 +21,18 @@ def test_settings_come_back(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["{", "[]", '{"theme": "pink"}', '{"speed": "fast"}', '{"speed": 1e9}', '{"recent": "x"}', '{"speed": NaN}', "\xff"]
+    "text",
+    [
+        "{",
+        "[]",
+        '{"theme": "pink"}',
+        '{"speed": "fast"}',
+        '{"speed": 1e9}',
+        '{"recent": "x"}',
+        '{"speed": NaN}',
+        '{"trainings": ["x"]}',
+        "\xff",
+    ],
 )
 def test_a_damaged_file_is_kept_and_said_once(tmp_path, text):
     path = tmp_path / "settings.json"

@@ -38,13 +38,33 @@ def test_one_at_a_time_and_nobody_overtakes_who_is_paused(tmp_path):
     assert queue.next() == replace(first, resume=True)
     queue.ended(paused=True)
     queue.forget_paused()
-    assert queue.next() == third
-    queue.ended(paused=True)  # before its first checkpoint: it begins anew
+    assert queue.next() is None  # the next waits for somebody to go on
+    assert queue.jobs == (third, second)  # third has no checkpoint yet: it begins anew
     queue.resume()
     assert queue.next() == third
     queue.remove(0)
     queue.ended()
     assert queue.next() is None
+
+
+def test_what_is_not_done_is_kept(tmp_path):
+    job = TrainingJob(tmp_path / "clip", tmp_path / "a", "quick", iterations=7, focal=500.0, fit=False, settings=(("flow", "7"),))
+    other = replace(JOB, out=tmp_path / "b")
+    queue = TrainingQueue()
+    queue.add(job)
+    queue.add(other)
+    queue.next()
+    again = TrainingQueue()
+    again.restore([TrainingJob.from_json(data) for data in json.loads(json.dumps([job.to_json() for job in queue.jobs]))])
+    assert again.jobs == (job, replace(other, clip=other.clip.resolve()))
+    assert again.next() is None
+    again.resume()
+    assert again.next() == job
+    for wrong in ({}, [], {"clip": "a"}, {"clip": "a", "out": "b", "iterations": "7"}, {"clip": "a", "out": "b", "settings": [["x", "1"]]}):
+        with pytest.raises(DegenseError, match="cannot be read"):
+            TrainingJob.from_json(wrong)
+    with pytest.raises(DegenseError, match="cannot be read"):
+        TrainingJob.from_json(job.to_json() | {"telepathy": 1})
 
 
 def test_settings_are_typed_and_refused_in_words():
