@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from app import session_file
+from app.clip_journal import ClipJournal
 from app.part import Part
 from app.signal import Signal
 from engine.annotation.annotations import Annotations, Stroke
@@ -72,13 +74,17 @@ class AnnotationsPart(Part):
         self.work: Annotations | None = None
         self.unsaved_beside_clip = False
         self._stroke: Stroke | None = None
-        self._told = 0.0
+        self._told, self._untold = 0.0, False
+        self._journal: ClipJournal | None = None
         self._active = False
         self.clear()
 
     # -- part of the session ---------------------------------------------------------------------------------------------------------------
     def clear(self) -> None:
         self.work, self.blocked, self._stroke, self.unsaved_beside_clip = None, "", None, False
+        if self._journal is not None:
+            self._journal.close()
+        self._journal = None
         self.tool: Tool = "brush"
         self.radius, self.current = 8.0, 0
         self.inside: int | None = None
@@ -111,6 +117,27 @@ class AnnotationsPart(Part):
         except DegenseError as error:
             self.work, self.blocked = None, str(error)
 
+    def recover_beside_clip(self) -> None:
+        """Make the changes again that a crash left unsaved beside a clip, and keep a journal from here on.
+
+        Raises
+        ------
+        DegenseError
+            When a record of the journal cannot be used; those before it are made, and the journal is set aside.
+        """
+        assert self.session.clip is not None
+        if self.work is None:
+            return
+        left = ClipJournal(folder_beside(self.session.clip), self.session.store.trouble)
+        try:
+            for record in left.left():
+                self.replay(record, str(left.path))
+        except DegenseError:
+            session_file.set_aside(left.path)
+            raise
+        finally:
+            self._journal = left
+
     def _open(self, folder: Path, original: Any, names: Sequence[str]) -> None:
         (width, height), count = self.session.size, self.session.frames
         self.work = load(folder, (height, width), count, original) or Annotations(named_classes(names), (height, width), count, original)
@@ -124,6 +151,8 @@ class AnnotationsPart(Part):
         if self.unsaved_beside_clip and self.work is not None and self.session.clip is not None:
             save(self.work, folder_beside(self.session.clip))
             self.unsaved_beside_clip = False
+            if self._journal is not None:
+                self._journal.forget()
 
     def replay(self, record: Any, source: str) -> None:
         try:
@@ -185,13 +214,21 @@ class AnnotationsPart(Part):
             changed = self._stroke.paint(region, self.value, self.inside)
             if changed is not None:
                 self.pixels_changed.emit(self._stroke.frame, changed)
-                self._tell_stroke(self._stroke)
+                self._untold = True
+                self.tell_stroke()
 
-    def _tell_stroke(self, stroke: Stroke) -> None:
-        """Let the journal know of a stroke that takes long."""
+    @property
+    def painting(self) -> bool:
+        """Whether a stroke has begun and not ended."""
+        return self._stroke is not None
+
+    def tell_stroke(self) -> None:
+        """Let the journal know of a stroke that takes long. The window calls it every second: the hand may rest amid a stroke."""
         now = time.monotonic()
-        if now - self._told >= TOLD_SECONDS and (piece := stroke.so_far()) is not None:
-            self._told = now
+        if self._stroke is None or not self._untold or now - self._told < TOLD_SECONDS:
+            return
+        if (piece := self._stroke.so_far()) is not None:
+            self._told, self._untold = now, False
             self._tell({"pieces": [piece.to_json()]})
 
     def end(self) -> None:
@@ -296,4 +333,6 @@ class AnnotationsPart(Part):
 
     def _tell(self, record: Any) -> None:
         self.unsaved_beside_clip = self.session.scene is None
+        if self._journal is not None:
+            self._journal.tell(record)
         self.changed.emit(record)

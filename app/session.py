@@ -113,11 +113,18 @@ class Session:
             self.look_changed.emit(before, self._view.look)
 
     def open_clip(self, clip: Clip) -> None:
-        """Show a clip that has no run yet."""
+        """Show a clip that has no run yet, annotated as it was left, also by a crash.
+
+        Raises
+        ------
+        DegenseError
+            When what a crash left cannot be used; all else is open.
+        """
         self.close()
         self.clip = clip
         self.annotations.load_beside_clip()
         self.opened.emit()
+        self.annotations.recover_beside_clip()
 
     def close(self) -> None:
         """Forget everything. Emits nothing about it: `open_scene` and `open_clip` do."""

@@ -105,8 +105,11 @@ class Annotating(QObject):
         self._frame_changed()
 
     def save_beside_clip(self) -> None:
-        """Keep what was done to a clip without a run."""
+        """Keep what was done to a clip without a run; not amid a stroke, which its journal knows of."""
         self._saving.stop()
+        if self.part.painting:
+            self._saving.start()
+            return
         try:
             self.part.save_beside_clip()
         except DegenseError as error:

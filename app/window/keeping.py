@@ -90,6 +90,7 @@ class Keeping(QObject):
 
     def tick(self) -> None:
         """Every second: bring the journal up to date, and save when it is time; not amid a stroke or a drag."""
+        self.session.annotations.tell_stroke()
         self.session.store.tell_pending()
         minutes = self.settings.value.autosave
         due = self._dirty_since is not None and minutes and time.monotonic() - self._dirty_since >= 60 * minutes

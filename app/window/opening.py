@@ -128,8 +128,11 @@ class Opening(QObject):
         self.parts.facts_dock.show()
         self.parts.facts_dock.raise_()
         self._remember(path)
-        self.session.open_clip(clip)
         self.parts.say(f"{clip.name}: check what was detected, then train.")
+        try:
+            self.session.open_clip(clip)
+        except DegenseError as error:
+            show_error(self.parts.window, str(error))
         if self._check_next:
             self._check_next = False
             self.check()

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
+
 from app.part import Part
 from app.session import Session
+from engine.annotation.painting import Region
 from engine.errors import PromptError, RunError
 
 
@@ -26,6 +30,19 @@ class FakeScene:
     def meanings(self, prompt: str) -> None:
         if prompt == "xyzzy":
             raise PromptError("'xyzzy' is not in the vocabulary.")
+
+
+class FakeClip:
+    """What the session uses of a clip."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path, self.name, self.size, self.classes = folder, "fake", (480, 40), ("liver", "grasper")
+
+    def __len__(self) -> int:
+        return 10
+
+    def labels(self, frame: int) -> None:
+        return None
 
 
 class Strokes(Part):
@@ -73,6 +90,22 @@ def _paint(folder: Path, save_every: int, weight: int) -> Iterator[int]:
             session.save()
 
 
+def paint_clip(folder: Path, dabs: int) -> Iterator[int]:
+    """Label one column after another of a clip without a run: in strokes of some dabs each (0: in one that never ends)."""
+    session = Session()
+    session.open_clip(FakeClip(folder))
+    annotations = session.annotations
+    for column in range(FakeClip(folder).size[0]):
+        if column == 0 or (dabs and column % dabs == 0):
+            annotations.end()
+            annotations.begin("Brush")
+        annotations.dab(Region(0, column, np.ones((40, 1), bool)))
+        yield column
+        time.sleep(0.02)
+
+
 if __name__ == "__main__":
-    for number in _paint(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])):
+    folder = Path(sys.argv[1])
+    numbers = paint_clip(folder, int(sys.argv[3])) if sys.argv[2] == "clip" else _paint(folder, int(sys.argv[2]), int(sys.argv[3]))
+    for number in numbers:
         print(number, flush=True)

@@ -8,6 +8,7 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtWidgets import QPushButton
 
 from app.label_sets import label_format
+from app.session import Session
 from engine.annotation.annotations import Record
 from engine.annotation.carried import Carried
 from engine.annotation.folder import NAME
@@ -248,6 +249,18 @@ def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny
     window.opening.open_path(clip)
     idle()
     assert np.array_equal(part.labels(0), painted)
+    press = at(window, 30, 50)
+    qtbot.mousePress(window.parts.panel, Qt.MouseButton.LeftButton, pos=press)  # a stroke that does not end
+    qtbot.wait(2200)
+    killed = Session()
+    killed.open_clip(window.session.clip)  # what is there if the program ends now
+    assert killed.annotations.labels(0)[50, 30] == 0
+    assert np.array_equal(killed.annotations.labels(0), part.labels(0))
+    killed.close()
+    qtbot.mouseRelease(window.parts.panel, Qt.MouseButton.LeftButton, pos=press)
+    window.opening.open_path(clip)
+    idle()
+    assert part.labels(0)[50, 30] == 0
     (clip / NAME / "annotations.json").write_text("{")
     window.opening.open_path(clip)
     idle()
