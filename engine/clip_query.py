@@ -14,11 +14,13 @@ from numba import njit
 from engine.camera import Camera
 from engine.clip import UNLABELLED
 from engine.errors import PromptError
-from engine.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD, Maps, Question
+from engine.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD, Question, Unread
 from engine.scene import Scene
 
 #: Similarities of frames whose masks are being decoded while the next is drawn: what bounds the memory of a clip of any length.
 IN_FLIGHT_BYTES = 512 << 20
+#: Threads that read and decode. Few keep up with a GPU, and more of them only wait for each other's memory.
+READERS = 4
 
 
 @dataclass(frozen=True)
@@ -74,8 +76,8 @@ class FrameMasks:
 def query_clip(scene: Scene, asked: ClipQuestion, frames: Sequence[int] | None = None) -> Iterator[FrameMasks]:
     """Answer prompts frame after frame, in order; close the generator to stop.
 
-    Drawing, superpixels and similarities of a frame are computed once for all prompts, on the scene's device; masks are decoded in
-    threads beside that. Each mask is exactly what `MaskQuery.mask` finds for its prompt alone.
+    Drawing, superpixels and similarities of a frame are computed once for all prompts, on the scene's device; they are read and their
+    masks decoded in threads beside that. Each mask is exactly what `MaskQuery.mask` finds for its prompt alone.
     No more than `IN_FLIGHT_BYTES` wait there.
 
     Parameters
@@ -89,11 +91,11 @@ def query_clip(scene: Scene, asked: ClipQuestion, frames: Sequence[int] | None =
     width, height = scene.clip_size
     most = max(1, IN_FLIGHT_BYTES // (width * height * 4 * 3 * len(questions)))
     waiting: deque[Future[FrameMasks]] = deque()
-    with ThreadPoolExecutor(max_workers=torch.get_num_threads(), thread_name_prefix="decode") as pool:
+    with ThreadPoolExecutor(max_workers=min(READERS, torch.get_num_threads()), thread_name_prefix="decode") as pool:
         try:
             for frame in range(scene.frames) if frames is None else frames:
-                maps = scene.query(frame).maps(questions, asked.decoder, classes)
-                waiting.append(pool.submit(_decoded, frame, maps, asked))
+                similarities = scene.query(frame).unread(questions, asked.decoder, classes)
+                waiting.append(pool.submit(_decoded, frame, similarities, asked))
                 while len(waiting) >= most or (waiting and waiting[0].done()):
                     yield waiting.popleft().result()
             while waiting:
@@ -109,7 +111,8 @@ def masks_at(scene: Scene, asked: ClipQuestion, frame: float, camera: Camera | N
     return scene.query(frame, camera).masks(asked.questions(scene), asked.decoder, asked.threshold, classes)
 
 
-def _decoded(frame: int, maps: Sequence[Maps], asked: ClipQuestion) -> FrameMasks:
+def _decoded(frame: int, similarities: Unread, asked: ClipQuestion) -> FrameMasks:
+    maps = similarities.read()
     masks = np.stack([of_prompt.mask(asked.decoder, asked.threshold) for of_prompt in maps])
     best, similarity = np.full(masks.shape[1:], UNLABELLED, np.uint8), np.full(masks.shape[1:], -np.inf, np.float32)
     for index, (mask, of_prompt) in enumerate(zip(masks, maps, strict=True)):

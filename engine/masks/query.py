@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,6 +50,28 @@ class Maps:
     def mask(self, decoder: str, threshold: float) -> np.ndarray:
         """Pixels that are meant, bool [H, W]."""
         return decode_mask(self.similarity, self.rivals, decoder, threshold, self.excluded)
+
+
+@dataclass(frozen=True)
+class Unread:
+    """Similarities that may still lie on a GPU, where nothing has waited for them.
+
+    Attributes
+    ----------
+    maps : list of lists of 3
+        What becomes the `Maps` of each question; None for what it has not.
+    numpy : callable
+        `Aggregation.numpy`.
+    """
+
+    maps: list[list[Any]]
+    numpy: Callable[[list[Any]], list[np.ndarray]]
+
+    def read(self) -> list[Maps]:
+        """Bring all into memory at once; in any thread, which alone waits."""
+        arrays = iter(self.numpy([values for kinds in self.maps for values in kinds if values is not None]))
+        read = [[None if values is None else next(arrays) for values in kinds] for kinds in self.maps]
+        return [Maps(meant, rivals, excluded) for meant, rivals, excluded in read if meant is not None]
 
 
 class MaskQuery:
@@ -136,23 +158,18 @@ class MaskQuery:
         return np.stack([maps.mask(decoder, threshold) for maps in self.maps(questions, decoder, negatives)])
 
     def maps(self, questions: Sequence[Question], decoder: str = DEFAULT_DECODER, negatives: np.ndarray | None = None) -> list[Maps]:
-        """What decides about each question's mask, read into memory at once. `Maps.mask` may then be called in any thread."""
+        """What decides about each question's mask, in memory. `Maps.mask` may be called in any thread."""
+        return self.unread(questions, decoder, negatives).read()
+
+    def unread(self, questions: Sequence[Question], decoder: str = DEFAULT_DECODER, negatives: np.ndarray | None = None) -> Unread:
+        """`maps`, computed in one pass and still where they were computed."""
         refined = reads_regions(decoder)
         rivals = [None if decoder == "threshold" else self._rivals(question.meant, negatives) for question in questions]
-        asked = [
-            rows
-            for question, others in zip(questions, rivals, strict=True)
-            for rows in (question.meant, others, question.excluded)
-            if rows is not None and len(rows)
-        ]
-        self._found(np.concatenate([np.atleast_2d(rows) for rows in asked]), refined)  # all that is new, at once
-        read = iter(self._aggregation.numpy([self._best(rows, refined) for rows in asked]))
-        found = []
-        for question, others in zip(questions, rivals, strict=True):
-            similarity = next(read)
-            beaten = next(read) if others is not None else None
-            found.append(Maps(similarity, beaten, next(read) if question.excluded is not None and len(question.excluded) else None))
-        return found
+        wanted = [(question.meant, others, question.excluded) for question, others in zip(questions, rivals, strict=True)]
+        given = [[rows for rows in kinds if rows is not None and len(rows)] for kinds in wanted]
+        self._found(np.concatenate([np.atleast_2d(rows) for kinds in given for rows in kinds]), refined)  # all that is new, at once
+        best = [[None if rows is None or not len(rows) else self._best(rows, refined) for rows in kinds] for kinds in wanted]
+        return Unread(best, self._aggregation.numpy)
 
     def label_map(self, vectors: np.ndarray, decoder: str = DEFAULT_DECODER) -> np.ndarray:
         """Index of the best class in each pixel, uint8 [H, W], of class vectors [n, D], n ≤ 255; `UNLABELLED` where nothing is similar."""

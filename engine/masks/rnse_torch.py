@@ -167,9 +167,9 @@ def _second_difference(unit: Tensor) -> Tensor:
     def at(down: int, right: int) -> Tensor:
         return padded[:, step + down : step + down + height, step + right : step + right + width]
 
-    pairs = (((0, -step), (0, step)), ((-step, 0), (step, 0)), ((-step, -step), (step, step)), ((-step, step), (step, -step)))
-    squares = [(at(*a) + at(*b) - twice).square().sum(0) for a, b in pairs]
-    return (torch.stack(squares).amin(0) / 6).sqrt()
+    around = ((0, -step), (-step, 0), (-step, -step), (-step, step))
+    before, after = (torch.stack([at(sign * down, sign * right) for down, right in around]) for sign in (1, -1))
+    return ((before + after - twice).square_().sum(1).amin(0) / 6).sqrt()
 
 
 def _continuity(direction: Tensor) -> Tensor:
@@ -178,11 +178,16 @@ def _continuity(direction: Tensor) -> Tensor:
     reach = rnse.REACH
     planes = direction.permute(2, 0, 1).contiguous()
     padded = functional.pad(planes, (reach,) * 4)
+    side, inner = 2 * reach + 1, 2 * reach - 1
+    # the four sides of the square, all of a side's pixels at once: [d, H, W, pixels] without a copy
+    sides = [padded[:, down : down + height].unfold(2, side, 1) for down in (0, 2 * reach)]
+    sides += [padded[:, 1 : 1 + height + inner - 1, right : right + width].unfold(1, inner, 1) for right in (0, 2 * reach)]
     found = torch.zeros(height, width, device=direction.device)
-    for down in range(-reach, reach + 1):
-        for right in range(-reach, reach + 1, 1 if abs(down) == reach else 2 * reach):
-            shifted = padded[:, reach + down : reach + down + height, reach + right : reach + right + width]
-            found += _ramp((planes * shifted).sum(0), rnse.ALIKE)
+    for pixels in sides:
+        cosines = planes[0, ..., None] * pixels[0]
+        for own, others in zip(planes[1:], pixels[1:], strict=True):
+            cosines.addcmul_(own[..., None], others)
+        found += _ramp(cosines, rnse.ALIKE).sum(-1)
     return found.clamp_max(1)
 
 
