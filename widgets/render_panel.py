@@ -207,6 +207,10 @@ class RenderPanel(QWidget):
         self._look.set_view(scale, x, y)
         self.update()
 
+    def is_whole(self) -> bool:
+        """Whether the whole picture is shown, whatever the size of the panel."""
+        return self._look.fitted
+
     def fit(self) -> None:
         """Show the whole picture, and keep doing so when the panel is resized."""
         self._fit()

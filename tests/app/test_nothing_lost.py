@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QMessageBox
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QWheelEvent
+from PySide6.QtWidgets import QApplication, QMessageBox
 
 from app.session_store import JOURNAL
 from engine.clip import UNLABELLED
@@ -68,6 +69,9 @@ app.exec()
 """
 
 
+NONE = Qt.KeyboardModifier.NoModifier
+
+
 def click(qtbot, box: QMessageBox, text: str) -> None:
     button = next(button for button in box.buttons() if button.text().replace("&", "").startswith(text))
     qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
@@ -88,12 +92,22 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
     opened.registry.run("file.save")
     parts.log_dock.hide()
     session.go_to(2)
+    at = QPointF(parts.panel.rect().center())
+    wheel = QWheelEvent(at, at, QPoint(), QPoint(0, 360), Qt.MouseButton.NoButton, NONE, Qt.ScrollPhase.NoScrollPhase, False)
+    QApplication.sendEvent(parts.panel, wheel)
+    qtbot.mousePress(parts.panel, Qt.MouseButton.RightButton, pos=at.toPoint())
+    qtbot.mouseMove(parts.panel, at.toPoint() + QPoint(90, 40))
+    qtbot.mouseRelease(parts.panel, Qt.MouseButton.RightButton, pos=at.toPoint() + QPoint(90, 40))
+    seen = parts.panel.view()
     opened.opening.open_demo()
     idle()
     assert session.look.prompts == ()
+    assert parts.panel.is_whole()
     opened.opening.open_path(run)
     idle()
     qtbot.wait(50)
+    assert np.allclose(parts.panel.view(), seen)
+    assert not parts.panel.is_whole()
     assert (session.look.layer, [prompt.text for prompt in session.look.prompts]) == ("depth", ["liver"])
     assert (session.frame, parts.timeline.frame(), session.camera_mode) == (2, 2, "free")  # left at 2, saved on leaving
     assert np.allclose(parts.splats.camera().viewmat, camera.viewmat)
