@@ -174,14 +174,12 @@ class RenderPanel(QWidget):
             self.update()
 
     def set_marker(self, x: float, y: float) -> None:
-        self._mark(QPointF(x, y))
+        self._marker = QPointF(x, y)
+        self.update()
 
     def clear_marker(self) -> None:
-        self._mark(None)
-
-    def _mark(self, marker: QPointF | None) -> None:
-        if marker != self._marker:
-            self._marker = marker
+        if self._marker is not None:
+            self._marker = None
             self.update()
 
     def set_legend(self, entries: Sequence[tuple[str, QColor]]) -> None:
