@@ -40,7 +40,7 @@ class PhantomOptions:
         "cautery": a grasper pulls the gallbladder while an electrocautery hook chars tissue that stands still.
         "bleeding": scissors part the cover of a kidney, blood wells up and spreads over tissue that breathes, a thin tube sucks it away.
     tool_masks : bool
-        Write `masks/NNNNNN.png` too, 255 = tool, so that the tools are neither reconstructed nor scored.
+        Write `masks/NNNNNN.png` too, 255 = pixels that a tool shows in, so that the tools are neither reconstructed nor scored.
     """
 
     frames: int = 40
@@ -135,8 +135,7 @@ def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
                 rng = np.random.default_rng([options.seed, i])
                 _write_frame(folder, i, view, options.noise * rng.standard_normal(view.rgb.shape), scene.stage.palette)
                 if options.tool_masks:
-                    tool = np.where(np.isnan(view.displacement[..., 0]), 255, 0).astype(np.uint8)
-                    Image.fromarray(tool).save(folder / "masks" / f"{i:06d}.png")
+                    Image.fromarray(np.where(view.tools, 255, 0).astype(np.uint8)).save(folder / "masks" / f"{i:06d}.png")
                 file.write(view.displacement.tobytes())
                 cautery[i] = view.cautery
                 progress((i + 1) / options.frames, f"photographed frame {i + 1} of {options.frames}")

@@ -34,6 +34,8 @@ class View:
     displacement : float32 [H, W, 3]
         mm, world frame; NaN where no tissue is seen.
     cautery : bool [H, W]
+    tools : bool [H, W]
+        Pixels that a tool shows in, be it in a corner: they are no tissue to score, unlike what `labels` says of their centres.
     """
 
     rgb: np.ndarray
@@ -41,6 +43,7 @@ class View:
     labels: np.ndarray
     displacement: np.ndarray
     cautery: np.ndarray
+    tools: np.ndarray
 
 
 class PhantomScene:
@@ -79,18 +82,18 @@ class PhantomScene:
         rotation, translation = camera.viewmat[:3, :3], camera.viewmat[:3, 3]
         displacements = stage.displacements(s)
         surfaces = [patch.rest + moved for patch, moved in zip(stage.patches, displacements, strict=True)]
-        tools = stage.tools(s)
+        instruments = stage.tools(s)
 
-        vertices = np.concatenate([*(surface.reshape(-1, 3) for surface in surfaces), *(tool.vertices for tool in tools)])
+        vertices = np.concatenate([*(surface.reshape(-1, 3) for surface in surfaces), *(tool.vertices for tool in instruments)])
         vertices = vertices @ rotation.T + translation
-        normals = np.concatenate([*(_normals(surface) for surface in surfaces), *(tool.normals for tool in tools)]) @ rotation.T
+        normals = np.concatenate([*(_normals(surface) for surface in surfaces), *(tool.normals for tool in instruments)]) @ rotation.T
         attributes = np.zeros((len(vertices), 5))
         tissue = len(self._texels)
         attributes[:tissue, :2], attributes[:tissue, 2:] = self._texels, np.concatenate([d.reshape(-1, 3) for d in displacements])
-        attributes[tissue:, :3] = np.concatenate([tool.colours for tool in tools])
-        offsets = tissue + np.cumsum([0] + [len(tool.vertices) for tool in tools])
-        triangles = np.concatenate([self._triangles, *(tool.triangles + np.int32(o) for tool, o in zip(tools, offsets, strict=False))])
-        tool_labels = np.concatenate([np.full(len(tool.triangles), tool.label, np.uint8) for tool in tools])
+        attributes[tissue:, :3] = np.concatenate([tool.colours for tool in instruments])
+        offsets = tissue + np.cumsum([0] + [len(tool.vertices) for tool in instruments])
+        triangles = np.concatenate([self._triangles, *(tool.triangles + np.int32(o) for tool, o in zip(instruments, offsets, strict=False))])
+        tool_labels = np.concatenate([np.full(len(tool.triangles), tool.label, np.uint8) for tool in instruments])
 
         z = np.ascontiguousarray(vertices[:, 2])
         focal, centre = self.focal * SAMPLES, np.array([self.width, self.height]) * SAMPLES / 2
@@ -116,7 +119,8 @@ class PhantomScene:
             stage.changed_label,
         )
         rgb = np.clip(colour, 0, 1) ** (1 / 2.2)
-        return View(rgb, depth.astype(np.float32), labels, moved.astype(np.float32), change > CHANGE_BEGUN)
+        tools = (owner >= len(self._triangles)).reshape(self.height, SAMPLES, self.width, SAMPLES).any((1, 3))
+        return View(rgb, depth.astype(np.float32), labels, moved.astype(np.float32), change > CHANGE_BEGUN, tools)
 
 
 def _normals(surface: np.ndarray) -> np.ndarray:

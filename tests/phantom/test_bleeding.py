@@ -81,14 +81,19 @@ def test_tissue_under_blood_moves_as_the_tissue_beside_it(phantom):
     assert np.linalg.norm(phantom.displacement[phantom.cautery], axis=-1).mean() > 0.5, "it breathes"
 
 
-def test_tool_masks_mark_exactly_the_tools(folder, phantom):
+def test_tool_masks_mark_every_pixel_that_a_tool_shows_in(folder, phantom):
+    """Pixels at an edge are mixed: scored as tissue, they would cost a perfect reconstruction most of a decibel."""
     for frame in (0, 4, 9):
         mask = np.array(Image.open(folder / "masks" / f"{frame:06d}.png"))
         assert set(np.unique(mask)) <= {0, 255}
-        assert np.array_equal(mask > 0, phantom.labels[frame] >= SCISSORS)
-        assert np.array_equal(mask > 0, np.isnan(phantom.displacement[frame]).any(-1))
+        tools = phantom.labels[frame] >= SCISSORS
+        assert np.array_equal(tools, np.isnan(phantom.displacement[frame]).any(-1))
+        assert (mask > 0)[tools].all()
+        edge = (mask > 0) & ~tools
+        assert edge.sum() >= 0.01 * tools.sum()
+        assert not (edge & (cv2.dilate(tools.astype(np.uint8), np.ones((3, 3))) == 0)).any()
     clip = open_clip(folder)
-    assert np.array_equal(clip.valid(9), phantom.labels[9] < SCISSORS)
+    assert np.array_equal(clip.valid(9), np.array(Image.open(folder / "masks" / "000009.png")) == 0)
 
 
 def test_names_are_in_the_vocabulary_and_thin_tools_are_thin(folder, phantom):
