@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -43,7 +42,7 @@ def _playback(trained: Scene, stages: tuple[tuple[int, int, int], ...], words: s
         f"{words[0].upper()}{words[1:]}. Colour only, frame after frame, from the surgeon's view. Frames a second: {rounds} rounds in "
         "which all rows take turns, the GPU's queue (if any) awaited at the end of a round only, as a player does; the middle round and, "
         f"in brackets, the least and the greatest. Milliseconds: {options.repeats} single frames, each awaited. Raw drawing has the states "
-        "of all frames at hand and calls the back end alone.",
+        "of all frames at hand and calls the back end alone. The live field has semantics too.",
         [
             Column("scene", "scene"),
             Column("what", "what"),
@@ -78,7 +77,7 @@ def _players(scene: Scene, camera: Camera) -> dict[str, Callable[[int], object]]
     states = [scene.splats(i) for i in range(frames)]
 
     def splats_drawn(splats: Splats) -> Tensor:
-        return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, camera).image
+        return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, camera, clean=True).image
 
     def raw(i: int, name: str) -> Tensor:
         s = states[i % frames]
@@ -92,16 +91,9 @@ def _players(scene: Scene, camera: Camera) -> dict[str, Callable[[int], object]]
     return works | {
         "baked states, drawn": lambda i: splats_drawn(scene.splats(i % frames)),
         "baked states, drawn and fetched as an array": lambda i: scene.draw(i % frames, camera, ("rgb",)),
-        "live field, drawn": lambda i: splats_drawn(_live(scene, i % frames)),
-        "live field alone": lambda i: _live(scene, i % frames),
+        "live field, drawn": lambda i: splats_drawn(scene.live(scene.time(i % frames))),
+        "live field alone": lambda i: scene.live(scene.time(i % frames)),
     }
-
-
-@torch.no_grad()
-def _live(scene: Scene, frame: int) -> Splats:
-    """The field's state now, in the clip's unit, without semantics."""
-    splats, unit = scene.model.at(scene.time(frame), semantics=False).splats, 1.0 / scene.run.info["unit"]
-    return replace(splats, means=splats.means * unit, scales=splats.scales * unit)
 
 
 def _view(scene: Scene, width: int, height: int) -> Camera:
