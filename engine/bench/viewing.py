@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from statistics import median
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from engine.bench.options import BenchOptions

@@ -92,7 +92,9 @@ class PhantomScene:
         attributes[:tissue, :2], attributes[:tissue, 2:] = self._texels, np.concatenate([d.reshape(-1, 3) for d in displacements])
         attributes[tissue:, :3] = np.concatenate([tool.colours for tool in instruments])
         offsets = tissue + np.cumsum([0] + [len(tool.vertices) for tool in instruments])
-        triangles = np.concatenate([self._triangles, *(tool.triangles + np.int32(o) for tool, o in zip(instruments, offsets, strict=False))])
+        triangles = np.concatenate(
+            [self._triangles, *(tool.triangles + np.int32(o) for tool, o in zip(instruments, offsets, strict=False))]
+        )
         tool_labels = np.concatenate([np.full(len(tool.triangles), tool.label, np.uint8) for tool in instruments])
 
         z = np.ascontiguousarray(vertices[:, 2])
