@@ -1,5 +1,7 @@
 """`MaskQuery`: decoders, caches, prompts that cover several classes, and pictures of any kind."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 import torch
@@ -121,6 +123,20 @@ def test_asked_alone_or_together_is_the_same_to_the_last_bit(asked, device):
             np.testing.assert_array_equal(alone.mask(question.meant, decoder, 0.45, vectors, question.excluded), mask)
             np.testing.assert_array_equal(alone.refined(question.meant), together.refined(question.meant))
             np.testing.assert_array_equal(alone.similarity(question.meant), together.similarity(question.meant))
+
+
+@pytest.mark.parametrize("device", ["memory", "tensors"])
+def test_frames_asked_in_several_threads_at_once_are_the_same(asked, device):
+    _, vectors, _, _ = asked
+    rgb, latent = asked[0]._aggregation._rgb, asked[0]._aggregation.unit
+
+    def masks(_: int) -> np.ndarray:
+        query = MaskQuery(*((rgb, latent) if device == "memory" else map(torch.from_numpy, (rgb, latent))), asked[0].basis)
+        return query.masks([Question(vector) for vector in vectors], negatives=vectors)
+
+    with ThreadPoolExecutor(4) as pool:
+        for found in pool.map(masks, range(8)):
+            np.testing.assert_array_equal(found, masks(0))
 
 
 @pytest.mark.parametrize("decoder", DECODERS)
