@@ -52,7 +52,7 @@ class ProbeMaps:
         for name, values in self.scalars.items():
             value = float(values[y, x])
             guess = " (a guess)" if name in self.uncertain and self.uncertain[name][y, x] else ""
-            rows.append((name, f"{value:.3g} {self.units[name]}".strip() + guess if np.isfinite(value) else "not known here"))
+            rows.append((name, f"{round(value, 6):.3g} {self.units[name]}".strip() + guess if np.isfinite(value) else "not known here"))
         for rank, (name, cosine) in enumerate(self.why(x, y), 1):
             rows.append((f"class {rank}", f"{name}  {cosine:.2f}"))
         return rows
