@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from app.clip_plan import angle_plan, field_of_view, path_plan
 from app.look import PROMPT_COLOURS, Colour
 from engine.colour_maps import UNKNOWN, colourise, mask_overlay
 
@@ -15,7 +15,14 @@ if TYPE_CHECKING:
     from engine.clip import Clip
 
 #: What can be checked, and on which picture.
-ASPECTS = {"frames": "Recorded frame", "masks": "What is left out", "depth": "Depth", "labels": "Annotations"}
+ASPECTS = {
+    "frames": "Recorded frame",
+    "masks": "What is left out",
+    "focal": "Angle of view, from above",
+    "poses": "Camera path, from above",
+    "depth": "Depth",
+    "labels": "Annotations",
+}
 TOOL: Colour = PROMPT_COLOURS[5]
 OUTSIDE: Colour = PROMPT_COLOURS[1]
 #: Frames that are looked at to tell the border of the picture, which never changes, from instruments.
@@ -44,6 +51,9 @@ def check_picture(clip: Clip, frame: int, aspect: str) -> CheckPicture:
     """Draw a frame under one of `ASPECTS`."""
     rgb = clip.frame(frame)
     match aspect:
+        case "focal" | "poses":
+            plan, legend = angle_plan(clip, frame) if aspect == "focal" else path_plan(clip, frame)
+            return CheckPicture(plan, None, legend)
         case "masks":
             return _masks(clip, frame, rgb)
         case "depth":
@@ -55,11 +65,8 @@ def check_picture(clip: Clip, frame: int, aspect: str) -> CheckPicture:
 
 def field_of_view_words(clip: Clip) -> str:
     """The angle of view that the focal length amounts to."""
-    camera = clip.cameras[0]
-    across, down = (
-        2 * math.degrees(math.atan(side / 2 / focal)) for side, focal in ((camera.width, camera.fx), (camera.height, camera.fy))
-    )
-    return f"{camera.fx:.0f} px shows {across:.0f}° across and {down:.0f}° down"
+    across, down = field_of_view(clip.cameras[0])
+    return f"{clip.cameras[0].fx:.0f} px shows {across:.0f}° across and {down:.0f}° down"
 
 
 def _masks(clip: Clip, frame: int, rgb: np.ndarray) -> CheckPicture:

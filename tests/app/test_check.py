@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,8 +12,10 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog
 
+from app import clip_plan
 from app.clip_check import check_picture
 from app.window.check_dialog import CheckDialog
+from engine.phantom import PhantomOptions, make_phantom
 from tests.fakes import MemoryClip
 
 
@@ -51,10 +54,25 @@ def test_check_and_correct_a_clip(qtbot, window, masked, idle, monkeypatch, scre
     assert not dialog.use.isEnabled()
     settled()
     assert dialog._clip.valid(0).mean() == pytest.approx(1 - left_out)
-    dialog.focal.setValue(123.0)
-    dialog.poses.setCurrentIndex(dialog.poses.findData("still"))
-    settled()
+    pictures = []
+    dialog.focal.setFocus(Qt.FocusReason.TabFocusReason)
+    for focal in (dialog.focal.value(), 60.0, 123.0):
+        dialog.focal.setValue(focal)
+        settled()
+        pictures.append(dialog.panel.grab_image())
+        screenshot(window, f"check-focal-{focal:.0f}")
+    assert dialog.aspect.currentData() == "focal"
+    assert not np.array_equal(pictures[1], pictures[2])
     assert "123 px shows 43° across" in dialog.found["focal"].text()
+    dialog.poses.setFocus(Qt.FocusReason.TabFocusReason)
+    assert dialog.aspect.currentData() == "poses"
+    pictures.clear()
+    for poses in ("estimate", "still"):
+        dialog.poses.setCurrentIndex(dialog.poses.findData(poses))
+        settled()
+        pictures.append(dialog.panel.grab_image())
+        screenshot(window, f"check-poses-{poses}")
+    assert not np.array_equal(*pictures)
     for aspect in ("depth", "labels"):
         dialog._turn_to(aspect)
         settled()
@@ -88,6 +106,55 @@ def test_pictures_say_what_they_show():
     depth = check_picture(clip, 0, "depth")
     assert [words for words, _ in depth.legend] == ["near 1.8 scene units", "far 2 scene units"]
     assert tuple(depth.rgb[15, 10]) != tuple(depth.rgb[30, 40])
+    focal = check_picture(clip, 0, "focal")
+    assert [words for words, _ in focal.legend] == [
+        "focal length 53 px: 49° across, 41° down",
+        "tissue along the middle of the picture",
+        "bar: 0.5 scene units",
+    ]
     labels = check_picture(clip, 0, "labels")
     assert [words.split(":")[0] for words, _ in labels.legend] == ["liver", "gallbladder"]
     assert check_picture(MemoryClip(labels=False), 0, "labels").legend[0][0] == "this frame is not annotated"
+
+
+def test_the_plan_shows_angles_and_paths_as_they_are():
+    """Seen from above the sides of the view meet at the angle of view, and a camera that goes right and turns is drawn so."""
+    clip = MemoryClip()
+    rgb = check_picture(clip, 0, "focal").rgb.astype(int)
+    side = np.abs(rgb - clip_plan.VIEW).max(-1) < 30
+    spread = [np.ptp(np.flatnonzero(side[row])) for row in (300, 400, 500)]
+    slopes = np.diff(spread) / 100  # how much wider a step forward makes the view
+    angles = 2 * np.degrees(np.arctan(-slopes / 2))
+    assert angles == pytest.approx(clip_plan.field_of_view(clip.cameras[0])[0], abs=1.5)
+    assert check_picture(clip, 0, "poses").legend[0][0] == "the camera stands still"
+    turn = np.radians(6.0)
+    for number, camera in enumerate(clip.cameras):
+        viewmat = np.eye(4)
+        angle = turn * number / 9
+        viewmat[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
+        viewmat[:3, 3] = viewmat[:3, :3] @ [-0.1 * number, 0.0, 0.0]
+        clip.cameras[number] = replace(camera, viewmat=viewmat)
+    path = check_picture(clip, 9, "poses")
+    assert path.legend[0][0] == "frame 9; the camera moves 0.9 scene units in all and turns by up to 6.0°"
+    first, last = (np.abs(path.rgb.astype(int) - colour).max(-1) < 4 for _, colour in path.legend[1:3])
+    assert np.flatnonzero(first.any(0)).mean() + 100 < np.flatnonzero(last.any(0)).mean()  # to the right
+    clip.poses = "estimate"
+    assert "not known yet" in check_picture(clip, 9, "poses").legend[0][0]
+
+
+def test_the_path_of_a_moving_clip_is_seen(qtbot, window, tmp_path, idle, screenshot):
+    make_phantom(tmp_path / "moving", PhantomOptions(frames=12, width=96, height=80, camera_motion=1.0), lambda fraction, message: None)
+    window.opening.open_path(tmp_path / "moving")
+    idle()
+    window.registry.run("file.check")
+    dialog = window.findChild(CheckDialog)
+    dialog.poses.setFocus(Qt.FocusReason.TabFocusReason)
+    pictures = []
+    for frame in (0, 6):
+        dialog.frame.setValue(frame)
+        idle()
+        pictures.append(dialog.panel.grab_image())
+    assert not np.array_equal(*pictures)
+    assert "the camera moves" in dialog.panel._legend[0][0]
+    screenshot(window, "check-poses")
+    dialog.reject()
