@@ -104,8 +104,8 @@ def _surroundings(lab: np.ndarray) -> list[np.ndarray]:
 
 def _neighbours(of: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of regions that touch, int64 [e, 2], and the length of their border in pixels, float64 [e]."""
-    right, down = np.stack([of[:, :-1].ravel(), of[:, 1:].ravel()], 1), np.stack([of[:-1].ravel(), of[1:].ravel()], 1)
-    pairs = np.sort(np.concatenate([right, down]).astype(np.int64), axis=1)
-    pairs = pairs[(pairs[:, 0] != pairs[:, 1]) & inside[pairs].all(1)]
+    touching = [(here[here != there], there[here != there]) for here, there in ((of[:, :-1], of[:, 1:]), (of[:-1], of[1:]))]
+    pairs = np.sort(np.concatenate([np.stack(sides, 1) for sides in touching]).astype(np.int64), axis=1)
+    pairs = pairs[inside[pairs].all(1)]
     codes, lengths = np.unique(pairs[:, 0] * len(inside) + pairs[:, 1], return_counts=True)
     return np.stack([codes // len(inside), codes % len(inside)], 1), lengths.astype(np.float64)
