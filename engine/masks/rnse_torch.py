@@ -68,8 +68,8 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
 
     def refined(self, vectors: np.ndarray) -> Tensor:
         labels, means, trust, doubt = self.evidence
-        pixel = self.similarity(vectors)
-        regional = _project(means.T.contiguous(), self._rows(vectors))[:, labels]
+        rows = self._rows(vectors)
+        pixel, regional = _project(self._planes, rows), _project(means.T.contiguous(), rows)[:, labels]
         coarse = pixel + trust * (regional - pixel)
         guided, explained = self._filter(coarse)
         weight = torch.maximum(doubt, _ramp(explained, rnse.EXPLAINED)).clamp_min(rnse.LEAST_GUIDED)
@@ -88,7 +88,8 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         return index.byte().cpu().numpy(), values.cpu().numpy()
 
     def _rows(self, vectors: np.ndarray) -> Tensor:
-        return torch.from_numpy(np.ascontiguousarray(vectors, np.float32)).to(self.unit.device)
+        # without waiting: CUDA has taken a copy of a small array by the time this returns
+        return torch.from_numpy(np.ascontiguousarray(vectors, np.float32)).to(self.unit.device, non_blocking=True)
 
     def _filter(self, maps: Tensor) -> tuple[Tensor, Tensor]:
         """G and mean R² of maps [n, H, W], as `engine.masks.guided_filter`."""
