@@ -31,7 +31,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         "query-clip",
         "A whole clip asked in words",
         f"{words[0].upper()}{words[1:]}, drawn at the size named. Prompts: {', '.join(PROMPTS)}; decoder rnse; all classes of the scene "
-        "close each other's holes. States are baked before, nothing else: each frame is drawn, its superpixels and similarities found, its "
+        "compete. States are baked before, nothing else: each frame is drawn, its superpixels and similarities found, its "
         f"masks decoded and read into memory. The middle of {ROUNDS} rounds and, in brackets, the least and the greatest. CPU time is of "
         f"all threads. One by one: {ALONE} frames spread over the clip, drawn anew for each prompt.",
         [
