@@ -16,7 +16,7 @@ RUN_ARGUMENTS = ("--preset", "quick", "--iterations", "60", "--max-gaussians", "
 @pytest.fixture(autouse=True, scope="session")
 def light_collections() -> Iterator[None]:
     """Keep the garbage collector out of the modules of torch and VTK: the check for leftovers collects twice a test, half a second each."""
-    import widgets.splat_view  # noqa: F401
+    import widgets.vtk_surface  # noqa: F401
 
     gc.collect()
     gc.freeze()

@@ -9,6 +9,9 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QPushButton
 
 from app.camera_book import CameraPath
+from app.settings import SettingsFile
+from app.targets import Spot
+from app.window.main import MainWindow
 from widgets.images import to_array
 
 
@@ -147,3 +150,30 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
         rendered = opened.session.scene.draw(8, splats.camera(), ("rgb",))
         covered = rendered["alpha"] > 0.99
         assert np.abs(shown[covered] / 255 - rendered["rgb"][covered]).max() < 0.03
+
+
+def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, monkeypatch, screenshot):
+    """In the whole window, although OpenGL is slow here: time, camera, highlight, screenshot and closing."""
+    monkeypatch.setattr("widgets.opengl.has_gpu", lambda: True)
+    window = MainWindow(SettingsFile(tmp_path / "settings.json"))
+    qtbot.addWidget(window)
+    with qtbot.waitSignal(window.ready, timeout=20_000):
+        window.show()
+    window.opening.open_path(run)
+    session, splats = window.session, window.parts.splats
+    qtbot.waitUntil(lambda: session.scene is not None and window.service.idle(), timeout=20_000)
+    assert splats._stills is None
+    early = splats.screenshot_image()
+    session.go_to(8)
+    session.probe = Spot(8, 40.5, 40.5)
+    qtbot.waitUntil(window.service.idle, timeout=20_000)
+    late = splats.screenshot_image()
+    assert np.abs(late.astype(int) - early).mean() > 1
+    qtbot.keyClick(splats.focusProxy(), Qt.Key.Key_Right)
+    assert session.camera_mode == "free"
+    qtbot.waitUntil(lambda: not splats._idle.isActive())
+    turned = splats.screenshot_image()
+    assert turned.std() > 10
+    assert not np.array_equal(turned, late)
+    screenshot(window, "vtk")
+    window.close()

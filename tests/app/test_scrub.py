@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 
+from widgets.camera_moves import letterboxed
+from widgets.images import to_array
+
 
 def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
     session = opened.session
@@ -19,6 +22,38 @@ def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
     assert np.array_equal(opened.parts.panel.grab_image(), session.scene.picture(7))
     assert np.allclose(opened.drawing.view.splats.means, session.scene.splats(7).means)
     screenshot(opened, "scrub")
+    canvas = opened.parts.splats.focusProxy()
+    idle()
+    there = to_array(canvas._image)
+    assert there.shape == (canvas.height(), canvas.width(), 3)  # finely drawn in the end
+    drawn = session.scene.draw(7, letterboxed(session.scene.camera(7), canvas.width(), canvas.height()), ("rgb",))
+    covered = drawn["alpha"] > 0.99
+    assert np.abs(there[covered] / 255 - drawn["rgb"][covered]).max() < 0.03
+
+
+def test_the_picture_is_painted_before_anything_else_is_asked_for(opened, idle, monkeypatch):
+    """The answer first: the 3D view, the areas of masks and all that follows from it wait until it is on the screen."""
+    panel, service, order = opened.parts.panel, opened.service, []
+    submit, paint = service.submit, panel._paint
+    monkeypatch.setattr(service, "submit", lambda channel, *rest, **named: (order.append(channel), submit(channel, *rest, **named)))
+    monkeypatch.setattr(
+        panel, "_paint", lambda painter: (order.append((opened.drawing.view.frame, opened.drawing.view.complete)), paint(painter))
+    )
+    opened.session.add_prompt("liver")
+    idle()
+    order.clear()
+    opened.session.go_to(5)
+    idle()
+    assert order[0] == "view"
+    answered = order.index((5.0, True))
+    assert "still" in order
+    assert "answers" in order[answered:]
+    assert not {"answers", "probe", "areas"} & set(map(str, order[:answered]))
+    order.clear()
+    opened.session.set_threshold(0.4)  # the same frame with other masks: the 3D view waits for them too
+    idle()
+    assert {"still", "answers"} <= set(order[order.index((5.0, True)) :])
+    assert not {"still", "answers"} & set(map(str, order[: order.index((5.0, True))]))
 
 
 @pytest.mark.parametrize(
