@@ -8,9 +8,8 @@ from typing import Any
 
 from engine.bench.options import BenchOptions
 from engine.bench.table import Cell, Column, Table
-from engine.bench.trainings import Training, base_config, phantoms, protocol, score_all
+from engine.bench.trainings import TEACHER_WORDS, Training, base_config, phantoms, protocol, score_all, vlm_like
 from engine.field import ROUTINGS
-from engine.language.teachers import VLM_LIKE
 from engine.masks import DECODERS, DEFAULT_DECODER
 from engine.progress import Progress
 from engine.training.config import TrainConfig
@@ -45,7 +44,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
                 clip,
                 options.scratch / f"ablation-{kind}-{i}-{seed}",
                 base_config(options, seed=seed, routing=variant[0], angular=variant[1], appearance=variant[2]),
-                f"degraded:{VLM_LIKE}",
+                vlm_like(seed),
             )
             for i, variant in enumerate(VARIANTS)
             for seed in options.seeds
@@ -55,7 +54,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
                 clip,
                 options.scratch / f"ablation-{kind}-other-{i}-{seed}",
                 base_config(options, seed=seed, **changes),
-                f"degraded:{VLM_LIKE}",
+                vlm_like(seed),
             )
             for i, changes in enumerate(OTHERS.values())
             for seed in options.seeds
@@ -81,10 +80,6 @@ def words_of(variant: Variant) -> dict[str, Cell]:
 NAMES = [Column("routing", "routing"), Column("loss", "loss"), Column("appearance", "Ψ_app")]
 
 
-def teacher_words() -> str:
-    return f"Teacher: exact labels degraded like a VLM ({VLM_LIKE}; engine/language/teachers/degraded.py), training frames only."
-
-
 def summary(kind: str, found: Found, options: BenchOptions) -> Table:
     """One row a training: masks by every decoder, false motion, motion, pictures."""
     columns = [*NAMES, *(Column(f"miou {d}", f"mIoU {d}", 3, "mean") for d in DECODERS)]
@@ -105,7 +100,7 @@ def summary(kind: str, found: Found, options: BenchOptions) -> Table:
         | {f"miou {d}": sum(floor) / len(floor) for d in DECODERS}
         | {"displacement_error": any_run["true_displacement"], "spurious_displacement": 0.0, "recovered_share": 0.0}
     )
-    return Table(f"ablation-{kind}", f"Ablation, phantom “{kind}”", f"{protocol(options)} {teacher_words()}", columns, rows)
+    return Table(f"ablation-{kind}", f"Ablation, phantom “{kind}”", f"{protocol(options)} {TEACHER_WORDS}.", columns, rows)
 
 
 def per_class(kind: str, found: Found, options: BenchOptions) -> Table:
@@ -120,7 +115,7 @@ def per_class(kind: str, found: Found, options: BenchOptions) -> Table:
     rows.append({"routing": "floor: everywhere"} | {c: found[BASELINE][0]["masks"][DECODERS[0]]["floor"][c] for c in classes})
     columns = [*NAMES, Column("decoder", "decoder"), Column("miou", "mIoU", 3, "mean"), *(Column(c, c, 3, "mean") for c in classes)]
     title = f"IoU of each class, phantom “{kind}”"
-    return Table(f"ablation-{kind}-classes", title, f"{protocol(options)} {teacher_words()}", columns, rows)
+    return Table(f"ablation-{kind}-classes", title, f"{protocol(options)} {TEACHER_WORDS}.", columns, rows)
 
 
 def parts(kind: str, found: Found, options: BenchOptions) -> Table:
@@ -148,7 +143,7 @@ def parts(kind: str, found: Found, options: BenchOptions) -> Table:
     return Table(
         f"ablation-{kind}-parts",
         f"The default less one part at a time, phantom “{kind}”",
-        f"{protocol(options)} {teacher_words()} Gaps are seed by seed.",
+        f"{protocol(options)} {TEACHER_WORDS}. Gaps are seed by seed.",
         [
             Column("part", "what is changed"),
             Column("miou", "mIoU", 3, "mean"),

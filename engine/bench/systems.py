@@ -8,8 +8,7 @@ from typing import Any
 
 from engine.bench.options import BenchOptions
 from engine.bench.table import Cell, Column, Table
-from engine.bench.trainings import Training, base_config, phantoms, protocol, score_all
-from engine.language.teachers import VLM_LIKE
+from engine.bench.trainings import TEACHER_WORDS, Training, base_config, phantoms, protocol, score_all, vlm_like
 from engine.language.vocabulary import surgical_vocabulary
 from engine.masks import DECODERS
 from engine.metrics.masks import mean
@@ -30,7 +29,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
                 clip,
                 options.scratch / f"systems-{kind}-{name}-{seed}",
                 replace(as_system(name, base_config(options, seed=seed)), fit=False),
-                f"degraded:{VLM_LIKE}",
+                vlm_like(seed),
             )
             for name in SYSTEMS
             for seed in options.seeds
@@ -60,8 +59,8 @@ def instruments(iou: dict[str, float | None]) -> float | None:
 
 def words(options: BenchOptions) -> str:
     return (
-        f"{protocol(options)} The preset's full budget for all systems. Teacher: exact labels degraded like a VLM ({VLM_LIKE}), training "
-        "frames only, the same words for all. What each system keeps of its original: engine/systems.py. "
+        f"{protocol(options)} The preset's full budget for all systems. {TEACHER_WORDS}, the same words for all systems. What each "
+        "keeps of its original: engine/systems.py. "
         "mIoU: each with its own best decoder, chosen on the scored frames."
     )
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from engine.bench.options import BenchOptions
 from engine.bench.workers import run_jobs, worker_count
+from engine.language.teachers import VLM_LIKE
 from engine.phantom import PhantomOptions, make_phantom
 from engine.progress import Progress
 from engine.training.config import TrainConfig
@@ -89,6 +90,18 @@ def base_config(options: BenchOptions, **changes: Any) -> TrainConfig:
     size = size_of(options)
     common = {"device": options.device, "iterations": size.iterations, "max_gaussians": size.gaussians, "checkpoint_seconds": 1e9}
     return TrainConfig.preset_of("quick", **(common | changes))
+
+
+def vlm_like(seed: int) -> str:
+    """The teacher of a training seed: exact labels degraded like a VLM's by chances of its own, whose luck is larger than a training's."""
+    return f"degraded:{replace(VLM_LIKE, seed=seed)}"
+
+
+#: `vlm_like` for the words above a table.
+TEACHER_WORDS = (
+    f"Teacher: exact labels degraded like a VLM ({str(VLM_LIKE).rpartition(',')[0]}; engine/language/teachers/degraded.py) with the "
+    "training's seed, training frames only"
+)
 
 
 def score_all(trainings: list[Training], options: BenchOptions, progress: Progress, words: str) -> list[dict[str, Any]]:

@@ -121,7 +121,7 @@ class PhantomScene:
             stage.changed_label,
         )
         rgb = np.clip(colour, 0, 1) ** (1 / 2.2)
-        tools = (owner >= len(self._triangles)).reshape(self.height, SAMPLES, self.width, SAMPLES).any((1, 3))
+        tools = np.any((owner >= len(self._triangles)).reshape(self.height, SAMPLES, self.width, SAMPLES), axis=(1, 3))
         return View(rgb, depth.astype(np.float32), labels, moved.astype(np.float32), change > CHANGE_BEGUN, tools)
 
 

@@ -40,8 +40,8 @@ def asked(monkeypatch, tmp_path):
 def test_ablation_is_a_full_grid_with_one_budget(asked):
     jobs, options = asked
     tables = {table.name: table for table in ablation.run(options, silent)}
-    budgets = {(j.config.iterations, j.config.max_gaussians, j.teacher) for j in jobs}
-    assert len(budgets) == 1
+    assert len({(j.config.iterations, j.config.max_gaussians) for j in jobs}) == 1
+    assert {(j.config.seed, j.teacher) for j in jobs} == {(seed, trainings.vlm_like(seed)) for seed in options.seeds}
     for kind in trainings.KINDS:
         grid = {(j.config.routing, j.config.angular, j.config.appearance, j.config.seed) for j in jobs if j.clip.name == kind}
         assert len(grid) == 3 * 2 * 2 * 2

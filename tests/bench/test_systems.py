@@ -49,7 +49,8 @@ def test_every_system_has_the_same_budget_and_teacher(tables):
     jobs, _ = tables
     assert len(jobs) == len(trainings.KINDS) * len(SYSTEMS) * 2
     assert len({job.out for job in jobs}) == len(jobs)
-    assert len({(j.config.iterations, j.config.max_gaussians, j.config.fit, j.teacher) for j in jobs}) == 1
+    assert len({(j.config.iterations, j.config.max_gaussians, j.config.fit) for j in jobs}) == 1
+    assert {(j.config.seed, j.teacher) for j in jobs} == {(seed, trainings.vlm_like(seed)) for seed in (0, 1)}
     assert jobs[0].teacher.startswith("degraded:patches=24")
 
 
