@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-REACH = 2.0  # patch sides: how far around a region patches are heard
-RIDGE = 6.0  # CIELAB units²: variance of colour below which colour does not explain vectors
-FIELD = 0.5  # patch sides: blur of the colours that a patch is taken to see
+REACH = 1.0  # patch sides: how far around a region patches are heard
+RIDGE = 0.7  # CIELAB units²: variance of colour below which colour does not explain vectors
+FIELD = 0.7  # patch sides: blur of the colours that a patch is taken to see
 
 
 def refined_by_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarray, regions: np.ndarray) -> np.ndarray:
