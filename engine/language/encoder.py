@@ -39,6 +39,10 @@ class TextEncoder(Protocol):
         """The same space, in which each of the session's class names is understood literally."""
         ...
 
+    def called(self, name: str) -> TextEncoder | None:
+        """The encoder that a run names, when it is this one, or this model asked as it was for that run; else None."""
+        ...
+
     def expand(self, text: str) -> np.ndarray:
         """float32 [m, D], m ≥ 1: a row for each session class that the text covers (all instruments for "tool"), else its own row."""
         ...
@@ -77,6 +81,13 @@ class WordedEncoder(ABC):
     @abstractmethod
     def _of_concept(self, concept: str) -> dict[str, np.ndarray]:
         """Unit vectors, by name, of a concept that no session class is or belongs to. PromptError where there is none."""
+
+    @abstractmethod
+    def with_classes(self, classes: Sequence[str]) -> WordedEncoder:
+        """The same space for other session classes."""
+
+    def called(self, name: str) -> WordedEncoder | None:
+        return self if name == self.name else None
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
         """float32 [n, D], unit rows: each has the same cosine to all that its text covers.

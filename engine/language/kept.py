@@ -59,9 +59,9 @@ def open_encoder(name: str, classes: Sequence[str], folder: Path, chosen: TextEn
         If another encoder was chosen, or nothing is left of the one that made the features.
     """
     if chosen is not None:
-        if chosen.name != name:
+        if (same := chosen.called(name)) is None:
             raise RunError(f"{folder.name} has features of the text encoder '{name}', so '{chosen.name}' cannot answer its prompts.")
-        return chosen.with_classes(classes)
+        return same.with_classes(classes)
     if name == EmbeddedEncoder.name:
         return EmbeddedEncoder(classes)
     if not (folder / KEPT).is_file():

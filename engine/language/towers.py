@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,10 @@ import torch
 from engine.errors import DegenseError
 from engine.language.encoder import TextEncoder, WordedEncoder
 from engine.language.teachers.vlm_models import DenseModel, find_model, model_config, model_digest, transformers_library
+from engine.language.templates import Embed, asked_in_templates
 from engine.language.text_vectors import TextVectors
 from engine.language.vocabulary import Vocabulary, surgical_vocabulary
 
-Embed = Callable[[Sequence[str]], np.ndarray]
 QUOTED = re.compile(r"\s*[\"“„«](.+)[\"“”»]\s*")
 #: What sentence-transformers may put one after the other, and we know how to.
 MODULES = ("Transformer", "Pooling", "Normalize")
@@ -28,25 +28,28 @@ class TextTower(WordedEncoder):
     """A model's vectors of the session's classes, of the vocabulary's concepts and, in quotes, of anything.
 
     A wording is asked by the name of what it means, so synonyms, misspellings and other languages work with a model that knows none of
-    them. A word that is not understood is an error: a model has a vector for nonsense, too. In quotes a text goes to the model as it is.
+    them. A word that is not understood is an error: a model has a vector for nonsense, too. In quotes a text is asked as it is.
 
     Parameters
     ----------
-    embed : callable
-        Texts → unit vectors float [n, D].
-    name : str
-        Of the model, digest included.
+    ways : mapping of str to callable
+        Texts → unit vectors float [n, D], by the encoder's name, digest of the model included. The first is this encoder, the others are as
+        earlier runs asked the same model.
     classes : sequence of str
     """
 
-    def __init__(self, embed: Embed, name: str, classes: Sequence[str] = (), vocabulary: Vocabulary | None = None):
+    def __init__(self, ways: Mapping[str, Embed], classes: Sequence[str] = (), vocabulary: Vocabulary | None = None):
         super().__init__(classes, vocabulary)
-        self._embed, self.name = embed, name
+        self._ways = ways
+        self.name, self._embed = next(iter(ways.items()))
         self._known: dict[str, np.ndarray] = {}
         self.dimension = len(self._vector("tissue"))
 
     def with_classes(self, classes: Sequence[str]) -> TextTower:
-        return TextTower(self._embed, self.name, classes, self.vocabulary)
+        return TextTower(self._ways, classes, self.vocabulary)
+
+    def called(self, name: str) -> TextTower | None:
+        return TextTower({name: self._ways[name], **self._ways}, self.classes, self.vocabulary) if name in self._ways else None
 
     def _vector(self, wording: str) -> np.ndarray:
         if wording not in self._known:
@@ -131,11 +134,11 @@ def encoder_at(place: str) -> TextEncoder:
     folder = find_model(place)
     if (folder / "modules.json").exists():
         sentences = SentenceModel(folder)
-        return TextTower(sentences.embed, sentences.name)
+        return TextTower({sentences.name: sentences.embed})
     model = DenseModel(folder, torch.device("cpu"))
     if model.kind != "clip":
         raise DegenseError(f"{folder.name} holds a {model.kind}, which has no text vectors to compare features with; name a CLIP.")
-    return TextTower(lambda texts: _unit(model.texts(texts)), model.name)
+    return TextTower(asked_in_templates(model.name, model.texts))
 
 
 def _pooling(folder: Path) -> str:
@@ -150,7 +153,3 @@ def _pooling(folder: Path) -> str:
     if others or len(chosen) != 1 or any(module not in MODULES for module in modules):
         raise DegenseError(f"{folder.name} is a sentence model with more than a transformer and mean or cls pooling, which is not read.")
     return "cls" if chosen == ["cls_token"] else "mean"
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)

@@ -11,7 +11,7 @@ import torch
 import transformers
 
 from engine.errors import DegenseError, PromptError, RunError
-from engine.language import keep_encoder, open_encoder
+from engine.language import keep_encoder, open_encoder, templates
 from engine.language.towers import encoder_at
 from tests.language.tiny_models import write_model
 
@@ -57,13 +57,35 @@ def test_a_tower_understands_wordings_and_says_what_it_does_not(places, kind):
     assert encoder.exclude('liver, not "a banana"').shape == (1, encoder.dimension)
 
 
-def test_clip_texts_are_what_transformers_computes(places):
-    model = transformers.CLIPModel.from_pretrained(places["clip"])
-    tokens = transformers.AutoTokenizer.from_pretrained(places["clip"])(["a photo of a spleen"], return_tensors="pt")
+def captions(folder: Path, *sentences: str) -> np.ndarray:
+    """Unit text vectors [n, D] as transformers computes them, sentence by sentence."""
+    model = transformers.CLIPModel.from_pretrained(folder)
+    tokenizer = transformers.AutoTokenizer.from_pretrained(folder)
     with torch.no_grad():
-        expected = model.text_projection(model.text_model(**tokens).pooler_output)[0].numpy()
+        vectors = [model.get_text_features(**tokenizer([text], return_tensors="pt")).pooler_output[0].numpy() for text in sentences]
+    return np.stack([vector / np.linalg.norm(vector) for vector in vectors])
+
+
+def test_a_clip_is_asked_in_several_captions(places):
+    said = captions(places["clip"], *(template.format("spleen") for template in templates.TEMPLATES)).mean(0)
     found = encoder_at(str(places["clip"])).encode(["the spleen"])[0]
-    np.testing.assert_allclose(found, expected / np.linalg.norm(expected), atol=1e-5)
+    np.testing.assert_allclose(found, said / np.linalg.norm(said), atol=1e-5)
+    assert len(templates.TEMPLATES) > 1
+    assert all(template.count("{}") == 1 for template in templates.TEMPLATES)
+
+
+def test_a_run_is_answered_in_the_captions_it_was_made_with_and_refuses_others(places, tmp_path, monkeypatch):
+    encoder = encoder_at(str(places["clip"]))
+    single, digest = encoder.name.split("+templates-")
+    assert len(digest) == 8
+    earlier = open_encoder(single, ["liver", "L_hook"], tmp_path, encoder)
+    assert (earlier.name, earlier.classes) == (single, ("liver", "L_hook"))
+    expected = captions(places["clip"], "a photo of a liver", "a photo of a L hook", "a photo of a ripe banana")
+    np.testing.assert_allclose(earlier.encode(["foie", "hook", '"ripe banana"']), expected, atol=1e-5)
+    assert open_encoder(encoder.name, [], tmp_path, encoder).name == encoder.name
+    monkeypatch.setattr(templates, "TEMPLATES", templates.TEMPLATES[:-1])
+    with pytest.raises(RunError, match=r"features of the text encoder 'clip-.*\+templates-.*', so 'clip-.*' cannot answer"):
+        open_encoder(encoder.name, [], tmp_path, encoder_at(str(places["clip"])))
 
 
 @pytest.mark.parametrize("mode", ["mean_tokens", "cls_token"])

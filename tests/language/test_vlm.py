@@ -13,6 +13,8 @@ from engine.errors import ClipError, DegenseError
 from engine.language.teachers import answered, teacher_by_name, teacher_choices
 from engine.language.teachers.vlm import VlmTeacher
 from engine.language.teachers.vlm_models import DenseModel, find_model
+from engine.language.templates import TEMPLATES
+from engine.language.towers import encoder_at
 from tests.fakes import MemoryClip
 from tests.language.tiny_models import write_model
 
@@ -46,8 +48,13 @@ def test_clip_gives_unit_features_in_the_space_of_its_own_text_vectors(models):
     tokenizer = transformers.AutoTokenizer.from_pretrained(str(models["clip"]), local_files_only=True)
     model = transformers.CLIPModel.from_pretrained(str(models["clip"]), local_files_only=True)
     with torch.no_grad():
-        told = model.get_text_features(**tokenizer(["a photo of a gallbladder"], return_tensors="pt")).pooler_output[0].numpy()
+        captions = [tokenizer([template.format("gallbladder")], return_tensors="pt") for template in TEMPLATES]
+        told = np.stack([model.get_text_features(**caption).pooler_output[0].numpy() for caption in captions])
+    told = (told / np.linalg.norm(told, axis=1, keepdims=True)).mean(0)
     np.testing.assert_allclose(teacher.encoder.encode(["gall bladder"])[0], told / np.linalg.norm(told), atol=1e-5)
+    tower = encoder_at(str(models["clip"]))
+    assert tower.name == teacher.encoder.name
+    np.testing.assert_allclose(tower.encode(["gall bladder"]), teacher.encoder.encode(["gall bladder"]), atol=1e-5)
 
 
 def test_patches_keep_their_place(models):

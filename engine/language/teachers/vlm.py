@@ -17,7 +17,8 @@ from engine.language.teachers.soft import soft_targets
 from engine.language.teachers.store import digest
 from engine.language.teachers.teacher import Targets
 from engine.language.teachers.tiles import tiled
-from engine.language.teachers.vlm_models import PROMPT, DenseModel, find_model
+from engine.language.teachers.vlm_models import DenseModel, find_model
+from engine.language.templates import PLAIN, asked_in_templates
 from engine.language.text_vectors import TextVectors
 from engine.language.vocabulary import surgical_vocabulary
 from engine.progress import Progress, silent
@@ -81,7 +82,7 @@ class VlmTeacher:
             "train frames": clip.train_frames,
             "valid": digest(*(clip.valid(frame) for frame in clip.train_frames[:: max(1, len(clip) // 4)])),
             "classes": list(clip.classes),
-            "prompt": PROMPT,
+            "prompt": PLAIN,
             "encoder": self.encoder.name,
             "versions": {name: version(name) for name in ("transformers", "torch", "opencv-contrib-python-headless")},
         }
@@ -109,5 +110,6 @@ class VlmTeacher:
 
 def _text_vectors(model: DenseModel, classes: Sequence[str]) -> TextEncoder:
     names = list(dict.fromkeys([*classes, *(concept.name for concept in surgical_vocabulary().concepts)]))
-    vectors = model.texts([name.replace("_", " ") for name in names])
-    return TextVectors(dict(zip(names, vectors, strict=True)), model.name).with_classes(classes)
+    encoder, embed = next(iter(asked_in_templates(model.name, model.texts).items()))
+    vectors = embed([name.replace("_", " ") for name in names])
+    return TextVectors(dict(zip(names, vectors, strict=True)), encoder).with_classes(classes)

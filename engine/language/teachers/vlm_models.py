@@ -19,13 +19,13 @@ import torch
 from torch import Tensor
 
 from engine.errors import DegenseError
+from engine.language.templates import PLAIN
 from engine.readers.files import shown
 
 HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
-PROMPT = "a photo of a {}"
 #: Mean and deviation of the pictures that CLIP was trained on, where the model's own preprocessor_config.json does not say.
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
-BATCH = 8
+BATCH, SENTENCES = 8, 64  # pictures and sentences that are asked at once
 PIECE = 1 << 20
 
 
@@ -95,7 +95,7 @@ class DenseModel:
         return patches.reshape(len(pictures), rows, rows, -1)
 
     def _logits(self, pictures: Tensor, wordings: Sequence[str]) -> Tensor:
-        tokens = self._tokens(wordings)
+        tokens = self._tokens([PLAIN.format(wording) for wording in wordings])
         made = []
         for picture in pictures:
             several = picture[None].expand(len(wordings), -1, -1, -1)
@@ -103,13 +103,16 @@ class DenseModel:
         return torch.stack(made).permute(0, 2, 3, 1)
 
     @torch.no_grad()
-    def texts(self, wordings: Sequence[str]) -> np.ndarray:
+    def texts(self, sentences: Sequence[str]) -> np.ndarray:
         """Text vectors of CLIP, float32 [n, D], not of unit length."""
-        pooled = self._model.text_model(**self._tokens(wordings)).pooler_output
-        return self._model.text_projection(pooled).float().cpu().numpy()
+        rows = []
+        for first in range(0, len(sentences), SENTENCES):
+            pooled = self._model.text_model(**self._tokens(sentences[first : first + SENTENCES])).pooler_output
+            rows.append(self._model.text_projection(pooled).float().cpu().numpy())
+        return np.concatenate(rows)
 
-    def _tokens(self, wordings: Sequence[str]) -> dict[str, Tensor]:
-        tokens = self._tokenizer([PROMPT.format(word) for word in wordings], padding=True, truncation=True, return_tensors="pt")
+    def _tokens(self, sentences: Sequence[str]) -> dict[str, Tensor]:
+        tokens = self._tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
         return {name: tokens[name].to(self._device) for name in ("input_ids", "attention_mask")}
 
 
