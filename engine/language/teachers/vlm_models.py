@@ -1,8 +1,9 @@
 """Vision-language models from a local folder, or from the cache that the user's own downloads filled; nothing is ever downloaded.
 
 Read: CLIP (`CLIPModel`) and CLIPSeg (`CLIPSegForImageSegmentation`) as `transformers` saves them, weights in safetensors.
-Not read: CAT-Seg's `model_final*.pth` (a detectron2 checkpoint) and SurgVLP's `SurgVLP.pth` are pickles of other programs, and open_clip's
-checkpoints name their layers otherwise. Features that such a model computed can be read from files (`precomputed`).
+Not read: CAT-Seg's `model_final*.pth` (a detectron2 checkpoint) and SurgVLP's `SurgVLP.pth`, pickles of other programs, and open_clip's
+checkpoints: that package needs a torchvision of the very build of PyTorch, and with another one transformers no longer loads its models
+either. Features that such a model computed can be read from files (`precomputed`).
 """
 
 from __future__ import annotations
@@ -150,7 +151,8 @@ def model_config(folder: Path) -> dict[str, Any]:
     file = folder / "config.json"
     if not file.exists():
         other = (
-            "an open_clip checkpoint; take the copy of the model that transformers reads"
+            "an open_clip checkpoint, which is not read; take the copy of the model that transformers reads, or compute its features "
+            "with open_clip and train with --teacher precomputed:FOLDER"
             if (folder / "open_clip_config.json").exists()
             else "no model"
         )
