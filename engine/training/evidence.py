@@ -22,7 +22,7 @@ from engine.raster.camera_tensors import view_and_lens
 from engine.training.frames import TrainingFrames
 
 FLOW_PIXELS = 100_000
-PAIR_BYTES, BYTES_A_PIXEL = 1 << 30, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
+PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
 DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
 SOFTNESS = 0.003  # scene units (median depth 1) below which the robust norm is quadratic
 

@@ -14,7 +14,7 @@ from engine.camera import Camera
 from engine.clip import Clip
 from engine.errors import ClipError
 
-CACHE_BYTES = 2 << 30
+CACHE_BYTES = 3 << 29
 FARTHEST = 1e3  # times the median depth; what is farther, or nearer than its inverse, is a fault of the sensor and counts as unknown
 
 

@@ -23,8 +23,8 @@ from engine.training.losses import angular, region_smoothness
 SPARSE = 0.25  # a teacher that speaks about a smaller share of the training frames has its words carried to the others
 LIKE = 8  # power of the cosine with which vectors count as saying the same
 BASIS_VECTORS = 20_000  # of all frames' vectors, that the basis is fitted to
-TARGET_BYTES = 1 << 30  # of supervision kept
-PIXEL_BYTES = 16  # of one pixel's
+TARGET_BYTES = 3 << 28  # of supervision kept
+PIXEL_BYTES = 20  # of one pixel's: its word, and what a target holds
 
 Words = tuple[np.ndarray, np.ndarray]
 

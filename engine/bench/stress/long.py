@@ -23,7 +23,7 @@ from engine.training import TrainConfig, train
 
 FRAMES = 2000
 OPENED, STEPPED, SMALL = (640, 512), (320, 256), (96, 80)  # pixels; quick takes the small one for both
-OPENING_MB, STEPS_MB = 1024, 4096  # the second: 2 GB of frames, 1 GB of supervision, and the libraries
+OPENING_MB, STEPS_MB = 1024, 4096  # the second: 1.5 GB of frames, .75 GB each of supervision and of flow, and the libraries
 ITERATIONS, QUICK_ITERATIONS = 30_000, 400
 
 
