@@ -228,7 +228,7 @@ class SceneModel(nn.Module):
             return self.semantic(kinematic)
         return self.semantic(torch.cat([kinematic.detach(), self.semantic_planes(points, t)], 1))
 
-    def recolouring(self, t: float | Tensor, recolour: Tensor | None) -> Tensor | None:
+    def _recolouring(self, t: float | Tensor, recolour: Tensor | None) -> Tensor | None:
         """Δcolour [N, 3] at time `t`: that of Ψ_app and each Gaussian's own; None where colours do not change."""
         if self.config.color_knots:
             own = at_time(self.canonical["tints"], t)
@@ -241,7 +241,7 @@ class SceneModel(nn.Module):
         if deformation is not None:
             means, log_scales = means + deformation.means, log_scales + deformation.log_scales
             quats, logits = quats + deformation.quats, logits + deformation.opacities
-            change = self.recolouring(t, recolour)
+            change = self._recolouring(t, recolour)
             if change is not None:
                 colors = colors + change
                 if self.responses is not None and latents.shape[1]:

@@ -30,6 +30,7 @@ Words = tuple[np.ndarray, np.ndarray]
 
 
 Kept = TypeVar("Kept")
+Vectors = TypeVar("Vectors", np.ndarray, Tensor)
 
 
 @dataclass
@@ -217,10 +218,15 @@ def _basis(vectors: np.ndarray, counts: np.ndarray, anchors: np.ndarray | None, 
     return fit_basis(vectors[some], counts[some].astype(np.float64), max_rank=max_rank, anchors=anchors)
 
 
+def alike(some: Vectors, others: Vectors) -> Vectors:
+    """How far unit vectors [k, d] and [l, d] say the same, [k, l] in [0, 1]: max(cos, 0)^`LIKE`."""
+    return (some @ others.T).clip(0) ** LIKE
+
+
 def _likes(vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """How many pixels say about the same as each vector, float64 [k]: Σ_j counts_j · max(cos_ij, 0)^`LIKE`."""
+    """How many pixels say about the same as each vector, float64 [k]: Σ_j counts_j · `alike`_ij."""
     unit = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
-    return np.maximum(unit @ unit.T, 0) ** LIKE @ counts.astype(np.float64)
+    return alike(unit, unit) @ counts.astype(np.float64)
 
 
 def _directed(vectors: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,11 +11,10 @@ from torch import Tensor
 
 from engine.field import SceneModel
 from engine.training.frames import TrainingFrames
-from engine.training.semantics import SemanticTargets
+from engine.training.semantics import SemanticTargets, alike
 from engine.training.trainer import draw_latents
 
 DOUBT = 0.2  # 1 − cos at which a word counts a third
-ALIKE = 8  # power of the cosine with which two words are of one kind
 KINDS = 2000  # words of all frames that stand for all kinds
 
 
@@ -25,8 +24,8 @@ def trust(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames) -
 
         w_j = m_j / Σ_l κ_jl n_l m_l · Σ_l κ_jl n_l        m_j = mean of exp((⟨F̃(p), ṽ_j⟩ − 1) / `DOUBT`) over the n_j pixels of word j
 
-    where F is what `model` has made of all frames' words together, and κ_jl = max(⟨ṽ_j, ṽ_l⟩, 0)^`ALIKE`. Dividing by the mean of its kind
-    keeps what is rarely seen from being outvoted: a thin instrument that moves is doubted in all of its words alike.
+    where F is what `model` has made of all frames' words together, and κ_jl how far two words are `alike`. Dividing by the mean of its kind
+    keeps what is rarely seen from being outvoted: a thin instrument that moves is doubted in all of its words.
     """
     words, sizes, doubted = [], [], []
     for frame in targets.frames:
@@ -44,7 +43,7 @@ def trust(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames) -
     some = torch.linspace(0, len(kinds) - 1, min(KINDS, len(kinds)), device=kinds.device).long()
     found = {}
     for frame, word, size, total in zip(targets.frames, words, sizes, doubted, strict=True):
-        alike = (word @ kinds[some].T).clamp_min(0) ** ALIKE
-        usual = (alike @ believed[some]) / (alike @ many[some]).clamp_min(1e-9)
+        kin = alike(word, kinds[some])
+        usual = (kin @ believed[some]) / (kin @ many[some]).clamp_min(1e-9)
         found[frame] = total / size.clamp_min(1) / usual.clamp_min(1e-3)
     return found
