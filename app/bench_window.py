@@ -150,7 +150,7 @@ def in_window(folder: Path, clip: Path, options: BenchOptions, progress: Progres
         scene, session = window.session.scene, window.session
         assert scene is not None
         for frame in range(scene.frames):  # what is baked once
-            scene.splats(frame)
+            scene.splats(frame, semantics=True)
         rest(window)
         measured = {}
         progress(0.1, "scrubbing")

@@ -100,7 +100,7 @@ def _gaussians(scene: Scene, indices: np.ndarray, weights: np.ndarray, curves: C
 
     def measure(request: LayerRequest, layers: list[Layer]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         if meanings:
-            latent = weights @ scene.splats(request.frame).semantics[indices].cpu().numpy()
+            latent = weights @ scene.splats(request.frame, semantics=True).semantics[indices].cpu().numpy()
             latent /= max(1e-12, float(np.linalg.norm(latent)))
             for text, meaning in meanings.items():
                 curves.similarity[text][int(request.frame)] = (meaning @ latent).max()

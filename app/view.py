@@ -112,8 +112,11 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
 
     look, frame = request.look, request.frame
     layer = get_layer(look.layer)
+    masked = look.visible_prompts if look.masks_shown and layer.name not in PROMPTED else ()
     if missing := layer.missing(scene, tuple(prompt.text for prompt in look.visible_prompts)):
         raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
+    if masked:
+        scene.splats(frame, semantics=True)  # picture and masks from one look at the field
     if request.quick:
         look = replace(look, decoder="threshold")
     query = replace(layer_request(look, frame), camera=request.camera)
@@ -135,7 +138,6 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     )
     if request.recorded and (recorded := scene.observed(round(frame))) is not None:
         view = replace(view, rgb=recorded, span=None, uncertain="")
-    masked = look.visible_prompts if look.masks_shown and layer.name not in PROMPTED else ()
     if not masked:
         return view
     yield replace(view, complete=False)

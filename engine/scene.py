@@ -42,6 +42,9 @@ class Cache:
         self.limit, self.size = limit, 0
         self._held: OrderedDict[Hashable, tuple[int, Any]] = OrderedDict()
 
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._held
+
     def get(self, key: Hashable, make: Callable[[], Value], weigh: Callable[[Value], int]) -> Value:
         if key in self._held:
             self._held.move_to_end(key)
@@ -171,12 +174,16 @@ class Scene:
         return self.clip.labels(frame) if self.clip is not None else None
 
     # -- states ----------------------------------------------------------------------------------------------------------------------------
-    def splats(self, frame: float) -> Splats:
-        """All Gaussians at a frame (baked: evaluated once, then kept), in the clip's unit, with latents."""
-        return self._states.get(("splats", float(frame)), lambda: self._evaluate(frame), _bytes_of)
+    def splats(self, frame: float, *, semantics: bool = False) -> Splats:
+        """All Gaussians at a frame (baked: evaluated once, then kept), in the clip's unit.
 
-    def _evaluate(self, frame: float) -> Splats:
-        return self.live(self.time(frame)).map(Tensor.clone)
+        `semantics` False: latents may be missing (rank 0), since most views need none and they cost as much as the rest.
+        """
+        whole = semantics or ("splats", float(frame), True) in self._states
+        return self._states.get(("splats", float(frame), whole), lambda: self._evaluate(frame, whole), _bytes_of)
+
+    def _evaluate(self, frame: float, semantics: bool) -> Splats:
+        return self.live(self.time(frame), semantics=semantics).map(Tensor.clone)
 
     @cached_property
     def live(self) -> LiveField:
@@ -190,7 +197,7 @@ class Scene:
     @cached_property
     def feature_axes(self) -> np.ndarray:
         """Three directions [d, 3] along which the scene's latents differ most, the same at every frame."""
-        latents = self.splats(self.reference_frame).semantics.cpu().numpy().astype(np.float64)
+        latents = self.splats(self.reference_frame, semantics=True).semantics.cpu().numpy().astype(np.float64)
         latents /= np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
         _, _, axes = np.linalg.svd(latents - latents.mean(0), full_matrices=False)
         axes = axes[:3].T
@@ -249,7 +256,7 @@ class Scene:
     @torch.no_grad()
     def draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
         """`render` without the cache."""
-        splats = self.splats(frame)
+        splats = self.splats(frame, semantics="latent" in what)
         columns: dict[str, Tensor] = {}
         for name in what:
             if name == "rgb":
@@ -330,7 +337,7 @@ class Scene:
         """`query` without the cache; on a GPU the picture stays there. DegenseError without semantics."""
         if self.basis is None:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
-        splats = self.splats(frame)
+        splats = self.splats(frame, semantics=True)
         features = torch.cat([splats.colors, splats.semantics], 1)
         drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera, clean=True)
         return query_of(drawn, self.basis)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from statistics import median
 
 import torch
@@ -99,8 +100,9 @@ def _states(scene: Scene, words: str, options: BenchOptions, progress: Progress)
 def _ways(scene: Scene, exact: SceneModel, frame: int) -> list[Way]:
     """All ways; what is timed happens at `frame`."""
     model, t = scene.model, scene.time(frame)
-    bytes_of_state = sum(tensor.nbytes for tensor in vars(scene.splats(frame)).values())
-    before, here, after = (scene.splats(frame + step) for step in (-1, 0, 1))
+    baked = partial(scene.splats, semantics=True)
+    bytes_of_state = sum(tensor.nbytes for tensor in vars(baked(frame)).values())
+    before, here, after = (baked(frame + step) for step in (-1, 0, 1))
     halves, parts = here.map(Tensor.half), _half_but_centres(here)
     mixed = sum(tensor.nbytes for tensor in vars(parts).values())
     return [
@@ -108,30 +110,30 @@ def _ways(scene: Scene, exact: SceneModel, frame: int) -> list[Way]:
         Way("field", lambda: model.at(t), lambda f: _evaluated(scene, model, f)),
         Way("field, without semantics", lambda: model.at(t, semantics=False), lambda f: _evaluated(scene, model, f, semantics=False)),
         Way("field, centres only", lambda: model.means_at(t), None),
-        Way("baked", lambda: scene.splats(frame), scene.splats, bytes_of_state / 1e6),
+        Way("baked", lambda: baked(frame), baked, bytes_of_state / 1e6),
         Way(
             "baked, float16 but centres",
             lambda: parts.map(Tensor.float),
-            lambda f: _half_but_centres(scene.splats(f)).map(Tensor.float),
+            lambda f: _half_but_centres(baked(f)).map(Tensor.float),
             mixed / 1e6,
         ),
         Way(
             "baked, float16",
             lambda: halves.map(Tensor.float),
-            lambda f: scene.splats(f).map(Tensor.half).map(Tensor.float),
+            lambda f: baked(f).map(Tensor.half).map(Tensor.float),
             bytes_of_state / 2e6,
         ),
         Way(
             "between two baked frames",
             lambda: _between(here, after),
-            lambda f: _between(scene.splats(f - 0.5), scene.splats(f + 0.5)),
+            lambda f: _between(baked(f - 0.5), baked(f + 0.5)),
             bytes_of_state / 1e6,
             shift=0.5,
         ),
         Way(
             "every second frame baked",
             lambda: _between(before, after),
-            lambda f: _between(scene.splats(f - 1), scene.splats(f + 1)),
+            lambda f: _between(baked(f - 1), baked(f + 1)),
             bytes_of_state / 2e6,
         ),
     ]

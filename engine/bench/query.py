@@ -49,7 +49,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         progress(0.6 + 0.4 * done / len(stages), f"asking a clip of {frames} frames")
         scene = long_scene(with_count(trained, count), width, height, frames)
         for frame in range(frames):
-            scene.splats(frame)
+            scene.splats(frame, semantics=True)
         some = np.unique(np.linspace(0, frames - 1, ALONE).round().astype(int)).tolist()
         one_by_one = {frame: _alone(scene, frame) for frame in some}  # compiles and loads what the first call needs, too
         for what, prompts in ((f"{len(PROMPTS)} prompts in one pass", PROMPTS), ("1 prompt", PROMPTS[:1])):

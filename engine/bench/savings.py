@@ -75,12 +75,12 @@ def savings_table(scene: Scene, words: str, options: BenchOptions, progress: Pro
 
 def _baking(scene: Scene) -> Iterator[Saving]:
     frame = scene.frames // 2
-    live, baked = scene.model.at(scene.time(frame)).splats, scene.splats(frame)
+    live, baked = scene.model.at(scene.time(frame)).splats, scene.splats(frame, semantics=True)
     unit = scene.run.info["unit"]
     error = max((live.means / unit - baked.means).abs().max().item(), (live.colors - baked.colors).abs().max().item())
     yield Saving(
         "baked states instead of the field",
-        (lambda: scene.model.at(scene.time(frame)), lambda: scene.splats(frame)),
+        (lambda: scene.model.at(scene.time(frame)), lambda: scene.splats(frame, semantics=True)),
         f"{error:.0e} of centres and colours",
     )
 
@@ -88,7 +88,7 @@ def _baking(scene: Scene) -> Iterator[Saving]:
 def _semantic_channels(scene: Scene) -> Iterator[Saving]:
     frame = scene.frames // 2
     camera, t = scene.camera(frame), scene.time(frame)
-    splats = scene.splats(frame)
+    splats = scene.splats(frame, semantics=True)
     everything = torch.cat([splats.colors, splats.semantics], 1)
 
     def drawn(features: Tensor) -> Tensor:

@@ -41,7 +41,7 @@ def _playback(trained: Scene, stages: tuple[tuple[int, int, int], ...], words: s
         f"{words[0].upper()}{words[1:]}. Colour only, frame after frame, from the surgeon's view. Frames a second: {rounds} rounds in "
         "which all rows take turns, the GPU's queue (if any) awaited at the end of a round only, as a player does; the middle round and, "
         f"in brackets, the least and the greatest. Milliseconds: {options.repeats} single frames, each awaited. Raw drawing has the states "
-        "of all frames at hand and calls the back end alone. The live field has semantics too.",
+        f"of all frames at hand and calls the back end alone. Latents: {trained.model.config.rank} a Gaussian.",
         [
             Column("scene", "scene"),
             Column("what", "what"),
@@ -82,6 +82,9 @@ def _players(scene: Scene, camera: Camera) -> dict[str, Callable[[int], object]]
         s = states[i % frames]
         return draws[name]([s.means, s.quats, s.scales, s.opacities, s.colors], camera)
 
+    def live(i: int, *, semantics: bool = False) -> Splats:
+        return scene.live(scene.time(i % frames), semantics=semantics)
+
     draws = back_ends(scene.model.bounds.device.type)
     works: dict[str, Callable[[int], object]] = {
         f"raw: {name}": lambda i, name=name: raw(i, name)  # type: ignore[misc]
@@ -90,8 +93,10 @@ def _players(scene: Scene, camera: Camera) -> dict[str, Callable[[int], object]]
     return works | {
         "baked states, drawn": lambda i: splats_drawn(scene.splats(i % frames)),
         "baked states, drawn and fetched as an array": lambda i: scene.draw(i % frames, camera, ("rgb",)),
-        "live field, drawn": lambda i: splats_drawn(scene.live(scene.time(i % frames))),
-        "live field alone": lambda i: scene.live(scene.time(i % frames)),
+        "live field, drawn": lambda i: splats_drawn(live(i)),
+        "live field alone": live,
+        "live field with latents, drawn": lambda i: splats_drawn(live(i, semantics=True)),
+        "live field with latents, alone": lambda i: live(i, semantics=True),
     }
 
 
@@ -132,7 +137,7 @@ def _prompts(trained: Scene, stages: tuple[tuple[int, int, int], ...], words: st
 def _questions(scene: Scene, camera: Camera, vectors: np.ndarray) -> dict[str, Callable[[int], object]]:
     """Answers prompt i, by name."""
     for i in range(scene.frames):
-        scene.splats(i)
+        scene.splats(i, semantics=True)
     kept = scene.new_query(scene.frames // 2, camera)
     kept.mask(vectors[0], negatives=vectors)
     random = np.random.default_rng(0)

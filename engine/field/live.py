@@ -22,22 +22,23 @@ class LiveField:
 
     def __init__(self, model: SceneModel, unit: float = 1.0):
         self.model, self.unit = model, unit
-        self._graph: torch.cuda.CUDAGraph | None = None
         self._time = torch.zeros((), device=model.bounds.device)
-        if self._time.is_cuda:
-            self._record()
+        self._recorded: dict[bool, tuple[torch.cuda.CUDAGraph, Splats]] = {}
 
-    def __call__(self, t: float) -> Splats:
-        """All Gaussians at time `t` ∈ [-1, 1]. On CUDA the next call overwrites them."""
-        if self._graph is None:
-            return self._evaluate(torch.tensor(t))
+    def __call__(self, t: float, *, semantics: bool) -> Splats:
+        """All Gaussians at time `t` ∈ [-1, 1], with latents or, sooner, with none. On CUDA the next such call overwrites them."""
+        if not self._time.is_cuda:
+            return self._evaluate(torch.tensor(t), semantics)
+        if semantics not in self._recorded:
+            self._recorded[semantics] = self._record(semantics)
+        graph, splats = self._recorded[semantics]
         self._time.fill_(t)
-        self._graph.replay()
-        return self._splats
+        graph.replay()
+        return splats
 
     @torch.no_grad()
-    def _evaluate(self, t: Tensor) -> Splats:
-        splats = self.model.at(t).splats
+    def _evaluate(self, t: Tensor, semantics: bool) -> Splats:
+        splats = self.model.at(t, semantics=semantics).splats
         means, quats, scales, opacities = splats.means * self.unit, splats.quats, splats.scales * self.unit, splats.opacities
         if means.is_cuda:
             from engine.raster.cuda import cleaned
@@ -45,12 +46,13 @@ class LiveField:
             quats, scales, opacities = cleaned(means, quats, scales, opacities, torch.cat([splats.colors, splats.semantics], 1))
         return Splats(means, quats, scales, opacities, splats.colors, splats.semantics)
 
-    def _record(self) -> None:
+    def _record(self, semantics: bool) -> tuple[torch.cuda.CUDAGraph, Splats]:
         stream = torch.cuda.Stream()
         stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(stream):
-            self._evaluate(self._time)
+            self._evaluate(self._time, semantics)
         torch.cuda.current_stream().wait_stream(stream)
-        self._graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self._graph):
-            self._splats = self._evaluate(self._time)
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            splats = self._evaluate(self._time, semantics)
+        return graph, splats

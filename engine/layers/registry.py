@@ -42,7 +42,7 @@ def _features(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _features_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return _as_colours(scene, scene.splats(request.frame).semantics.cpu().numpy())
+    return _as_colours(scene, scene.splats(request.frame, semantics=True).semantics.cpu().numpy())
 
 
 def _prompted(request: LayerRequest) -> tuple[str, ...]:
@@ -60,7 +60,7 @@ def _splat_similarities(scene: Scene, request: LayerRequest, texts: tuple[str, .
     """Cosine of every Gaussian's latent with every text, [N, texts]; −1 where something that the text excludes is as similar."""
     meanings = [scene.meanings(text) for text in texts]
     assert scene.basis is not None
-    latents = scene.splats(request.frame).semantics.cpu().numpy()
+    latents = scene.splats(request.frame, semantics=True).semantics.cpu().numpy()
     latents = latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
     found = np.stack([(latents @ scene.basis.project(meaning).T).max(1) for meaning in meanings], 1)
     for k, text in enumerate(texts):

@@ -110,7 +110,7 @@ def _query_times(scene: Scene) -> dict[str, float]:
     frames = np.linspace(0, scene.frames - 1, min(scene.frames, 5)).round().astype(int)
     vectors = scene.vectors(scene.classes)
     for i in frames:
-        scene.splats(i)
+        scene.splats(i, semantics=True)
         start = time.perf_counter()
         query = scene.new_query(i, scene.camera(i))
         query.mask(vectors[0], negatives=vectors)

@@ -61,7 +61,7 @@ def test_facts(scene, clip):
 
 def test_states_are_the_models_in_the_clips_unit(fresh):
     for frame in (0, 3, 4.5):
-        splats = fresh.splats(frame)
+        splats = fresh.splats(frame, semantics=True)
         with torch.no_grad():
             model = fresh.model.at(fresh.time(frame)).splats
         unit = fresh.run.info["unit"]
@@ -71,6 +71,16 @@ def test_states_are_the_models_in_the_clips_unit(fresh):
             assert torch.equal(getattr(splats, name), getattr(model, name)), name
         assert not splats.means.requires_grad
     assert fresh.splats(3) is fresh.splats(3)
+
+
+def test_states_without_latents_are_the_same_gaussians(fresh):
+    bare = fresh.splats(2)
+    whole = fresh.splats(2, semantics=True)
+    assert bare.semantics.shape == (len(whole), 0)
+    assert whole.semantics.shape[1] == fresh.basis.rank
+    for name in ("means", "quats", "scales", "opacities", "colors"):
+        assert torch.equal(getattr(bare, name), getattr(whole, name)), name
+    assert fresh.splats(2) is whole, "what has latents serves those who need none"
 
 
 def test_one_pass_draws_what_single_passes_draw(fresh):
