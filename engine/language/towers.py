@@ -13,7 +13,8 @@ import torch
 
 from engine.errors import DegenseError
 from engine.language.encoder import TextEncoder, WordedEncoder
-from engine.language.teachers.vlm_models import DenseModel, find_model, model_config, model_digest, transformers_library
+from engine.language.teachers.model_folder import find_model, model_config, model_digest, transformers_library
+from engine.language.teachers.vlm_models import DenseModel
 from engine.language.templates import Embed, asked_in_templates
 from engine.language.text_vectors import TextVectors
 from engine.language.vocabulary import Vocabulary, surgical_vocabulary

@@ -11,8 +11,9 @@ import torch
 
 from engine.errors import ClipError, DegenseError
 from engine.language.teachers import answered, teacher_by_name, teacher_choices
+from engine.language.teachers.model_folder import find_model
 from engine.language.teachers.vlm import VlmTeacher
-from engine.language.teachers.vlm_models import DenseModel, find_model
+from engine.language.teachers.vlm_models import DenseModel
 from engine.language.templates import TEMPLATES
 from engine.language.towers import encoder_at
 from tests.fakes import MemoryClip

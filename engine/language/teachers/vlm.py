@@ -13,11 +13,12 @@ from engine.clip import Clip
 from engine.errors import ClipError
 from engine.language.embedded import EmbeddedEncoder
 from engine.language.encoder import TextEncoder
+from engine.language.teachers.model_folder import find_model
 from engine.language.teachers.soft import soft_targets
 from engine.language.teachers.store import digest
 from engine.language.teachers.teacher import Targets
 from engine.language.teachers.tiles import tiled
-from engine.language.teachers.vlm_models import DenseModel, find_model
+from engine.language.teachers.vlm_models import DenseModel
 from engine.language.templates import PLAIN, asked_in_templates
 from engine.language.text_vectors import TextVectors
 from engine.language.vocabulary import surgical_vocabulary

@@ -1,0 +1,87 @@
+"""The folder of a model: where it lies, what it says of itself, and a digest by which it is known again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from engine.errors import DegenseError
+from engine.readers.files import shown
+
+HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
+PIECE = 1 << 20
+
+
+def find_model(place: str) -> Path:
+    """The folder of a model: `place` itself, or what the user's own cache holds of the hub's model of that name.
+
+    Raises
+    ------
+    DegenseError
+        When it is neither, or a checkpoint that cannot be read.
+    """
+    path = Path(place).expanduser()
+    if path.suffix in (".pth", ".pt", ".bin", ".ckpt") or (
+        path.is_dir() and not (path / "config.json").exists() and any(path.glob("*.pt*"))
+    ):
+        raise DegenseError(
+            f"{shown(path)} is a pickled checkpoint (as of CAT-Seg or SurgVLP), which is not read; compute its features with its program "
+            "and train with --teacher precomputed:FOLDER."
+        )
+    if path.is_dir():
+        return path
+    if not HUB_NAME.fullmatch(place):
+        raise DegenseError(f"{shown(path)} is no folder; name the folder of a model, as in --teacher vlm:FOLDER.")
+    transformers_library()
+    from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import LocalEntryNotFoundError
+
+    try:
+        return Path(snapshot_download(place, local_files_only=True))
+    except LocalEntryNotFoundError as error:
+        raise DegenseError(f"{place} is neither a folder nor in your model cache; download it first (degense never does).") from error
+
+
+def model_config(folder: Path) -> dict[str, Any]:
+    file = folder / "config.json"
+    if not file.exists():
+        other = (
+            "an open_clip checkpoint, which is not read; take the copy of the model that transformers reads, or compute its features "
+            "with open_clip and train with --teacher precomputed:FOLDER"
+            if (folder / "open_clip_config.json").exists()
+            else "no model"
+        )
+        raise DegenseError(f"{shown(folder)} holds no config.json: it is {other}.")
+    try:
+        config = json.loads(file.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DegenseError(f"{shown(file)} is not valid JSON.") from error
+    if not isinstance(config, dict):
+        raise DegenseError(f"{shown(file)} describes no model.")
+    return config
+
+
+def transformers_library() -> Any:
+    """The package transformers, quiet. DegenseError when it is not installed."""
+    try:
+        import transformers
+    except ImportError as error:
+        raise DegenseError("a model needs the package transformers; install it with: pip install 'degense[vlm]'") from error
+    transformers.utils.logging.disable_progress_bar()
+    return transformers
+
+
+def model_digest(folder: Path) -> str:
+    """Of the configuration, the size of the weights and a few pieces of them, 12 hexadecimal digits."""
+    total = hashlib.sha256((folder / "config.json").read_bytes())
+    for file in sorted(folder.glob("*.safetensors")):
+        size = file.stat().st_size
+        total.update(f"{file.name} {size}".encode())
+        with file.open("rb") as opened:
+            for place in (0, size // 2, max(0, size - PIECE)):
+                opened.seek(place)
+                total.update(opened.read(PIECE))
+    return total.hexdigest()[:12]
