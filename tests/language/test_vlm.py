@@ -113,7 +113,7 @@ def test_what_cannot_be_read_is_one_sentence(models, tmp_path, monkeypatch):
     cases = {
         str(tmp_path / "catseg"): "pickled checkpoint .as of CAT-Seg or SurgVLP., which is not read; compute its features",
         "SurgVLP.pth": "pickled checkpoint",
-        str(tmp_path / "open"): "open_clip checkpoint, which is not read; take the copy of the model that transformers reads",
+        str(tmp_path / "open"): "of open_clip's models only a CLIP of a plain ViT is read; take the copy that transformers reads",
         str(tmp_path / "bert"): "kind 'bert'; those that can be read are clip, clipseg",
         str(pickled): "with model.safetensors",
         str(tmp_path / "nowhere"): "is no folder",

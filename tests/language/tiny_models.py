@@ -23,16 +23,23 @@ TEXT = {
 VISION = {"hidden_size": 16, "intermediate_size": 24, "num_hidden_layers": 3, "num_attention_heads": 2, "image_size": 32, "patch_size": 8}
 
 
+def write_tokenizer(folder: Path) -> None:
+    """The files of CLIP's tokenizer, of letters only."""
+    import transformers
+
+    (folder / "vocab.json").write_text(json.dumps(VOCABULARY))
+    (folder / "merges.txt").write_text("#version: 0.2\n")
+    tokenizer = transformers.CLIPTokenizer(str(folder / "vocab.json"), str(folder / "merges.txt"), model_max_length=77)
+    tokenizer.save_pretrained(folder)
+
+
 def write_model(folder: Path, kind: str) -> Path:
     """A `clip` or `clipseg` as its authors publish it: configuration, weights in safetensors, tokenizer, preprocessing."""
     import transformers
 
     transformers.utils.logging.disable_progress_bar()
     folder.mkdir()
-    (folder / "vocab.json").write_text(json.dumps(VOCABULARY))
-    (folder / "merges.txt").write_text("#version: 0.2\n")
-    tokenizer = transformers.CLIPTokenizer(str(folder / "vocab.json"), str(folder / "merges.txt"), model_max_length=77)
-    tokenizer.save_pretrained(folder)
+    write_tokenizer(folder)
     (folder / "preprocessor_config.json").write_text(json.dumps({"image_mean": [0.5, 0.4, 0.3], "image_std": [0.3, 0.2, 0.2]}))
     torch.manual_seed(0)
     shape = {"text_config": TEXT, "vision_config": VISION, "projection_dim": 12}

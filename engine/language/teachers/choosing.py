@@ -17,7 +17,7 @@ from engine.language.teachers.strokes import StrokeTeacher
 from engine.language.teachers.teacher import Teacher
 
 TEACHERS = ("labels", "strokes", "precomputed", "vlm", "degraded")
-NO_MODEL = "a model must be named: the folder of a CLIP or CLIPSeg that transformers saved (vlm:FOLDER)"
+NO_MODEL = "a model must be named: the folder of a CLIP or CLIPSeg as transformers or open_clip saves it (vlm:FOLDER)"
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,9 @@ from engine.errors import DegenseError
 from engine.readers.files import shown
 
 HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
+#: As open_clip publishes a model. As transformers does, it is config.json and model.safetensors, in one file or several.
+OPEN_CLIP_CONFIG, OPEN_CLIP_WEIGHTS = "open_clip_config.json", "open_clip_model.safetensors"
+MOST_BYTES = 16 << 20  # of a configuration
 PIECE = 1 << 20
 
 
@@ -24,9 +27,8 @@ def find_model(place: str) -> Path:
         When it is neither, or a checkpoint that cannot be read.
     """
     path = Path(place).expanduser()
-    if path.suffix in (".pth", ".pt", ".bin", ".ckpt") or (
-        path.is_dir() and not (path / "config.json").exists() and any(path.glob("*.pt*"))
-    ):
+    described = any((path / name).exists() for name in ("config.json", OPEN_CLIP_CONFIG))
+    if path.suffix in (".pth", ".pt", ".bin", ".ckpt") or (path.is_dir() and not described and any(path.glob("*.pt*"))):
         raise DegenseError(
             f"{shown(path)} is a pickled checkpoint (as of CAT-Seg or SurgVLP), which is not read; compute its features with its program "
             "and train with --teacher precomputed:FOLDER."
@@ -45,17 +47,26 @@ def find_model(place: str) -> Path:
         raise DegenseError(f"{place} is neither a folder nor in your model cache; download it first (degense never does).") from error
 
 
+def is_open_clip(folder: Path) -> bool:
+    """Whether a model is to be read as open_clip publishes it: not where the same folder holds it as transformers saves it, too."""
+    if not (folder / OPEN_CLIP_CONFIG).exists():
+        return False
+    saved = (folder / "config.json").exists() and any(folder.glob("model*.safetensors"))
+    return not (saved and "model_type" in model_config(folder))  # timm's models have a config.json of another meaning
+
+
 def model_config(folder: Path) -> dict[str, Any]:
-    file = folder / "config.json"
-    if not file.exists():
-        other = (
-            "an open_clip checkpoint, which is not read; take the copy of the model that transformers reads, or compute its features "
-            "with open_clip and train with --teacher precomputed:FOLDER"
-            if (folder / "open_clip_config.json").exists()
-            else "no model"
-        )
-        raise DegenseError(f"{shown(folder)} holds no config.json: it is {other}.")
+    """What config.json says. DegenseError in one sentence when it says nothing."""
+    if not (folder / "config.json").exists():
+        raise DegenseError(f"{shown(folder)} holds no config.json: it is no model.")
+    return read_config(folder / "config.json")
+
+
+def read_config(file: Path) -> dict[str, Any]:
+    """The object in a JSON file. DegenseError in one sentence for anything else."""
     try:
+        if file.stat().st_size > MOST_BYTES:
+            raise DegenseError(f"{shown(file)} is larger than {MOST_BYTES >> 20} MB, which no configuration is.")
         config = json.loads(file.read_text("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise DegenseError(f"{shown(file)} is not valid JSON.") from error
@@ -76,8 +87,9 @@ def transformers_library() -> Any:
 
 def model_digest(folder: Path) -> str:
     """Of the configuration, the size of the weights and a few pieces of them, 12 hexadecimal digits."""
-    total = hashlib.sha256((folder / "config.json").read_bytes())
-    for file in sorted(folder.glob("*.safetensors")):
+    config, weights = (OPEN_CLIP_CONFIG, OPEN_CLIP_WEIGHTS) if is_open_clip(folder) else ("config.json", "*.safetensors")
+    total = hashlib.sha256((folder / config).read_bytes())
+    for file in sorted(folder.glob(weights)):
         size = file.stat().st_size
         total.update(f"{file.name} {size}".encode())
         with file.open("rb") as opened:

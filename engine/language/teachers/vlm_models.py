@@ -1,9 +1,10 @@
 """Vision-language models from a local folder, or from the cache that the user's own downloads filled; nothing is ever downloaded.
 
-Read: CLIP (`CLIPModel`) and CLIPSeg (`CLIPSegForImageSegmentation`) as `transformers` saves them, weights in safetensors.
-Not read: CAT-Seg's `model_final*.pth` (a detectron2 checkpoint) and SurgVLP's `SurgVLP.pth`, pickles of other programs, and open_clip's
-checkpoints: that package needs a torchvision of the very build of PyTorch, and with another one transformers no longer loads its models
-either. Features that such a model computed can be read from files (`precomputed`).
+Read: CLIP (`CLIPModel`) and CLIPSeg (`CLIPSegForImageSegmentation`) as `transformers` saves them, and CLIP with a plain ViT as open_clip
+publishes it (`open_clip_config.json`), weights in safetensors. Where a folder holds both forms, the one of transformers is read.
+Not read: other models of open_clip (timm's and Hugging Face's towers, ResNets, SigLIP, CoCa), CAT-Seg's `model_final*.pth` (a detectron2
+checkpoint) and SurgVLP's `SurgVLP.pth`, pickles of other programs. Features that such a model computed can be read from files
+(`precomputed`).
 """
 
 from __future__ import annotations
@@ -11,17 +12,19 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from engine.errors import DegenseError
-from engine.language.teachers.model_folder import model_config, model_digest, transformers_library
+from engine.language.teachers.model_folder import is_open_clip, model_config, model_digest, transformers_library
+from engine.language.teachers.open_clip import read_open_clip
 from engine.language.templates import PLAIN
 from engine.readers.files import shown
 
-#: Mean and deviation of the pictures that CLIP was trained on, where the model's own preprocessor_config.json does not say.
+#: Mean and deviation of the pictures that CLIP was trained on, where the model's own folder does not say.
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 BATCH, SENTENCES = 8, 64  # pictures and sentences that are asked at once
 
@@ -50,25 +53,16 @@ class DenseModel:
     """
 
     def __init__(self, folder: Path, device: torch.device):
-        config = model_config(folder)
-        self.kind = str(config.get("model_type"))
-        transformers = transformers_library()
-        classes = {"clip": transformers.CLIPModel, "clipseg": transformers.CLIPSegForImageSegmentation}
-        if self.kind not in classes:
-            raise DegenseError(f"{shown(folder)} holds a model of the kind {self.kind!r}; those that can be read are {', '.join(classes)}.")
-        try:
-            model = classes[self.kind].from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
-            self._tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
-        except (OSError, ValueError, KeyError, RuntimeError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise DegenseError(f"{shown(folder)} holds no {self.kind} with model.safetensors and its tokenizer: {reason}") from error
+        if is_open_clip(folder):
+            self.kind, (model, self._tokenizer, preprocessing) = "clip", read_open_clip(folder)
+        else:
+            self.kind = str(model_config(folder).get("model_type"))
+            model, self._tokenizer, preprocessing = _saved_by_transformers(folder, self.kind)
         self._model, self._device = model.eval().requires_grad_(False).to(device), device
         self.side = int(model.config.vision_config.image_size)
         self.name = f"{self.kind}-{model_digest(folder)}"
-        preprocessing = folder / "preprocessor_config.json"
-        said = json.loads(preprocessing.read_text("utf-8")) if preprocessing.exists() else {}
-        self._mean = torch.tensor(said.get("image_mean", MEAN), device=device).reshape(3, 1, 1)
-        self._deviation = torch.tensor(said.get("image_std", DEVIATION), device=device).reshape(3, 1, 1)
+        self._mean = torch.tensor(preprocessing.get("image_mean", MEAN), device=device).reshape(3, 1, 1)
+        self._deviation = torch.tensor(preprocessing.get("image_std", DEVIATION), device=device).reshape(3, 1, 1)
 
     @torch.no_grad()
     def maps(self, pictures: np.ndarray, wordings: Sequence[str]) -> np.ndarray:
@@ -111,3 +105,19 @@ class DenseModel:
     def _tokens(self, sentences: Sequence[str]) -> dict[str, Tensor]:
         tokens = self._tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
         return {name: tokens[name].to(self._device) for name in ("input_ids", "attention_mask")}
+
+
+def _saved_by_transformers(folder: Path, kind: str) -> tuple[Any, Any, dict[str, Any]]:
+    """Model, tokenizer, and what the folder says of preprocessing. DegenseError in one sentence when there is none of this kind."""
+    transformers = transformers_library()
+    classes = {"clip": transformers.CLIPModel, "clipseg": transformers.CLIPSegForImageSegmentation}
+    if kind not in classes:
+        raise DegenseError(f"{shown(folder)} holds a model of the kind {kind!r}; those that can be read are {', '.join(classes)}.")
+    try:
+        model = classes[kind].from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
+        tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DegenseError(f"{shown(folder)} holds no {kind} with model.safetensors and its tokenizer: {reason}") from error
+    preprocessing = folder / "preprocessor_config.json"
+    return model, tokenizer, json.loads(preprocessing.read_text("utf-8")) if preprocessing.exists() else {}
