@@ -190,9 +190,16 @@ class Scene:
         """The scene at any time, in the clip's unit; what it returns is overwritten by its next call."""
         return LiveField(self.model, 1.0 / self.run.info["unit"])
 
+    def carried(self, frame: float) -> Tensor:
+        """Centres [N, 3] at a frame as the field alone carries them, clip units.
+
+        Drifts are left out: an instrument that comes and goes has no place at the reference frame that it could have moved from.
+        """
+        return self.splats(frame).means - self.model.drift_at(self.time(frame)) / self.run.info["unit"]
+
     def displacement(self, frame: float) -> Tensor:
-        """‖μ(t) − μ(reference)‖ of every Gaussian, [N], clip units."""
-        return displacement(self.splats(frame).means, self.splats(self.reference_frame).means)
+        """‖μ(t) − μ(reference)‖ of every Gaussian, drifts left out, [N], clip units."""
+        return displacement(self.carried(frame), self.carried(self.reference_frame))
 
     @cached_property
     def feature_axes(self) -> np.ndarray:
@@ -307,7 +314,7 @@ class Scene:
         return self._pictures.get(("blend", name, float(frame)), lambda: drawn(self.camera(frame)), lambda picture: picture.nbytes)
 
     def _screen_motion(self, frame: float, camera: Camera) -> Tensor:
-        here, there = self.splats(frame).means, self.splats(self.reference_frame).means
+        here, there = self.carried(frame), self.carried(self.reference_frame)
         reference = self.camera(self.reference_frame) if camera is self.camera(frame) else camera
         start, _ = camera.project(here.cpu().numpy())
         end, _ = reference.project(there.cpu().numpy())

@@ -20,6 +20,7 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
     "no displacement sparsity": {"displacement": 0.0},
     "no Ψ_app": {"appearance": False},
     "no lifetimes": {"rate_lifetimes": 0.0},
+    "no drifts": {"drifts": False},
     "no plane smoothness": {"plane_space": 0.0, "plane_time": 0.0, "plane_still": 0.0},
     "none of them": {
         "flow": 0.0,
@@ -28,6 +29,7 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
         "displacement": 0.0,
         "appearance": False,
         "rate_lifetimes": 0.0,
+        "drifts": False,
         "plane_space": 0.0,
         "plane_time": 0.0,
         "plane_still": 0.0,

@@ -16,7 +16,10 @@ from engine.splats import Splats
 
 Routing = Literal["paper", "isolated", "coupled"]
 ROUTINGS: tuple[Routing, ...] = ("paper", "isolated", "coupled")
-CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "tints", "semantics", "lifetimes")
+CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "tints", "semantics", "lifetimes", "drifts")
+
+
+REACH = 2.0  # of 1/ω: how long before and after the middle of its life a Gaussian drifts
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,8 @@ class SceneModel(nn.Module):
     canonical : dict of Tensor
         `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `tints` [N, color_knots, 3] (added to
         the colour, a spline over the knots), `semantics` [N, rank], `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian
-        exists; ω = 0, at which its gradient is exactly zero, is for ever.
+        exists; ω = 0, at which its gradient is exactly zero, is for ever. `drifts` [N, 3]: what exists for a while goes straight on by
+        so much in 1/ω, beside what the field does to it; within `REACH`/ω of τ, beyond which it can hardly be seen.
 
     Attributes
     ----------
@@ -117,6 +121,7 @@ class SceneModel(nn.Module):
             "tints": (config.color_knots, 3),
             "semantics": (config.rank,),
             "lifetimes": (2,),
+            "drifts": (3,),
         }
         expected = {name: (len(canonical["means"]), *widths[name]) for name in CANONICAL}
         if wrong := [name for name in CANONICAL if canonical[name].shape != expected[name]]:
@@ -191,7 +196,7 @@ class SceneModel(nn.Module):
         there = None
         if other is not None:
             kinematic, (decoded, elsewhere) = kinematic[: len(points)], decoded.chunk(2)
-            there = self.canonical["means"] + elsewhere[:, :3]
+            there = self.canonical["means"] + self.drift_at(other) + elsewhere[:, :3]
         deformation = Deformation.of(decoded)
         recolour = self.appearance(kinematic) if self.appearance is not None else None
         asked = semantics and self.semantic is not None
@@ -206,7 +211,16 @@ class SceneModel(nn.Module):
         if self.config.static:
             return self.canonical["means"]
         points = self.normalised(self.canonical["means"].detach())
-        return self.canonical["means"] + self.geometry(self.kinematics(self.planes(points, t)))[:, :3]
+        return self.canonical["means"] + self.drift_at(t) + self.geometry(self.kinematics(self.planes(points, t)))[:, :3]
+
+    def drift_at(self, t: float | Tensor) -> Tensor:
+        """How far [N, 3] each Gaussian has gone of its own since the middle of its life; 0 for what exists for ever."""
+        return self.canonical["drifts"] * self._age(t).clamp(-REACH, REACH)[:, None]
+
+    def _age(self, t: float | Tensor) -> Tensor:
+        """ω (t − τ) of every Gaussian [N]: 0 in the middle of its life, always 0 for what exists for ever."""
+        middle, rate = self.canonical["lifetimes"].unbind(1)
+        return rate * (t - middle)
 
     def _spread(
         self, deformation: Deformation, recolour: Tensor | None, change: Tensor | None
@@ -239,13 +253,12 @@ class SceneModel(nn.Module):
         c = self.canonical
         means, log_scales, quats, logits, colors = c["means"], c["log_scales"], c["quats"], c["logits"], c["colors"]
         if deformation is not None:
-            means, log_scales = means + deformation.means, log_scales + deformation.log_scales
+            means, log_scales = means + self.drift_at(t) + deformation.means, log_scales + deformation.log_scales
             quats, logits = quats + deformation.quats, logits + deformation.opacities
             change = self._recolouring(t, recolour)
             if change is not None:
                 colors = colors + change
                 if self.responses is not None and latents.shape[1]:
                     latents = latents + (change.detach()[:, :, None] * self.responses).sum(1)
-        middle, rate = c["lifetimes"].unbind(1)
-        alive = torch.exp(-0.5 * (rate * (t - middle)).square())
+        alive = torch.exp(-0.5 * self._age(t).square())
         return Splats(means, quats, log_scales.exp(), logits.sigmoid() * alive, colors, latents)

@@ -43,7 +43,7 @@ def growths(scales: Float[Tensor, "n 3"], reference: Float[Tensor, "n 3"]) -> Fl
 def speed_of(scene: Scene, frame: float) -> Tensor:
     """Central difference over the two neighbouring frames; one-sided at both ends of the sequence."""
     first, last = max(0.0, frame - 1), min(float(scene.frames - 1), frame + 1)
-    return speeds(scene.splats(first).means, scene.splats(last).means, (last - first) / scene.fps)
+    return speeds(scene.carried(first), scene.carried(last), (last - first) / scene.fps)
 
 
 def turn_of(scene: Scene, frame: float) -> Tensor:

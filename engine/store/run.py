@@ -21,6 +21,7 @@ from engine.field import FieldConfig, SceneModel
 from engine.field.model import CANONICAL
 from engine.language import Basis
 from engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
+from engine.store.older import with_drifts
 
 FORMAT = 1
 MAX_FRAMES, MAX_GAUSSIANS, MAX_SIDE = 1_000_000, 10_000_000, 16_384
@@ -111,7 +112,7 @@ class Run:
                 f"{self.path} holds no finished model (its training is {self.info['state']}); "
                 f"resume it with degense train CLIP --out {self.path} --resume"
             )
-        return build_model(self.info["field"], finite(read_tensors(path), path), path).to(device)
+        return build_model(self.info["field"], with_drifts(finite(read_tensors(path), path)), path).to(device)
 
     def save_support(self, support: torch.Tensor) -> None:
         """Keep the share [N] of its frames in which each Gaussian's displacement is revealed (`engine.training.support`)."""

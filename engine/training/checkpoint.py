@@ -7,6 +7,7 @@ from typing import Any
 
 from engine.errors import RunError
 from engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
+from engine.store.older import with_drifts
 
 PARTS = ("model", "moments", "density", "neighbours")
 
@@ -41,4 +42,5 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
         if part not in PARTS:
             raise RunError(f"{path} holds {name!r}, which no checkpoint of ours does")
         state[part][rest] = value
+    state["model"] = with_drifts(state["model"])
     return state

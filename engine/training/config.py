@@ -70,6 +70,8 @@ class TrainConfig:
         only long trainings gain by it (docs/decisions/0011).
     static, fixed_latents : bool
         Of the field: whether nothing moves, and whether latents never change. For baselines (`engine.systems`).
+    drifts : bool
+        Whether what exists for a while may go straight on by itself, as instruments do.
     lasting : bool
         Whether every Gaussian exists for ever; those that the initialisation would let live for a few frames are left out.
     codebook : bool
@@ -134,6 +136,7 @@ class TrainConfig:
     early_stop: bool = False
     static: bool = False
     fixed_latents: bool = False
+    drifts: bool = True
     lasting: bool = False
     codebook: bool = False
     checkpoint_seconds: float = 30.0

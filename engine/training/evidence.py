@@ -24,6 +24,7 @@ from engine.training.frames import TrainingFrames
 FLOW_PIXELS = 100_000
 PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
 DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
+STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
 SOFTNESS = 0.003  # scene units (median depth 1) below which the robust norm is quadratic
 
 
@@ -120,6 +121,46 @@ class MotionEvidence:
             picture = np.where(known.reshape(known.shape + (1,) * (picture.ndim - 2)), moved, picture)
         return picture, known
 
+    def velocity(self, frame: int, pixels: np.ndarray) -> np.ndarray:
+        """How fast what is seen at `pixels` of a training frame moves, instruments included, scene units in a unit of the clip's time.
+
+        The mean over the neighbouring training frames to which the flow is consistent and the depth steady; 0 where there is none.
+
+        Parameters
+        ----------
+        pixels : float [n, 2]
+            (x, y) at the working size.
+
+        Returns
+        -------
+        float64 [n, 3]
+        """
+        train, clip = self.frames.clip.train_frames, self.frames.clip
+        size, (rows, columns) = np.array(self.frames.size), pixels[:, ::-1].astype(int).T
+        depth = self.frames.depth(frame)[rows, columns]
+        start = self.frames.cameras[frame].unproject(pixels, depth)
+        total, count = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
+        number = train.index(frame)
+        for other in train[max(0, number - 1) : number] + train[number + 1 : number + 2]:
+            forward, backward = self._flow(frame, other), self._flow(other, frame)
+            at = (pixels * np.array(self.size) / size).astype(np.float32)[None]
+            sure = cv2.remap(consistent(forward, backward).astype(np.uint8), at, None, cv2.INTER_NEAREST)[0] > 0
+            end = pixels + cv2.remap(forward, at, None, cv2.INTER_LINEAR)[0] * size / np.array(self.size)
+            inside = np.all((end >= 0) & (end < size), axis=1)
+            row, column = np.clip(end[:, ::-1].astype(int), 0, size[::-1] - 1).T
+            there = self.frames.depth(other)[row, column]
+            steady = (there > 0) & (np.abs(there - depth) < STEADY * depth)
+            believed = sure & inside & steady
+            moved = self.frames.cameras[other].unproject(end, np.where(believed, there, depth)) - start
+            total += np.where(believed[:, None], moved / (clip.time(other) - clip.time(frame)), 0)
+            count += believed
+        return total / np.maximum(count, 1)[:, None]
+
+    def _flow(self, here: int, there: int) -> np.ndarray:
+        """Flow between two frames of a pair, float32 [h, w, 2], pixels of the flow's size."""
+        pair = next(pair for pair in self.pairs[here] if pair.to == there)
+        return pair.flow.float().cpu().numpy().transpose(1, 2, 0) * np.array(self.size, np.float32)
+
     def inputs(self, frame: int, pair: Pair) -> tuple[Tensor, ...]:
         """What `motion_error` needs to know of a pair, beside the model's own motion: tensors of the same shapes for every pair."""
         camera, other = (view_and_lens(self.frames.cameras[i], self.frames.device) for i in (frame, pair.to))
@@ -166,7 +207,7 @@ def motion_error(
     if before is not None and after is not None:
         z_before = look_up(before[None], grid)[:, 0]
         z_after = look_up(after[None], target * 2 - 1)[:, 0]
-        believed = believed * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < 0.15 * z_before)
+        believed = believed * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < STEADY * z_before)
         error = (there - here) - (unproject(target, z_after, other) - unproject(start.detach(), z_before, camera))
     else:
         lateral = ((end - start) - way) / other[4, :2] * z.detach()[:, None]

@@ -11,7 +11,7 @@ from engine.errors import ClipError
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 
-KEYFRAMES = 24
+KEYFRAMES = 12
 DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame to be taken for something else
 
 
@@ -56,10 +56,14 @@ def initial_gaussians(
         z = depth[rows, columns]
         born = np.stack([np.full(len(pixels), frames.clip.time(key)), np.where(known[rows, columns], rate, 0.0)], 1)
         place, pitch = frames.cameras[key].unproject(pixels, z), stride * z / frames.cameras[key].fx
-        found.append((place, smooth[rows, columns] / 255.0, pitch, born))
+        brief = born[:, 1] > 0
+        drift = np.zeros_like(place)
+        if evidence is not None and brief.any():
+            drift[brief] = evidence.velocity(key, pixels[brief]) / rate
+        found.append((place, smooth[rows, columns] / 255.0, pitch, born, drift))
         shown[valid & ~known] = smooth[valid & ~known]
         known |= valid
-    points, colors, pitches, lifetimes = _within(found, budget, generator)
+    points, colors, pitches, lifetimes, drifts = _within(found, budget, generator)
     means = torch.from_numpy(points).float()
     count = len(means)
     if count == 0:
@@ -75,6 +79,7 @@ def initial_gaussians(
         "colors": torch.from_numpy(colors).float(),
         "tints": torch.zeros(count, color_knots, 3),
         "lifetimes": torch.from_numpy(lifetimes).float(),
+        "drifts": torch.from_numpy(drifts).float(),
         "semantics": torch.from_numpy(generator.normal(0, 0.01, (count, rank))).float(),
     }
     return canonical, torch.stack([low - margin, high + margin])

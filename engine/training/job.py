@@ -130,6 +130,8 @@ def train(
     field = field_config(config, len(clip), semantics.basis.rank if semantics is not None else 0)
     random = np.random.default_rng(config.seed)
     canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), field.rank, random, field.color_knots)
+    if not config.drifts:
+        canonical["drifts"].zero_()
     if config.lasting:
         canonical = lasting_only(canonical)
     model = SceneModel(field, bounds, canonical).to(device)

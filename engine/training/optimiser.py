@@ -23,6 +23,7 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
         "tints": config.rate_tints,
         "semantics": config.rate_semantics,
         "lifetimes": config.rate_lifetimes,
+        "drifts": config.rate_means if config.drifts else 0.0,
     }
     groups = [{"name": name, "params": [model.canonical[name]], "lr": rate} for name, rate in rates.items()]
     networks = [model.kinematics, model.geometry, *([model.appearance] if model.appearance is not None else [])]

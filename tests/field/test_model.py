@@ -24,6 +24,7 @@ def make(routing, rank=4, count=60, seed=0):
         "semantics": torch.randn(count, rank),
         "tints": torch.zeros(count, 3, 3),
         "lifetimes": torch.zeros(count, 2),
+        "drifts": torch.zeros(count, 3),
     }
     bounds = torch.tensor([[-0.6, -0.5, 0.7], [0.6, 0.5, 1.3]])
     return SceneModel(FieldConfig(routing, rank, color_knots=3, channels=8, resolution=8, time_resolution=4), bounds, canonical)
@@ -31,8 +32,8 @@ def make(routing, rank=4, count=60, seed=0):
 
 def stir(model):
     """Give every zero-initialised last layer something to say."""
-    for parameter in model.parameters():
-        if not parameter.any():
+    for name, parameter in model.named_parameters():
+        if not parameter.any() and name != "canonical.drifts":
             torch.nn.init.normal_(parameter, 0, 0.05)
 
 
@@ -180,3 +181,31 @@ def test_lifetimes_fade_what_is_transient_and_leave_the_rest_alone_for_ever():
     assert away[0] < 1e-6
     away.sum().backward()
     assert torch.count_nonzero(model.canonical["lifetimes"].grad[1:]) == 0
+
+
+def test_what_exists_for_a_while_goes_straight_on_and_the_rest_never_does():
+    model = make("isolated")
+    stir(model)
+    with torch.no_grad():
+        model.canonical["lifetimes"][:30] = torch.tensor([0.25, 8.0])
+        model.canonical["lifetimes"][30:, 1] = 0
+        model.canonical["drifts"].copy_(torch.randn(len(model), 3))
+    drifts = model.canonical["drifts"].detach().clone()
+
+    def own(t):
+        with torch.no_grad():
+            moved = model.at(t).splats.means
+            model.canonical["drifts"].zero_()
+            field = model.at(t).splats.means
+            model.canonical["drifts"].copy_(drifts)
+            assert torch.allclose(model.means_at(t), moved, atol=1e-6)
+            assert torch.allclose(model.at(-1.0, other=t).there, moved, atol=1e-6)
+            assert torch.allclose(model.drift_at(t), moved - field, atol=1e-6)
+        return moved - field
+
+    for t, lives in ((0.25, 0.0), (0.25 + 1 / 8, 1.0), (0.25 - 1 / 16, -0.5), (1.0, 2.0), (-1.0, -2.0)):
+        assert torch.allclose(own(t)[:30], lives * drifts[:30], atol=1e-6)
+        assert not own(t)[30:].any()
+    model.at(0.3).splats.means.square().sum().backward()
+    assert model.canonical["drifts"].grad[:30].all()
+    assert not model.canonical["drifts"].grad[30:].any()

@@ -11,6 +11,7 @@ import torch
 from engine.camera import Camera
 from engine.errors import DegenseError, PromptError, RunError
 from engine.language import TextVectors
+from engine.layers import LAYERS, LayerRequest
 from engine.raster import rasterize
 from engine.scene import CHANNELS, Cache, Scene
 
@@ -83,6 +84,26 @@ def test_states_without_latents_are_the_same_gaussians(fresh):
     assert fresh.splats(2) is whole, "what has latents serves those who need none"
 
 
+def test_drifts_are_drawn_but_are_no_displacement(fresh):
+    model, frame = fresh.model, 5
+    before = fresh.displacement(frame), fresh.carried(frame)
+    kept = {name: model.canonical[name].clone() for name in ("lifetimes", "drifts")}
+    with torch.no_grad():
+        model.canonical["lifetimes"].copy_(torch.tensor([fresh.time(frame) + 0.01, 0.1]))
+        model.canonical["drifts"].fill_(0.5)
+    try:
+        there = Scene(fresh.run, model, fresh.basis, fresh.encoder, fresh.clip, support=fresh.support)
+        assert torch.allclose(there.displacement(frame), before[0], atol=1e-4)
+        moved = (there.splats(frame).means - before[1]) * fresh.run.info["unit"]
+        assert torch.allclose(moved, torch.full_like(moved, -0.0005), atol=1e-6)
+        assert torch.allclose(there.carried(frame), before[1], atol=1e-4)
+        assert not LAYERS["speed"].splats(there, LayerRequest(0)).max() > LAYERS["speed"].splats(fresh, LayerRequest(0)).max() * 1.01
+    finally:
+        with torch.no_grad():
+            for name, value in kept.items():
+                model.canonical[name].copy_(value)
+
+
 def test_one_pass_draws_what_single_passes_draw(fresh):
     together = fresh.render(5, what=CHANNELS)
     assert set(together) == {"alpha", *CHANNELS}
@@ -102,8 +123,8 @@ def test_channels_agree_with_the_rasterizer(fresh):
     camera, splats = fresh.camera(5), fresh.splats(5)
     place = splats.means, splats.quats, splats.scales, splats.opacities
     z = splats.means[:, 2:]  # the camera stands at the origin
-    reference = fresh.splats(fresh.reference_frame).means
-    pixels = [torch.from_numpy(camera.project(m.numpy().astype(np.float64))[0]).float() for m in (splats.means, reference)]
+    places = (fresh.carried(5), fresh.carried(fresh.reference_frame))
+    pixels = [torch.from_numpy(camera.project(m.numpy().astype(np.float64))[0]).float() for m in places]
     drawn = rasterize(*place, torch.cat([splats.colors, z, pixels[1] - pixels[0]], 1), camera, backend="reference")
     image, alpha = drawn.image.numpy(), drawn.alpha.numpy()
     ours = fresh.render(5, what=CHANNELS)

@@ -59,7 +59,7 @@ def test_damaged_cameras_are_refused(change):
 
 def small(rank=2):
     generator = torch.Generator().manual_seed(3)
-    shapes = {"means": 3, "log_scales": 3, "quats": 4, "colors": 3, "semantics": rank, "lifetimes": 2}
+    shapes = {"means": 3, "log_scales": 3, "quats": 4, "colors": 3, "semantics": rank, "lifetimes": 2, "drifts": 3}
     canonical = {name: torch.randn(5, width, generator=generator) for name, width in shapes.items()}
     canonical |= {"logits": torch.randn(5, generator=generator), "tints": torch.randn(5, 2, 3, generator=generator)}
     config = FieldConfig(rank=rank, color_knots=2, channels=2, resolution=4, time_resolution=3, levels=(1,))
@@ -103,6 +103,15 @@ def test_a_model_comes_back(moving, responds):
     again = build_model(model.config.to_json(), dict(model.state_dict()), FILE)
     for name, tensor in model.state_dict().items():
         assert torch.equal(tensor, again.state_dict()[name]), name
+
+
+def test_a_model_of_a_version_without_drifts_comes_back(tmp_path):
+    model, run = small(), Run(tmp_path, {})
+    run.info |= {"field": model.config.to_json(), "state": "finished"}
+    write_tensors(tmp_path / "model.safetensors", {n: t for n, t in model.state_dict().items() if n != "canonical.drifts"})
+    again = run.load_model().state_dict()
+    assert not again.pop("canonical.drifts").any()
+    assert all(torch.equal(tensor, model.state_dict()[name]) for name, tensor in again.items())
 
 
 @pytest.mark.parametrize(

@@ -87,6 +87,50 @@ def test_what_was_hidden_lasts_and_what_came_later_lives_around_its_time(seed):
     assert (alive[1] < 0.02).all()
 
 
+class Passing(MovingWall):
+    """A still wall; from the third frame on a textured plate, nearer by a tenth, passes before it at a constant pace."""
+
+    PACE, SIZE = (4, 1), 24  # pixels a frame, pixels
+
+    def __init__(self, frames=10, **options):
+        super().__init__(frames, velocity=(0.0, 0.0, 0.0), **options)
+        self.plate = cv2.GaussianBlur(np.random.default_rng(5).integers(0, 256, (self.SIZE, self.SIZE, 3)).astype(np.uint8), (0, 0), 1.0)
+
+    def place(self, index):
+        left, top = 8 + self.PACE[0] * index, 12 + self.PACE[1] * index
+        return np.s_[top : top + self.SIZE, left : left + self.SIZE]
+
+    def frame(self, index):
+        image = super().frame(index)
+        if index >= 2:
+            image[self.place(index)] = self.plate
+        return image
+
+    def depth(self, index):
+        depth = super().depth(index).copy()
+        if index >= 2:
+            depth[self.place(index)] *= 0.9
+        return depth
+
+
+def test_what_passes_by_drifts_as_its_flow_says_and_what_stands_still_does_not():
+    clip = Passing()
+    frames, canonical, _, position, z = start(clip, motion=True)
+    middle, rate = canonical["lifetimes"].double().numpy().T
+    plate = np.zeros(len(z), bool)
+    for index in clip.train_frames[2:-2]:
+        rows, columns = clip.place(index)
+        inner = np.s_[rows.start + 5 : rows.stop - 5, columns.start + 5 : columns.stop - 5]
+        plate |= (rate > 0) & np.isclose(middle, clip.time(index)) & inside(position, inner)
+    assert plate.sum() > 50
+    speed = (canonical["drifts"].double().numpy() * rate[:, None])[plate] * (clip.time(1) - clip.time(0))
+    pixels = speed[:, :2] / z[plate, None] * frames.cameras[0].fx
+    assert np.abs(np.median(pixels, axis=0) - clip.PACE).max() < 0.3
+    assert np.abs(speed[:, 2]).mean() < 0.01
+    assert not canonical["drifts"][canonical["lifetimes"][:, 1] == 0].any()
+    assert not start(clip)[1]["drifts"].any(), "without flow nothing is known"
+
+
 def test_tissue_that_only_moved_gives_no_transients_when_its_flow_is_known():
     clip = MovingWall(10, velocity=(0.03, 0.01, 0.0))
     counts = {}
@@ -116,7 +160,7 @@ def test_shapes_and_sizes():
     _, canonical, bounds, *_ = start(Visited())
     count = len(canonical["means"])
     shapes = {"means": (3,), "log_scales": (3,), "quats": (4,), "logits": (), "colors": (3,), "tints": (0, 3)}
-    shapes |= {"lifetimes": (2,), "semantics": (3,)}
+    shapes |= {"lifetimes": (2,), "drifts": (3,), "semantics": (3,)}
     assert {name: tuple(t.shape[1:]) for name, t in canonical.items()} == shapes
     assert all(len(t) == count and t.dtype == torch.float32 and bool(torch.isfinite(t).all()) for t in canonical.values())
     assert bounds.shape == (2, 3)

@@ -42,6 +42,7 @@ def wall_of_gaussians(frames: TrainingFrames, depth: float) -> dict[str, torch.T
         "semantics": torch.zeros(count, 0),
         "tints": torch.zeros(count, 0, 3),
         "lifetimes": torch.zeros(count, 2),
+        "drifts": torch.zeros(count, 3),
     }
 
 
