@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import socket
 import sys
 
 import numpy as np
@@ -18,15 +17,6 @@ from engine.language.templates import TEMPLATES
 from engine.language.towers import encoder_at
 from tests.fakes import MemoryClip
 from tests.language.tiny_models import write_model
-
-
-@pytest.fixture(autouse=True)
-def no_network(monkeypatch):
-    def refuse(*arguments, **options):
-        raise AssertionError("a model must not be downloaded")
-
-    monkeypatch.setattr(socket.socket, "connect", refuse)
-    monkeypatch.setattr(socket, "getaddrinfo", refuse)
 
 
 @pytest.fixture(scope="module")
