@@ -11,7 +11,7 @@ from engine.errors import ClipError
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 
-KEYFRAMES = 12
+KEY_EVERY, KEYS = 4, (12, 24)  # training frames from one key frame to the next; the fewest and the most of them
 DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame to be taken for something else
 
 
@@ -38,7 +38,7 @@ def initial_gaussians(
         Robust percentiles of the cloud (0.5 – 99.5) with a margin of a tenth of their extent.
     """
     train = frames.clip.train_frames
-    keys = [train[i] for i in np.unique(np.linspace(0, len(train) - 1, min(KEYFRAMES, len(train))).round().astype(int))]
+    keys = [train[i] for i in np.linspace(0, len(train) - 1, key_count(len(train))).round().astype(int)]
     width, height = frames.size
     stride = max(1.0, float(np.sqrt(width * height / (0.6 * budget))))
     shown = np.zeros((height, width, 3), np.int16)
@@ -83,6 +83,11 @@ def initial_gaussians(
         "semantics": torch.from_numpy(generator.normal(0, 0.01, (count, rank))).float(),
     }
     return canonical, torch.stack([low - margin, high + margin])
+
+
+def key_count(frames: int) -> int:
+    """How many of so many training frames are key frames."""
+    return min(frames, max(KEYS[0], min(frames // KEY_EVERY, KEYS[1])))
 
 
 def lasting_only(canonical: dict[str, Tensor]) -> dict[str, Tensor]:

@@ -7,7 +7,7 @@ import torch
 
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
-from engine.training.initialise import KEYFRAMES, filled, initial_gaussians, jittered_grid
+from engine.training.initialise import filled, initial_gaussians, jittered_grid, key_count
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")
@@ -81,7 +81,7 @@ def test_what_was_hidden_lasts_and_what_came_later_lives_around_its_time(seed):
     assert bright.mean() > 0.8
     assert not (colours[patch & (rate == 0)].mean(1) > 0.95).any()
     # at its own key frame a transient is whole, and two key frames on it is gone
-    keys = min(KEYFRAMES, len(clip.train_frames))
+    keys = key_count(len(clip.train_frames))
     alive = [np.exp(-0.5 * (rate[came] * step) ** 2) for step in (0.0, 4 / (keys - 1))]
     assert (alive[0] == 1).all()
     assert (alive[1] < 0.02).all()
@@ -220,3 +220,8 @@ def test_the_grid_has_one_point_a_cell_away_from_its_walls(width, height, stride
     whole = {(x, y) for x in range(int(width // stride)) for y in range(int(height // stride))}
     assert whole <= cells
     assert not np.array_equal(points, jittered_grid(width, height, stride, np.random.default_rng(2)))
+
+
+@pytest.mark.parametrize(("frames", "keys"), [(1, 1), (7, 7), (12, 12), (47, 12), (56, 14), (96, 24), (2000, 24)])
+def test_one_training_frame_in_four_is_a_key_frame_within_bounds(frames, keys):
+    assert key_count(frames) == keys
