@@ -108,7 +108,7 @@ def test_displacement_is_zero_at_the_reference_frame_and_not_later(scene):
     reference, layer = scene.reference_frame, LAYERS["displacement"]
     assert np.nanmax(np.abs(layer.image(scene, request(reference)).values)) == 0
     assert layer.splats(scene, request(reference)).max() == 0
-    means = [scene.splats(frame).means.numpy().astype(np.float64) for frame in (SIDE, reference)]
+    means = [scene.carried(frame).numpy().astype(np.float64) for frame in (SIDE, reference)]
     np.testing.assert_allclose(layer.splats(scene, request()), np.linalg.norm(means[0] - means[1], axis=1), atol=1e-4)
     assert np.nanmax(layer.image(scene, request()).values) > 0.1
 
