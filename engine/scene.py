@@ -177,7 +177,7 @@ class Scene:
     def splats(self, frame: float, *, semantics: bool = False) -> Splats:
         """All Gaussians at a frame (baked: evaluated once, then kept), in the clip's unit.
 
-        `semantics` False: latents may be missing (rank 0), since most views need none and they cost as much as the rest.
+        `semantics` False: latents may be missing (rank 0), since most views need none.
         """
         whole = semantics or ("splats", float(frame), True) in self._states
         return self._states.get(("splats", float(frame), whole), lambda: self._evaluate(frame, whole), _bytes_of)

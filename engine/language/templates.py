@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from engine.language.directions import unit_rows
+
 Embed = Callable[[Sequence[str]], np.ndarray]
 #: CLIPSeg is asked in this one, and runs whose encoder's name says nothing of templates were made with it alone.
 PLAIN = "a photo of a {}"
@@ -44,11 +46,7 @@ def asked_in_templates(model: str, embed: Embed) -> dict[str, Embed]:
 
 def _mean_over(templates: Sequence[str], embed: Embed) -> Embed:
     def asked(words: Sequence[str]) -> np.ndarray:
-        vectors = _unit(embed([template.format(word) for word in words for template in templates]))
-        return _unit(vectors.reshape(len(words), len(templates), -1).mean(1))
+        vectors = unit_rows(embed([template.format(word) for word in words for template in templates]))
+        return unit_rows(vectors.reshape(len(words), len(templates), -1).mean(1))
 
     return asked
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from engine.errors import DegenseError
+from engine.language.directions import unit_rows
 from engine.language.encoder import TextEncoder, WordedEncoder
 from engine.language.teachers.model_folder import find_model, model_config, model_digest, transformers_library
 from engine.language.teachers.vlm_models import DenseModel
@@ -106,8 +107,7 @@ class SentenceModel:
 
     def embed(self, texts: Sequence[str]) -> np.ndarray:
         """Unit vectors float32 [n, D]."""
-        vectors = self._pooled(texts) - self._mean
-        return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+        return unit_rows(self._pooled(texts) - self._mean)
 
     @torch.no_grad()
     def _pooled(self, texts: Sequence[str]) -> np.ndarray:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from engine.clip import UNLABELLED
 from engine.language.basis import Basis
+from engine.language.directions import unit_rows
 from engine.masks.decoders import DEFAULT_DECODER, DEFAULT_THRESHOLD, decode_labels, decode_mask, reads_regions
 from engine.masks.rnse import Aggregation
 from engine.masks.rnse_cpu import CpuAggregation
@@ -199,7 +200,7 @@ class MaskQuery:
         new = {key: vector for key, vector in zip(keys, vectors, strict=True) if key not in self._maps}
         found = {key: self._maps[key] for key in keys if key in self._maps}
         if new:
-            rows = self.basis.project(_unit_rows(np.stack(list(new.values()))))
+            rows = self.basis.project(unit_rows(np.stack(list(new.values()))))
             compute = self._aggregation.refined if refined else self._aggregation.similarity
             found |= zip(new, compute(rows), strict=True)
             self._maps |= {key: found[key] for key in new}
@@ -211,7 +212,7 @@ class MaskQuery:
         """Those of the negatives [n, D] that are no part of what is meant; None without any."""
         if negatives is None or len(negatives) == 0:
             return None
-        prompt, others = (_unit_rows(np.atleast_2d(rows)) for rows in (vectors, negatives))
+        prompt, others = (unit_rows(np.atleast_2d(rows).astype(np.float32)) for rows in (vectors, negatives))
         rivals = np.atleast_2d(negatives)[(others @ prompt.T).max(1) < INCLUDED]  # as given: the map of a class is found again
         return rivals if len(rivals) else None
 
@@ -227,7 +228,3 @@ def query_of(drawn: Render, basis: Basis) -> MaskQuery:
     if rgb.is_cuda:
         return MaskQuery(rgb, latent, basis, drawn.alpha)
     return MaskQuery(rgb.numpy(), latent.numpy(), basis, drawn.alpha.numpy())
-
-
-def _unit_rows(rows: np.ndarray) -> np.ndarray:
-    return np.asarray(rows, np.float32) / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-12)

@@ -107,12 +107,12 @@ class MotionEvidence:
         first = self.frames.clip.train_frames[0]
         known = np.ones(picture.shape[:2], bool)
         for here, there in ((first, source), (frame, first)):
-            pair = next((pair for pair in self.pairs.get(here, []) if pair.to == there), None)
+            pair = self._pair(here, there)
             if pair is None:
                 known &= here == there
                 continue
             width, height = self.frames.size
-            flow = cv2.resize(pair.flow.float().cpu().numpy().transpose(1, 2, 0), (width, height)) * np.array([width, height], np.float32)
+            flow = cv2.resize(_relative(pair), (width, height)) * np.array([width, height], np.float32)
             sure = cv2.resize(pair.weight[0].float().cpu().numpy(), (width, height)) > 0.5
             x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
             x, y = x + flow[..., 0], y + flow[..., 1]
@@ -156,10 +156,14 @@ class MotionEvidence:
             count += believed
         return total / np.maximum(count, 1)[:, None]
 
+    def _pair(self, here: int, there: int) -> Pair | None:
+        return next((pair for pair in self.pairs.get(here, []) if pair.to == there), None)
+
     def _flow(self, here: int, there: int) -> np.ndarray:
         """Flow between two frames of a pair, float32 [h, w, 2], pixels of the flow's size."""
-        pair = next(pair for pair in self.pairs[here] if pair.to == there)
-        return pair.flow.float().cpu().numpy().transpose(1, 2, 0) * np.array(self.size, np.float32)
+        pair = self._pair(here, there)
+        assert pair is not None
+        return _relative(pair) * np.array(self.size, np.float32)
 
     def inputs(self, frame: int, pair: Pair) -> tuple[Tensor, ...]:
         """What `motion_error` needs to know of a pair, beside the model's own motion: tensors of the same shapes for every pair."""
@@ -167,6 +171,11 @@ class MotionEvidence:
         measured = self.frames.clip.depth_measured
         depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
         return (camera, other, pair.flow, pair.weight, *depths)
+
+
+def _relative(pair: Pair) -> np.ndarray:
+    """A pair's flow as float32 [h, w, 2], fractions of the image's width and height."""
+    return pair.flow.float().cpu().numpy().transpose(1, 2, 0)
 
 
 def motion_error(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from engine.training.patches import BLUR, patch_side
+
 REACH = 1.0  # patch sides: how far around a region patches are heard
 RIDGE = 0.7  # CIELAB units²: variance of colour below which colour does not explain vectors
-FIELD = 0.7  # patch sides: blur of the colours that a patch is taken to see
 
 
 def refined_by_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarray, regions: np.ndarray) -> np.ndarray:
@@ -39,8 +40,8 @@ def refined_by_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarray
     lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
     spoken = index >= 0
     size = np.bincount(index[spoken], minlength=len(vectors))
-    side = float(np.sqrt(np.count_nonzero(spoken) / max(int(np.count_nonzero(size)), 1)))
-    seen = np.concatenate([place, cv2.GaussianBlur(lab, (0, 0), FIELD * side)], -1)
+    side = patch_side(index, size)
+    seen = np.concatenate([place, cv2.GaussianBlur(lab, (0, 0), BLUR * side)], -1)
     used = size > 0
     patch = _means(index[spoken], seen[spoken], len(vectors))[used]
     region = _means(regions.ravel(), np.concatenate([place, lab], -1).reshape(-1, 5), int(regions.max()) + 1)

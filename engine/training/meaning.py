@@ -28,7 +28,7 @@ TELL_EVERY = 25  # steps
 #: What is left of the learning rates after a lift: canonical latents, planes, networks. A coarse teacher's frames contradict each other;
 #: steps as large as from nothing, or twice as many, would follow each of them in turn and lose what their mean says. A pixelwise teacher is
 #: followed.
-GENTLE = (0.1, 0.25, 0.3)
+GENTLE = (0.3, 0.05, 0.1)
 LOOK_RIDGE = 5e-4  # variance of a Gaussian's colour, of 1, below which its look does not explain what is said of it
 
 
@@ -123,6 +123,7 @@ def fit_meaning(
     if gentle and config.angular:
         targets.trust = trust(model, targets, frames)
         _settle(model, *lift(model, targets, frames, lambda f, words: progress(0.1 + 0.1 * f, words)))
+    loss_of, spoken = (targets.patch_loss, targets.spoken) if targets.shared else (targets.loss, targets.frames)
     steps, order = min(config.semantic_steps, config.iterations), list[int]()  # a training cut short is cut short here too
     if gentle:
         steps //= 2
@@ -133,12 +134,12 @@ def fit_meaning(
                 return False
             for group in optimizer.param_groups:
                 group["lr"] = group["first"] * config.rate_final ** (step / steps)
-            order = order or [targets.frames[k] for k in random.permutation(len(targets.frames))]
+            order = order or [spoken[k] for k in random.permutation(len(spoken))]
             frame = order.pop()
             state = model.at(frames.clip.time(frame))
             s = state.splats
             latent = draw_latents((s.means, s.quats, s.scales, s.opacities, s.semantics), frames.cameras[frame], detached=True)
-            loss = targets.loss(latent, frame, use_angles=config.angular, region_weight=config.region)
+            loss = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region)
             if state.resemantics is not None:
                 loss = loss + config.resemantics / config.semantic * state.resemantics.abs().mean()
             optimizer.zero_grad(set_to_none=True)

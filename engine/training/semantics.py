@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -13,18 +13,20 @@ from torch import Tensor
 
 from engine.errors import DegenseError
 from engine.language import Basis, Teacher, fit_basis
+from engine.language.directions import unit_rows
 from engine.masks.superpixels import superpixels
 from engine.progress import Progress, silent
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.guided import refined_by_regions
 from engine.training.losses import angular, region_smoothness
+from engine.training.patches import Patches
 
 SPARSE = 0.25  # a teacher that speaks about a smaller share of the training frames has its words carried to the others
 LIKE = 8  # power of the cosine with which vectors count as saying the same
 BASIS_VECTORS = 20_000  # of all frames' vectors, that the basis is fitted to
 TARGET_BYTES = 3 << 28  # of supervision kept
-PIXEL_BYTES = 20  # of one pixel's: its word, and what a target holds
+PIXEL_BYTES = 24  # of one pixel's: its word, its patch, and what a target holds
 
 Words = tuple[np.ndarray, np.ndarray]
 
@@ -59,6 +61,23 @@ class Target:
     region_count: int
 
 
+class PatchTarget(NamedTuple):
+    """What a coarse teacher says of one frame, patch by patch.
+
+    Attributes
+    ----------
+    patches : Patches
+    latents : float [k, d]
+        Its vectors, projected to the basis.
+    weight : float [k]
+        As a target's, summed over the pixels of a patch; sum 1.
+    """
+
+    patches: Patches
+    latents: Tensor
+    weight: Tensor
+
+
 class SemanticTargets:
     """All supervision of a clip. That of a frame is made when it is needed and kept while there is room: a long clip's would not fit.
 
@@ -83,6 +102,8 @@ class SemanticTargets:
         Those the teacher itself speaks about; the others got its words along the optical flow.
     pixelwise : bool
         As the teacher has it.
+    shared : bool
+        Whether its vectors are shared out over superpixels.
     trust : dict of int → float [k]
         How far each word of a frame is believed (`engine.training.trust`); words of frames that are not in it are believed as they are.
     """
@@ -98,13 +119,15 @@ class SemanticTargets:
         max_rank: int = 32,
     ):
         self.pixelwise = teacher.pixelwise
+        self.shared = guided and not teacher.pixelwise
         self.trust: dict[int, Tensor] = {}
-        self._teacher, self._working, self._evidence, self._guided = teacher, frames, evidence, guided
+        self._teacher, self._working, self._evidence = teacher, frames, evidence
         clip = frames.clip
         width, height = frames.size
         self._capacity = max(2, TARGET_BYTES // (width * height * PIXEL_BYTES))
         self._words: OrderedDict[int, Words] = OrderedDict()
         self._targets: OrderedDict[int, Target] = OrderedDict()
+        self._patches: OrderedDict[int, PatchTarget] = OrderedDict()
         self.spoken: list[int] = []
         vectors, counts = [], []
         for done, i in enumerate(teacher.frames):
@@ -130,27 +153,33 @@ class SemanticTargets:
         self.frames = sorted(self._source)
 
     def _asked(self, frame: int) -> Words | None:
-        """What the teacher itself says of a frame, if anything: unit vectors, and which of them each pixel has, int32 at the working size.
-
-        −1 where nothing is said or the frame is not valid.
-        """
+        """What the teacher says of a frame, if anything, shared out if it is to be: unit vectors, and which of them each pixel has."""
         if frame in self._words:
             self._words.move_to_end(frame)
             return self._words[frame]
+        words = self._answered(frame)
+        if words is None:
+            return None
+        if self.shared:
+            vectors, index = words
+            image = self._working.image(frame)
+            regions = superpixels(image)
+            vectors = refined_by_regions(vectors, index, image, regions)
+            words = vectors, np.where((index >= 0) & (np.linalg.norm(vectors, axis=1)[regions] > 0), regions, -1).astype(np.int32)
+        return _keep(self._words, frame, words, self._capacity)
+
+    def _answered(self, frame: int) -> Words | None:
+        """The teacher's own words: unit vectors, and which of them each pixel has, int32 at the working size.
+
+        −1 where nothing is said or the frame is not valid.
+        """
         answer = self._teacher.targets(frame)
         if answer is None:
             return None
-        frames = self._working
         vectors, index = _directed(*answer)
-        index = cv2.resize(index.astype(np.float32), frames.size, interpolation=cv2.INTER_NEAREST).astype(np.int32)
-        index = np.where(frames.valid(frame), index, -1).astype(np.int32)
-        if not (index >= 0).any():
-            return None
-        if self._guided and not self._teacher.pixelwise:
-            regions = superpixels(frames.image(frame))
-            vectors = refined_by_regions(vectors, index, frames.image(frame), regions)
-            index = np.where((index >= 0) & (np.linalg.norm(vectors, axis=1)[regions] > 0), regions, -1).astype(np.int32)
-        return _keep(self._words, frame, (vectors, index), self._capacity)
+        index = cv2.resize(index.astype(np.float32), self._working.size, interpolation=cv2.INTER_NEAREST).astype(np.int32)
+        index = np.where(self._working.valid(frame), index, -1).astype(np.int32)
+        return (vectors, index) if (index >= 0).any() else None
 
     def _said(self, frame: int, source: int) -> Words:
         """The vectors that `source` has, and which of them each pixel of `frame` should have, int32 at the working size, −1 where none.
@@ -179,7 +208,7 @@ class SemanticTargets:
         flat = index.ravel()
         pixels = np.flatnonzero(flat >= 0).astype(np.int32)
         chosen = flat[pixels]
-        weight = 1 / np.sqrt(np.maximum(_likes(vectors, np.bincount(chosen, minlength=len(vectors))), 1))[chosen]
+        weight = _rarity(vectors, np.bincount(chosen, minlength=len(vectors)))[chosen]
         weight /= max(weight.mean(), 1e-12) if len(weight) else 1
         regions = superpixels(self._working.image(frame))
         device = self._working.device
@@ -192,16 +221,46 @@ class SemanticTargets:
             int(regions.max()) + 1,
         )
 
+    def patch_target(self, frame: int) -> PatchTarget:
+        """The teacher's own words of one of `spoken`, against which the means over its patches can be held."""
+        if frame in self._patches:
+            self._patches.move_to_end(frame)
+            return self._patches[frame]
+        words = self._answered(frame)
+        assert words is not None
+        vectors, index = words
+        size = np.bincount(index[index >= 0], minlength=len(vectors))
+        weight = size * _rarity(vectors, size)
+        device = self._working.device
+        target = PatchTarget(
+            Patches.of(index, len(vectors), device),
+            torch.from_numpy(self.basis.project(vectors)).float().to(device),
+            torch.from_numpy(weight / weight.sum()).float().to(device),
+        )
+        return _keep(self._patches, frame, target, self._capacity)
+
     def loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> Tensor:
         """L_align (Eq. 3, or L1 for the coupled baseline) + w·L_smooth on a drawn latent map [H, W, d]."""
         target = self.target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
-        predicted, wanted = flat[target.pixels], target.latents[target.index]
-        error = angular(predicted, wanted) if use_angles else (predicted - wanted).abs().sum(-1)
-        loss = (error * target.weight).sum() / max(len(target.pixels), 1)
-        if region_weight > 0:
-            loss = loss + region_weight * region_smoothness(flat, target.regions, target.region_count)
-        return loss
+        error = _error(flat[target.pixels], target.latents[target.index], use_angles=use_angles)
+        return (error * target.weight).sum() / max(len(target.pixels), 1) + self._smoothness(flat, frame, region_weight)
+
+    def patch_loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> Tensor:
+        """`loss` with the teacher's patches as they are, each against the mean of what it sees."""
+        patches, wanted, weight = self.patch_target(frame)
+        flat = latent.reshape(-1, latent.shape[-1])
+        error = _error(patches.see(flat), wanted, use_angles=use_angles)
+        return (error * weight).sum() + self._smoothness(flat, frame, region_weight)
+
+    def _smoothness(self, flat: Tensor, frame: int, weight: float) -> Tensor | float:
+        target = self.target(frame)
+        return weight * region_smoothness(flat, target.regions, target.region_count) if weight > 0 else 0.0
+
+
+def _error(predicted: Tensor, wanted: Tensor, *, use_angles: bool) -> Tensor:
+    """Of each row of latents: 1 − cos (Eq. 3), or the L1 distance."""
+    return angular(predicted, wanted) if use_angles else (predicted - wanted).abs().sum(-1)
 
 
 def _keep(kept: OrderedDict[int, Kept], frame: int, value: Kept, capacity: int) -> Kept:
@@ -223,10 +282,10 @@ def alike(some: Vectors, others: Vectors) -> Vectors:
     return (some @ others.T).clip(0) ** LIKE
 
 
-def _likes(vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """How many pixels say about the same as each vector, float64 [k]: Σ_j counts_j · `alike`_ij."""
-    unit = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
-    return alike(unit, unit) @ counts.astype(np.float64)
+def _rarity(vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """1/√ of how many pixels say about the same as each vector, Σ_j counts_j · `alike`_ij: float64 [k]."""
+    unit = unit_rows(vectors)
+    return 1 / np.sqrt(np.maximum(alike(unit, unit) @ counts.astype(np.float64), 1))
 
 
 def _directed(vectors: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

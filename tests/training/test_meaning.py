@@ -11,9 +11,10 @@ from engine.language.teachers import Degradation, DegradedTeacher, LabelTeacher
 from engine.raster import rasterize
 from engine.training.config import TrainConfig
 from engine.training.frames import TrainingFrames
-from engine.training.guided import FIELD, REACH, RIDGE, refined_by_regions
+from engine.training.guided import REACH, RIDGE, refined_by_regions
 from engine.training.initialise import initial_gaussians
 from engine.training.meaning import LOOK_RIDGE, fit_meaning, lift
+from engine.training.patches import BLUR
 from engine.training.semantics import SemanticTargets
 from engine.training.trust import trust
 from tests.fakes import MemoryClip
@@ -205,7 +206,7 @@ def test_regions_read_a_line_through_the_patches_at_their_colour():
 
     lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
     side = float(np.sqrt((index >= 0).sum() / 12))
-    soft = cv2.GaussianBlur(lab, (0, 0), FIELD * side).astype(np.float64)
+    soft = cv2.GaussianBlur(lab, (0, 0), BLUR * side).astype(np.float64)
     y, x = np.mgrid[:24, :32].astype(float)
     centres = np.array([[x[index == p].mean(), y[index == p].mean()] for p in range(12)])
     colours = np.array([soft[index == p].mean(0) for p in range(12)])

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from engine.errors import DegenseError
+from engine.language.directions import unit_rows
 from engine.language.teachers.teacher import Targets, Teacher
 
 CELLS = (6, 5)  # regions that can be mistaken as a whole: cells of this jittered grid, cut by the borders of the classes
@@ -100,7 +101,7 @@ class DegradedTeacher:
             for region, truly, mistaken in self._mistakes(index, frame, len(vectors), twin, rng):
                 believed[region & (index == truly)] = mistaken
         spoken = np.unique(believed[believed >= 0])
-        vectors = _unit((1 - how.confusion) * vectors + how.confusion * vectors[twin])
+        vectors = unit_rows((1 - how.confusion) * vectors + how.confusion * vectors[twin])
         vectors = _turned(vectors, how.flicker, rng)
         if how.patches == 0:
             if how.noise == 0:
@@ -108,7 +109,7 @@ class DegradedTeacher:
             # Without patches each class of a frame is one vector; noise per pixel would be one vector a pixel.
             return _turned(vectors, how.noise, rng), believed
         shares, patch_of = _patches(believed, spoken, how.patches)
-        mixed = _unit(shares @ vectors[spoken])
+        mixed = unit_rows(shares @ vectors[spoken])
         return _turned(mixed, how.noise, rng), np.where(index >= 0, patch_of, -1).astype(np.int32)
 
     def _mistakes(
@@ -168,11 +169,6 @@ def _turned(vectors: np.ndarray, angle: float, rng: np.random.Generator) -> np.n
     if angle == 0:
         return vectors.astype(np.float32)
     way = rng.standard_normal(vectors.shape)
-    way = _unit(way - (way * vectors).sum(1, keepdims=True) * vectors)
+    way = unit_rows(way - (way * vectors).sum(1, keepdims=True) * vectors)
     by = rng.normal(0, angle, (len(vectors), 1))
     return (np.cos(by) * vectors + np.sin(by) * way).astype(np.float32)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Rows of unit length; a row of zeros stays."""
-    return (vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)).astype(np.float32)

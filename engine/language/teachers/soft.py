@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine.language.directions import unit_rows
 from engine.language.teachers.teacher import Targets
 
 LEVELS = 8  # steps of the mixture, from half and half to the first class alone
@@ -39,7 +40,6 @@ def soft_targets(probabilities: np.ndarray, vectors: np.ndarray, known: np.ndarr
     codes, places = np.unique(((first * count + second) * (LEVELS + 1) + level)[known], return_inverse=True)
     a, b, p = codes // (LEVELS + 1) // count, codes // (LEVELS + 1) % count, 0.5 + codes % (LEVELS + 1) / (2 * LEVELS)
     mixed = p[:, None] * vectors[a] + (1 - p)[:, None] * vectors[b]
-    mixed /= np.maximum(np.linalg.norm(mixed, axis=1, keepdims=True), 1e-12)
     index = np.full(known.shape, -1, np.int32)
     index[known] = places
-    return mixed.astype(np.float32), index
+    return unit_rows(mixed).astype(np.float32), index

@@ -11,6 +11,7 @@ import torch
 
 from engine.clip import Clip
 from engine.errors import ClipError
+from engine.language.directions import unit_rows
 from engine.language.embedded import EmbeddedEncoder
 from engine.language.encoder import TextEncoder
 from engine.language.teachers.model_folder import find_model
@@ -98,8 +99,7 @@ class VlmTeacher:
         said = tiled(self._clip.frame(frame), self.model.side, self._scales, lambda tiles: self.model.maps(tiles, self._wordings))
         rows, columns, _ = said.shape
         if self.model.kind == "clip":
-            vectors, cells = said.reshape(rows * columns, -1), np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
-            vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+            vectors, cells = unit_rows(said.reshape(rows * columns, -1)), np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
         else:
             found = 1 / (1 + np.exp(-said.astype(np.float64)))
             vectors, cells = soft_targets(found, self._vectors, found.max(-1) >= UNSURE)
