@@ -14,7 +14,6 @@ from engine.progress import Progress
 INGREDIENTS: dict[str, dict[str, Any]] = {
     "default": {},
     "no optical flow": {"flow": 0.0},
-    "flow at full weight to the end": {"flow_final": 1.0},
     "no depth supervision": {"depth": 0.0},
     "no rigidity": {"rigidity": 0.0},
     "no displacement sparsity": {"displacement": 0.0},

@@ -51,9 +51,8 @@ class TrainConfig:
         Weights of |Δcolour| of Ψ_app and of |Δf_sem|.
     tint, tint_change : float
         Weights of |Δcolour| that a Gaussian has of its own, and of its squared change from knot to knot.
-    flow, flow_final : float
-        Weight of motion evidence (how far each visible Gaussian's motion is from the optical flow, in units of the scene) at the start, and
-        the share of it that is left at the end: flow finds the way, colour the last fraction of a pixel.
+    flow : float
+        Weight of motion evidence: how far each visible Gaussian's motion is from the optical flow, in units of the scene.
     appearance : bool
         Whether colour may change in time.
     color_spacing : float
@@ -113,7 +112,6 @@ class TrainConfig:
     tint: float = 0.002
     tint_change: float = 0.02
     flow: float = 20.0
-    flow_final: float = 0.5
     appearance: bool = True
     color_spacing: float = 3.0
     channels: int = 16

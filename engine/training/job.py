@@ -25,6 +25,7 @@ from engine.poses import find_cameras, with_cameras
 from engine.progress import Progress
 from engine.readers import fingerprint
 from engine.store import Run
+from engine.store.older import without_gone
 from engine.store.run import hardware
 from engine.training.budget import fit_budget
 from engine.training.checkpoint import load_checkpoint, save_checkpoint
@@ -90,7 +91,7 @@ def train(
     run = Run.open(out) if resume else None
     checkpoint = None
     if run is not None:
-        config = TrainConfig.from_json(run.info["config"] | {"device": config.device})
+        config = TrainConfig.from_json(without_gone(run.info["config"]) | {"device": config.device})
         teacher = run.info["teacher"]["name"]
         if teacher != "none" and teacher.partition(":")[0] not in ("precomputed", "vlm"):
             encoder = open_encoder(run.info["encoder"], run.info["classes"], out, encoder)

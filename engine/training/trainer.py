@@ -154,7 +154,7 @@ class Trainer:
         if self.evidence is not None and pair is not None:
             seen = means, there[0], opacities, render.radii, render.image, render.alpha, *self.evidence.inputs(index, pair)
             (loss_of_motion,) = self._run("motion", motion_loss, *seen)
-            loss = loss + config.flow * config.flow_final**self.progress * loss_of_motion
+            loss = loss + config.flow * loss_of_motion
         if self.iteration % CURVES_EVERY == 0:
             loss = loss + self._recordings["curves"](self._curves_every)[0]
         if semantic_step:
@@ -216,7 +216,7 @@ class Trainer:
 
     @property
     def progress(self) -> float:
-        """How far the training has got, 0 to 1: what the learning rates and the weight of motion evidence follow."""
+        """How far the training has got, 0 to 1: what the learning rates follow."""
         return self.early.schedule.progress(self.iteration)
 
     @property

@@ -98,7 +98,7 @@ def test_every_setting_has_words_of_its_own():
     changed = settings_of(TrainConfig.preset_of("quick", flow=3.0))
     assert all(said[setting.name] for setting in changed)
     assert [setting.name for setting in changed if setting.changed] == ["flow"]
-    assert said["flow"] == said["flow_final"]
+    assert said["ssim"] == said["depth"]
     assert said["seed"] != said["device"]
     assert {*TEACHERS, "none"} - set(TEACHER_WORDS) == {"degraded"}  # a stand-in for experiments
 
