@@ -30,8 +30,12 @@ def consistent(forward: np.ndarray, backward: np.ndarray, tolerance: float = 0.7
     bool [H, W]
     """
     back = sample(backward, forward)
-    error = np.linalg.norm(forward + back, axis=-1)
-    return error <= tolerance + share * (np.linalg.norm(forward, axis=-1) + np.linalg.norm(back, axis=-1))
+    return _length(forward + back) <= tolerance + share * (_length(forward) + _length(back))
+
+
+def _length(flow: np.ndarray) -> np.ndarray:
+    """‖f(p)‖ [H, W]: many times as fast as `np.linalg.norm` along so short an axis."""
+    return np.sqrt(flow[..., 0] ** 2 + flow[..., 1] ** 2)
 
 
 def confidence(rgb: np.ndarray, noise: float = 2.0) -> np.ndarray:

@@ -42,8 +42,8 @@ def sample(field: np.ndarray, flow: np.ndarray) -> np.ndarray:
     float32; NaN where the way leaves the image.
     """
     height, width = flow.shape[:2]
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    x, y = x + flow[..., 0].astype(np.float32), y + flow[..., 1].astype(np.float32)
+    x = np.arange(width, dtype=np.float32) + flow[..., 0].astype(np.float32)
+    y = np.arange(height, dtype=np.float32)[:, None] + flow[..., 1].astype(np.float32)
     found = cv2.remap(np.ascontiguousarray(field, np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     outside = ~((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1))  # also where the flow is NaN
     found[outside] = np.nan

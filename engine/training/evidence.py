@@ -6,6 +6,7 @@ colour and motion by motion.
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import tee
 
@@ -71,25 +72,27 @@ class MotionEvidence:
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
 
         neighbours, steps = tee(steps_between(pictures))
-        for k, (step, (forward, backward)) in enumerate(zip(neighbours, follow(pictures, steps), strict=True)):
-            progress(k / len(train), "following tissue through the clip")
-            self._add(train[k], train[k + 1], *step, tissue[k], tissue[k + 1])
-            self._add(train[k + 1], train[k], *step[::-1], tissue[k + 1], tissue[k])
-            if k:  # the second frame is the first one's neighbour
-                self._add(train[0], train[k + 1], forward, backward, tissue[0], tissue[k + 1])
-                self._add(train[k + 1], train[0], backward, forward, tissue[k + 1], tissue[0])
+        found: list[tuple[int, Future[Pair]]] = []
+        with ThreadPoolExecutor() as pool:
+            for k, (step, far) in enumerate(zip(neighbours, follow(pictures, steps), strict=True)):
+                progress(k / len(train), "following tissue through the clip")
+                # the second frame is the first one's neighbour
+                for a, (there, back) in ((k, step), (0, far)) if k else ((0, step),):
+                    found.append((train[a], pool.submit(self._matched, train[k + 1], there, back, tissue[a], tissue[k + 1])))
+                    found.append((train[k + 1], pool.submit(self._matched, train[a], back, there, tissue[k + 1], tissue[a])))
+        for frame, pair in found:
+            self.pairs[frame].append(pair.result())
 
     def _inside(self, valid: np.ndarray) -> np.ndarray:
         """Valid pixels at flow size, away from the edge of a tool mask, whose motion bleeds into the tissue beside it."""
         small = cv2.resize(valid.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST)
         return cv2.erode(small, np.ones((7, 7), np.uint8), borderValue=1) > 0
 
-    def _add(self, a: int, b: int, forward: np.ndarray, backward: np.ndarray, tissue_a: np.ndarray, tissue_b: np.ndarray) -> None:
-        width, height = self.size
-        weight = tissue_a & (sample(tissue_b.astype(np.float32), forward) > 0.99) & consistent(forward, backward)
-        relative = np.moveaxis(forward / np.array([width, height], np.float32), -1, 0)
-        device = self.frames.device
-        self.pairs[a].append(Pair(b, torch.from_numpy(relative.copy()).half().to(device), torch.from_numpy(weight[None]).half().to(device)))
+    def _matched(self, to: int, forward: np.ndarray, backward: np.ndarray, here: np.ndarray, there: np.ndarray) -> Pair:
+        """The pair of a frame whose tissue is `here` with the frame `to`, where it is `there`, bool [h, w]."""
+        weight = here & (sample(there.astype(np.float32), forward) > 0.99) & consistent(forward, backward)
+        relative = np.moveaxis(forward / np.array(self.size, np.float32), -1, 0).copy()
+        return Pair(to, *(torch.from_numpy(array).to(self.frames.device).half() for array in (relative, weight[None])))
 
     def carried(self, picture: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """A picture of one training frame, moved to where its tissue is in another, by way of the first training frame.
@@ -124,7 +127,8 @@ class MotionEvidence:
     def velocity(self, frame: int, pixels: np.ndarray) -> np.ndarray:
         """How fast what is seen at `pixels` of a training frame moves, instruments included, scene units in a unit of the clip's time.
 
-        The mean over the neighbouring training frames to which the flow is consistent and the depth steady; 0 where there is none.
+        The mean over the neighbouring training frames to which the flow is consistent and the depth steady; 0 where there is none. A depth
+        that was not measured is taken to stay as it is.
 
         Parameters
         ----------
@@ -148,7 +152,7 @@ class MotionEvidence:
             end = pixels + cv2.remap(forward, at, None, cv2.INTER_LINEAR)[0] * size / np.array(self.size)
             inside = np.all((end >= 0) & (end < size), axis=1)
             row, column = np.clip(end[:, ::-1].astype(int), 0, size[::-1] - 1).T
-            there = self.frames.depth(other)[row, column]
+            there = self.frames.depth(other)[row, column] if clip.depth_measured else depth
             steady = (there > 0) & (np.abs(there - depth) < STEADY * depth)
             believed = sure & inside & steady
             moved = self.frames.cameras[other].unproject(end, np.where(believed, there, depth)) - start

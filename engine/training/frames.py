@@ -27,6 +27,7 @@ class Frame:
     image : uint8 [H, W, 3]
     valid : bool [H, W]
     depth : float [H, W], normalised, 0 where unknown
+        Unknown everywhere where depth was not measured: guesses serve as a start only, and take longer than all else.
     """
 
     image: Tensor
@@ -83,11 +84,9 @@ class TrainingFrames:
         if index in self._cache:
             self._cache.move_to_end(index)
             return self._cache[index]
-        frame = Frame(
-            torch.from_numpy(np.ascontiguousarray(self.image(index))).to(self.device),
-            torch.from_numpy(self.valid(index)).to(self.device),
-            torch.from_numpy(np.ascontiguousarray(self.depth(index))).to(self.device),
-        )
+        image, valid = self.image(index), self.valid(index)
+        depth = self.depth(index) if self.clip.depth_measured else np.zeros(valid.shape, np.float32)
+        frame = Frame(*(torch.from_numpy(np.ascontiguousarray(array)).to(self.device) for array in (image, valid, depth)))
         self._cache[index] = frame
         if len(self._cache) > self._capacity:
             self._cache.popitem(last=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -63,27 +64,31 @@ def measure(frames: TrainingFrames, evidence: MotionEvidence | None) -> Statisti
     """The statistics of a clip at its working size. Without evidence (one frame, or no flow wanted) motion is unknown: the finest."""
     train = frames.clip.train_frames
     near, many = spread(train, PICTURES), spread(train, MOMENTS)
-    pictures = {i: frames.image(i) for i in near}
-    noise = float(np.median([noise_of(picture) for picture in pictures.values()]))
-    needed = [gaussians_needed(picture, frames.valid(i), noise) for i, picture in pictures.items()]
-    small = {i: pictures[i] if i in pictures else frames.image(i) for i in many}
-    moments = [_cells(small[i].astype(np.float32), frames.valid(i)) for i in many]
-    ways = [way_from_first(evidence, i, small[train[0]], small[i], noise) for i in many[1:]] if evidence is not None else []
-    if not any(weight.any() for _, weight in ways):
-        knots = knots_needed(moments, LOST_CHANGE)
-        return Statistics(noise, max(needed), 1.0 if len(train) > 1 else 0.0, CELLS[-1], knots, 255.0, 0.0, 0.0)
-    assert evidence is not None
-    width, height = evidence.size
-    still = np.zeros((height, width, 2), np.float32), np.ones((height, width), bool)
-    coarse_ways = [_cells(*way) for way in (still, *ways)]
+    small = {i: frames.image(i) for i in (*near, *many)}
+    valid = {i: frames.valid(i) for i in small}
+    noise = float(np.median([noise_of(small[i]) for i in near]))
+    with ThreadPoolExecutor() as pool:
+        needed = pool.map(lambda i: gaussians_needed(small[i], valid[i], noise), near)
+        moments = list(pool.map(lambda i: _cells(small[i].astype(np.float32), valid[i]), many))
+        ways = []
+        if evidence is not None:
+            ways = list(pool.map(lambda i: way_from_first(evidence, i, small[train[0]], small[i], noise), many[1:]))
+        gaussians = max(needed)
+        if not any(weight.any() for _, weight in ways):
+            knots = knots_needed(moments, LOST_CHANGE)
+            return Statistics(noise, gaussians, 1.0 if len(train) > 1 else 0.0, CELLS[-1], knots, 255.0, 0.0, 0.0)
+        assert evidence is not None
+        width, height = evidence.size
+        still = np.zeros((height, width, 2), np.float32), np.ones((height, width), bool)
+        coarse_ways = list(pool.map(lambda way: _cells(*way), (still, *ways)))
+        changes = [recolouring(frames, evidence, i) for i in near[1:]]
+        cells = [*pool.map(lambda way: cells_needed(way[0], way[1], LOST_MOTION), spread(ways, PICTURES))]
+        cells += pool.map(lambda change: cells_needed(change[0], change[1], LOST_CHANGE), changes)
     lengths = np.concatenate([np.linalg.norm(flow[weight], axis=-1) for flow, weight in ways])
-    changes = [recolouring(frames, evidence, i) for i in near[1:]]
-    cells = [cells_needed(*way, LOST_MOTION) for way in spread(ways, PICTURES)]
-    cells += [cells_needed(*change, LOST_CHANGE) for change in changes]
     weights = [float(pair.weight.float().mean()) for pairs in evidence.pairs.values() for pair in pairs]
     return Statistics(
         noise=noise,
-        gaussians=max(needed),
+        gaussians=gaussians,
         unmatched=float(np.mean([unmatched(frames, evidence, i) for i in near[1:]])),
         cells=max(cells),
         knots=max(knots_needed(moments, LOST_CHANGE), knots_needed(coarse_ways, LOST_MOTION)),

@@ -113,8 +113,9 @@ class Passing(MovingWall):
         return depth
 
 
-def test_what_passes_by_drifts_as_its_flow_says_and_what_stands_still_does_not():
-    clip = Passing()
+@pytest.mark.parametrize("measured", [True, False], ids=["measured", "guessed"])
+def test_what_passes_by_drifts_as_its_flow_says_and_what_stands_still_does_not(measured):
+    clip = Passing(measured=measured)
     frames, canonical, _, position, z = start(clip, motion=True)
     middle, rate = canonical["lifetimes"].double().numpy().T
     plate = np.zeros(len(z), bool)
