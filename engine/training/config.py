@@ -111,7 +111,7 @@ class TrainConfig:
     resemantics: float = 0.01
     tint: float = 0.002
     tint_change: float = 0.02
-    flow: float = 20.0
+    flow: float = 40.0
     appearance: bool = True
     color_spacing: float = 3.0
     channels: int = 16

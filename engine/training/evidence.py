@@ -26,7 +26,7 @@ FLOW_PIXELS = 100_000
 PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
 DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
 STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
-SOFTNESS = 0.003  # scene units (median depth 1) below which the robust norm is quadratic
+SOFTNESS = 0.0005  # scene units (median depth 1) below which the robust norm is quadratic: flow is mostly right, and far off in places
 
 
 @dataclass
