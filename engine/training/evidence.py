@@ -110,7 +110,7 @@ class MotionEvidence:
         first = self.frames.clip.train_frames[0]
         known = np.ones(picture.shape[:2], bool)
         for here, there in ((first, source), (frame, first)):
-            pair = self._pair(here, there)
+            pair = self.pair(here, there)
             if pair is None:
                 known &= here == there
                 continue
@@ -146,7 +146,7 @@ class MotionEvidence:
         total, count = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
         number = train.index(frame)
         for other in train[max(0, number - 1) : number] + train[number + 1 : number + 2]:
-            forward, backward = self._flow(frame, other), self._flow(other, frame)
+            forward, backward = self.flow(frame, other), self.flow(other, frame)
             at = (pixels * np.array(self.size) / size).astype(np.float32)[None]
             sure = cv2.remap(consistent(forward, backward).astype(np.uint8), at, None, cv2.INTER_NEAREST)[0] > 0
             end = pixels + cv2.remap(forward, at, None, cv2.INTER_LINEAR)[0] * size / np.array(self.size)
@@ -160,12 +160,13 @@ class MotionEvidence:
             count += believed
         return total / np.maximum(count, 1)[:, None]
 
-    def _pair(self, here: int, there: int) -> Pair | None:
+    def pair(self, here: int, there: int) -> Pair | None:
+        """The pair of two training frames, if they were matched."""
         return next((pair for pair in self.pairs.get(here, []) if pair.to == there), None)
 
-    def _flow(self, here: int, there: int) -> np.ndarray:
+    def flow(self, here: int, there: int) -> np.ndarray:
         """Flow between two frames of a pair, float32 [h, w, 2], pixels of the flow's size."""
-        pair = self._pair(here, there)
+        pair = self.pair(here, there)
         assert pair is not None
         return _relative(pair) * np.array(self.size, np.float32)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from engine.training.patches import BLUR, patch_side
+from engine.training.patches import BLUR, means_of, patch_side
 
 REACH = 1.0  # patch sides: how far around a region patches are heard
 RIDGE = 0.7  # CIELAB units²: variance of colour below which colour does not explain vectors
@@ -43,8 +43,8 @@ def refined_by_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarray
     side = patch_side(index, size)
     seen = np.concatenate([place, cv2.GaussianBlur(lab, (0, 0), BLUR * side)], -1)
     used = size > 0
-    patch = _means(index[spoken], seen[spoken], len(vectors))[used]
-    region = _means(regions.ravel(), np.concatenate([place, lab], -1).reshape(-1, 5), int(regions.max()) + 1)
+    patch = means_of(index[spoken], seen[spoken], len(vectors))[used]
+    region = means_of(regions.ravel(), np.concatenate([place, lab], -1).reshape(-1, 5), int(regions.max()) + 1)
     a, b = region[:, :2] / (REACH * side), patch[:, :2] / (REACH * side)
     weight = np.exp(-0.5 * np.maximum((a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T, 0)) * size[used]
     total = weight.sum(1, keepdims=True)
@@ -58,9 +58,3 @@ def refined_by_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarray
     mixed = said_mean + np.einsum("ri,rid->rd", region[:, 2:] - colour_mean, slope)
     length = np.linalg.norm(mixed, axis=1, keepdims=True)
     return np.where((total > 1e-6) & (length > 1e-6), mixed / np.maximum(length, 1e-6), 0).astype(np.float32)
-
-
-def _means(owner: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Mean of the values [P, c] of each owner, float64 [count, c]."""
-    size = np.bincount(owner, minlength=count)
-    return np.stack([np.bincount(owner, column, count) for column in values.T], -1) / np.maximum(size, 1)[:, None]

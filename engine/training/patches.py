@@ -38,7 +38,7 @@ class Patches(NamedTuple):
         spoken = index >= 0
         owner = index[spoken]
         size = np.bincount(owner, minlength=count)
-        place = np.stack([np.bincount(owner, axis, count) for axis in np.nonzero(spoken)], -1) / np.maximum(size, 1)[:, None]
+        place = means_of(owner, np.argwhere(spoken), count)
         near = cKDTree(place).query(place, np.arange(min(AROUND, count)) + 1)[1]
         far = np.square(place[near] - place[:, None]).sum(-1) / patch_side(index, size) ** 2
         share = np.exp(-far / (2 * BLUR**2)) * size[near]
@@ -65,3 +65,9 @@ def patch_side(index: np.ndarray, size: np.ndarray) -> float:
         Pixels of each patch.
     """
     return float(np.sqrt(np.count_nonzero(index >= 0) / max(int(np.count_nonzero(size)), 1)))
+
+
+def means_of(owner: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Mean of the values [P, c] of each owner, float64 [count, c]; 0 for those that own none."""
+    size = np.bincount(owner, minlength=count)
+    return np.stack([np.bincount(owner, column, count) for column in values.T], -1) / np.maximum(size, 1)[:, None]

@@ -254,8 +254,10 @@ class SemanticTargets:
         return (error * weight).sum() + self._smoothness(flat, frame, region_weight)
 
     def _smoothness(self, flat: Tensor, frame: int, weight: float) -> Tensor | float:
+        if weight <= 0:
+            return 0.0
         target = self.target(frame)
-        return weight * region_smoothness(flat, target.regions, target.region_count) if weight > 0 else 0.0
+        return weight * region_smoothness(flat, target.regions, target.region_count)
 
 
 def _error(predicted: Tensor, wanted: Tensor, *, use_angles: bool) -> Tensor:

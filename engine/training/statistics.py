@@ -64,7 +64,7 @@ def measure(frames: TrainingFrames, evidence: MotionEvidence | None) -> Statisti
     """The statistics of a clip at its working size. Without evidence (one frame, or no flow wanted) motion is unknown: the finest."""
     train = frames.clip.train_frames
     near, many = spread(train, PICTURES), spread(train, MOMENTS)
-    small = {i: frames.image(i) for i in (*near, *many)}
+    small = {i: frames.image(i) for i in {*near, *many}}
     valid = {i: frames.valid(i) for i in small}
     noise = float(np.median([noise_of(small[i]) for i in near]))
     with ThreadPoolExecutor() as pool:
@@ -139,11 +139,11 @@ def way_from_first(
 
     0 where the two frames, `before` and `after`, look the same but for noise: there flow follows the noise, on plain surfaces by pixels.
     """
-    pair = next(pair for pair in evidence.pairs[evidence.frames.clip.train_frames[0]] if pair.to == index)
-    flow = pair.flow.float().cpu().numpy().transpose(1, 2, 0) * np.array(evidence.size, np.float32)
+    first = evidence.frames.clip.train_frames[0]
+    flow = evidence.flow(first, index)
     start, end = (smooth(cv2.resize(picture, evidence.size, interpolation=cv2.INTER_AREA)) for picture in (before, after))
     flow[np.abs(start - end).max(2) < 1 + noise] = 0
-    return flow, pair.weight[0].float().cpu().numpy() > 0.5
+    return flow, _believed(evidence, first, index)
 
 
 def smooth(rgb: np.ndarray) -> np.ndarray:
@@ -154,10 +154,15 @@ def smooth(rgb: np.ndarray) -> np.ndarray:
 def unmatched(frames: TrainingFrames, evidence: MotionEvidence, index: int) -> float:
     """Share of the valid pixels of a training frame without a believed way to the first."""
     first = frames.clip.train_frames[0]
-    pair = next(pair for pair in evidence.pairs[index] if pair.to == first)
     valid = cv2.resize(frames.valid(index).astype(np.uint8), evidence.size, interpolation=cv2.INTER_NEAREST) > 0
-    believed = pair.weight[0].float().cpu().numpy() > 0.5
-    return float(1 - believed[valid].mean()) if valid.any() else 1.0
+    return float(1 - _believed(evidence, index, first)[valid].mean()) if valid.any() else 1.0
+
+
+def _believed(evidence: MotionEvidence, here: int, there: int) -> np.ndarray:
+    """Where the flow between two frames of a pair is believed, bool [h, w]."""
+    pair = evidence.pair(here, there)
+    assert pair is not None
+    return pair.weight[0].float().cpu().numpy() > 0.5
 
 
 def recolouring(frames: TrainingFrames, evidence: MotionEvidence, index: int) -> tuple[np.ndarray, np.ndarray]:
