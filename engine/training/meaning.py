@@ -20,6 +20,8 @@ from engine.progress import Progress, silent
 from engine.raster import rasterize
 from engine.training.config import TrainConfig
 from engine.training.frames import TrainingFrames
+from engine.training.passes import SemanticPass
+from engine.training.recording import recorded
 from engine.training.semantics import SemanticTargets
 from engine.training.trainer import draw_latents
 from engine.training.trust import trust
@@ -128,6 +130,8 @@ def fit_meaning(
     if gentle:
         steps //= 2
     with _only_meaning(model, config, gentle=gentle) as optimizer:
+        moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in spoken}
+        scene = recorded(SemanticPass(model, config, deform=True), (moments[spoken[0]],), list(model.parameters()))
         for step in range(steps):
             if stop():
                 model.responses = None  # a resumed training lifts again
@@ -136,12 +140,9 @@ def fit_meaning(
                 group["lr"] = group["first"] * config.rate_final ** (step / steps)
             order = order or [spoken[k] for k in random.permutation(len(spoken))]
             frame = order.pop()
-            state = model.at(frames.clip.time(frame))
-            s = state.splats
-            latent = draw_latents((s.means, s.quats, s.scales, s.opacities, s.semantics), frames.cameras[frame], detached=True)
-            loss = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region)
-            if state.resemantics is not None:
-                loss = loss + config.resemantics / config.semantic * state.resemantics.abs().mean()
+            *state, price = scene(moments[frame])
+            latent = draw_latents(state, frames.cameras[frame], detached=True)
+            loss = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region) + price / config.semantic
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             optimizer.step()
@@ -169,7 +170,7 @@ def _only_meaning(model: SceneModel, config: TrainConfig, *, gentle: bool) -> It
     for parameter in others:
         parameter.requires_grad_(False)
     try:
-        yield torch.optim.Adam(groups, eps=1e-15)
+        yield torch.optim.Adam(groups, eps=1e-15, fused=True)
     finally:
         for parameter in others:
             parameter.requires_grad_(True)
