@@ -18,11 +18,14 @@ Variant = tuple[str, bool, bool]  # routing, angular loss, appearance branch
 Found = dict[Variant | str, list[dict[str, Any]]]  # scores of a variant, or of one of `OTHERS`, one a seed
 VARIANTS: list[Variant] = [*product(ROUTINGS, (True, False), (True, False))]
 BASELINE: Variant = ("coupled", False, False)
-#: Beside the grid: other parts of the default, taken away alone, and the baseline as peers train it, on the teacher's patches as they are.
+#: The baseline as peers train its meaning, on the teacher's patches as they are; and as they train all of it, without motion evidence.
+PEERS: dict[str, Any] = {"routing": "coupled", "angular": False, "appearance": False, "guided": False}
+#: Beside the grid: other parts of the default, taken away alone, and the baseline as peers train it.
 OTHERS: dict[str, dict[str, Any]] = {
     "meaning from nothing, not lifted": {"lift": False},
     "teacher's patches as they are": {"guided": False},
-    "baseline: coupled, L1, no Ψ_app, patches as they are": {"routing": "coupled", "angular": False, "appearance": False, "guided": False},
+    "baseline: coupled, L1, no Ψ_app, patches as they are": PEERS,
+    "baseline, and no motion evidence": PEERS | {"flow": 0.0, "drifts": False},
 }
 SCENE = {
     "spurious_displacement": ("spurious, mm", 3),
@@ -137,6 +140,7 @@ def parts(kind: str, found: Found, options: BenchOptions) -> Table:
             "miou": [r["miou"][d] for r in found[variant]],
             "gap": [100 * (b - r["miou"][d]) for b, r in zip(best, found[variant], strict=True)],
             "spurious": [r["spurious_displacement"] for r in found[variant]],
+            "correlation": [r["displacement_correlation"] for r in found[variant] if r["displacement_correlation"] is not None],
         }
         for name, variant, d in chosen
     ]
@@ -149,6 +153,7 @@ def parts(kind: str, found: Found, options: BenchOptions) -> Table:
             Column("miou", "mIoU", 3, "mean"),
             Column("gap", "points below the default", 1, "mean"),
             Column("spurious", "spurious, mm", 3, "mean"),
+            Column("correlation", "correlation", 3, "mean"),
         ],
         rows,
     )

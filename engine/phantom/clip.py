@@ -35,7 +35,7 @@ class PhantomOptions:
         Amplitude of the camera's smooth path, mm, 0 to 15; 0 stands still.
     noise : float
         Standard deviation of the sensor noise, 8-bit grey levels. 1.5 (with rounding) puts the noise floor at 44.5 dB: a perfect
-        reconstruction scores no more.
+        reconstruction scores no more, and 44.3 dB once it is rounded to 8 bits too.
     kind : str
         "cautery": a grasper pulls the gallbladder while an electrocautery hook chars tissue that stands still.
         "bleeding": scissors part the cover of a kidney, blood wells up and spreads over tissue that breathes, a thin tube sucks it away.

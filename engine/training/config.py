@@ -102,7 +102,7 @@ class TrainConfig:
     guided: bool = True
     max_rank: int = 32
     plane_space: float = 1e-3
-    plane_time: float = 1e-2
+    plane_time: float = 1e-1
     plane_still: float = 1e-4
     displacement: float = 0.002
     rigidity: float = 0.1
@@ -179,5 +179,5 @@ PRESETS: dict[str, dict] = {
         "semantic_steps": 400,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
-    "best": {"iterations": 10_000, "coarse_iterations": 1000, "max_gaussians": 120_000, "levels": (1, 2, 4), "early_stop": True},
+    "best": {"iterations": 10_000, "coarse_iterations": 1000, "plane_time": 1.0, "rate_means": 5e-4, "early_stop": True},
 }

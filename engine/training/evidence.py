@@ -105,7 +105,7 @@ class MotionEvidence:
         Returns
         -------
         picture, known
-            Nearest pixels of the source, and bool [H, W] where flow could say which; unmoved elsewhere.
+            Nearest pixels of the source, and bool [H, W] where flow could say which; elsewhere as the nearest pixel where it could.
         """
         first = self.frames.clip.train_frames[0]
         known = np.ones(picture.shape[:2], bool)
@@ -117,11 +117,11 @@ class MotionEvidence:
             width, height = self.frames.size
             flow = cv2.resize(_relative(pair), (width, height)) * np.array([width, height], np.float32)
             sure = cv2.resize(pair.weight[0].float().cpu().numpy(), (width, height)) > 0.5
+            flow = from_nearest(flow, sure)
             x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
             x, y = x + flow[..., 0], y + flow[..., 1]
-            moved = cv2.remap(picture, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+            picture = cv2.remap(picture, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
             known = sure & (cv2.remap(known.astype(np.uint8), x, y, cv2.INTER_NEAREST, borderValue=0) > 0)
-            picture = np.where(known.reshape(known.shape + (1,) * (picture.ndim - 2)), moved, picture)
         return picture, known
 
     def velocity(self, frame: int, pixels: np.ndarray) -> np.ndarray:
@@ -176,6 +176,16 @@ class MotionEvidence:
         measured = self.frames.clip.depth_measured
         depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
         return (camera, other, pair.flow, pair.weight, *depths)
+
+
+def from_nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Values [H, W] or [H, W, C]; where they are not known (bool [H, W]) those of the nearest known pixel, if there is any."""
+    if not known.any() or known.all():
+        return values
+    _, labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    value = np.zeros((labels.max() + 1, *values.shape[2:]), values.dtype)
+    value[labels[known]] = values[known]
+    return value[labels]
 
 
 def _relative(pair: Pair) -> np.ndarray:

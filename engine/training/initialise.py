@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from engine.errors import ClipError
-from engine.training.evidence import MotionEvidence
+from engine.training.evidence import MotionEvidence, from_nearest
 from engine.training.frames import TrainingFrames
 
 KEY_EVERY, KEYS = 4, (12, 24)  # training frames from one key frame to the next; the fewest and the most of them
@@ -48,8 +48,8 @@ def initial_gaussians(
     for key in keys:
         image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
         smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
-        expected = shown if evidence is None else evidence.carried(shown, train[0], key)[0]
-        fresh = valid & (~known | (np.abs(smooth.astype(np.int16) - expected).max(2) > DIFFERENT))
+        expected = [shown] if evidence is None else [shown, evidence.carried(shown, train[0], key)[0]]
+        fresh = valid & (~known | (np.minimum.reduce([unlike(smooth, picture) for picture in expected]) > DIFFERENT))
         pixels = jittered_grid(width, height, stride, generator)
         pixels = pixels[fresh[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]]
         rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
@@ -116,15 +116,14 @@ def jittered_grid(width: int, height: int, stride: float, generator: np.random.G
     return positions[(positions[:, 0] < width) & (positions[:, 1] < height)]
 
 
+def unlike(picture: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """How far [H, W] a picture, uint8 [H, W, 3], is from the likest colour within a pixel of an expected one, grey levels."""
+    height, width = picture.shape[:2]
+    wide = cv2.copyMakeBorder(expected.astype(np.int16), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    shifted = (wide[y : y + height, x : x + width] for y in range(3) for x in range(3))
+    return np.minimum.reduce([np.abs(picture - near).max(2) for near in shifted])
+
+
 def filled(depth: np.ndarray) -> np.ndarray:
     """Depth with unknown pixels (0) filled from their nearest known neighbour; 1 when nothing is known."""
-    unknown = (depth <= 0).astype(np.uint8)
-    if unknown.all():
-        return np.ones_like(depth)
-    if not unknown.any():
-        return depth
-    _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    value = np.zeros(labels.max() + 1, depth.dtype)
-    known = unknown == 0
-    value[labels[known]] = depth[known]
-    return value[labels]
+    return from_nearest(depth, depth > 0) if (depth > 0).any() else np.ones_like(depth)

@@ -199,6 +199,9 @@ class Trainer:
         """Record what reads the model, when the Gaussians or the stage have changed: before any gradient of this step is on its way."""
         if "field" in self._recordings:
             return
+        self.optimizer.zero_grad(set_to_none=True)  # gradients lie where the forgotten recordings worked, which now is given back
+        if self.device.type == "cuda":
+            torch.cuda.empty_cache()
         if self.config.rigidity > 0 and self._neighbours is None:
             self._neighbours = nearest_neighbours(self.model.canonical["means"].detach(), NEIGHBOURS)
         parameters = list(self.model.parameters())

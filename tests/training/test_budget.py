@@ -116,7 +116,7 @@ def test_a_scene_that_needs_everything_gets_everything():
 
 
 def test_each_figure_decides_its_own_setting():
-    config = TrainConfig.preset_of("best")
+    config = TrainConfig.preset_of("best", levels=(1, 2, 4))
     full = chosen(figures(), config, 120, 105)
 
     def differences(**changes):

@@ -7,7 +7,7 @@ import torch
 
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
-from engine.training.initialise import filled, initial_gaussians, jittered_grid, key_count
+from engine.training.initialise import filled, initial_gaussians, jittered_grid, key_count, unlike
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")
@@ -88,13 +88,14 @@ def test_what_was_hidden_lasts_and_what_came_later_lives_around_its_time(seed):
 
 
 class Passing(MovingWall):
-    """A still wall; from the third frame on a textured plate, nearer by a tenth, passes before it at a constant pace."""
+    """A still wall; from the third frame on a bright, textured plate, nearer by a tenth, passes before it at a constant pace."""
 
     PACE, SIZE = (4, 1), 24  # pixels a frame, pixels
 
     def __init__(self, frames=10, **options):
         super().__init__(frames, velocity=(0.0, 0.0, 0.0), **options)
-        self.plate = cv2.GaussianBlur(np.random.default_rng(5).integers(0, 256, (self.SIZE, self.SIZE, 3)).astype(np.uint8), (0, 0), 1.0)
+        texture = np.random.default_rng(5).integers(128, 256, (self.SIZE, self.SIZE, 3))
+        self.plate = cv2.GaussianBlur(texture.astype(np.uint8), (0, 0), 1.0)
 
     def place(self, index):
         left, top = 8 + self.PACE[0] * index, 12 + self.PACE[1] * index
@@ -226,3 +227,15 @@ def test_the_grid_has_one_point_a_cell_away_from_its_walls(width, height, stride
 @pytest.mark.parametrize(("frames", "keys"), [(1, 1), (7, 7), (12, 12), (47, 12), (56, 14), (96, 24), (2000, 24)])
 def test_one_training_frame_in_four_is_a_key_frame_within_bounds(frames, keys):
     assert key_count(frames) == keys
+
+
+def test_unlike_forgives_a_pixel_and_no_more():
+    rng = np.random.default_rng(3)
+    picture = rng.integers(0, 256, (12, 15, 3)).astype(np.uint8)
+    for shift in ((0, 0), (1, 0), (0, -1), (-1, 1)):
+        assert not unlike(picture, np.roll(picture, shift, (0, 1)).astype(np.int16))[1:-1, 1:-1].any()
+    far = unlike(picture, np.roll(picture, 2, 1).astype(np.int16))
+    assert (far[1:-1, 2:-2] > 0).mean() > 0.9
+    plain, other = np.full((5, 6, 3), 200, np.uint8), np.full((5, 6, 3), 190, np.int16)
+    other[..., 2] = 30
+    assert (unlike(plain, other) == 170).all()  # the channel that differs most, without wrapping around
