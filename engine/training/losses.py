@@ -123,6 +123,18 @@ def angular(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
     return 1 - (unit(latent) * unit(target)).sum(-1)
 
 
+def chord(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
+    """‖ṽ_pred − ṽ_gt‖ = √(2 · `angular`) per pixel, rounded off at 0.01.
+
+    It grows with the angle, not with its square: a word that contradicts all others pulls no harder than one that nearly agrees.
+
+    Parameters
+    ----------
+    latent, target : float [P, d]
+    """
+    return (2 * angular(latent, target) + 1e-4).sqrt()
+
+
 def unit(vectors: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
     """v / √(‖v‖² + ε²): unit length for what is longer than ε = 1e-4, finite both ways at zero and near the largest numbers."""
     vectors = vectors.float() if vectors.dtype == torch.float16 else vectors

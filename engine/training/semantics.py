@@ -19,7 +19,7 @@ from engine.progress import Progress, silent
 from engine.training.evidence import MotionEvidence
 from engine.training.frames import TrainingFrames
 from engine.training.guided import refined_by_regions
-from engine.training.losses import angular, region_smoothness
+from engine.training.losses import angular, chord, region_smoothness
 from engine.training.patches import Patches
 
 SPARSE = 0.25  # a teacher that speaks about a smaller share of the training frames has its words carried to the others
@@ -243,14 +243,16 @@ class SemanticTargets:
         """L_align (Eq. 3, or L1 for the coupled baseline) + w·L_smooth on a drawn latent map [H, W, d]."""
         target = self.target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
-        error = _error(flat[target.pixels], target.latents[target.index], use_angles=use_angles)
+        drawn, wanted = flat[target.pixels], target.latents[target.index]
+        error = angular(drawn, wanted) if use_angles else _l1(drawn, wanted)
         return (error * target.weight).sum() / max(len(target.pixels), 1) + self._smoothness(flat, frame, region_weight)
 
     def patch_loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> Tensor:
-        """`loss` with the teacher's patches as they are, each against the mean of what it sees."""
+        """`loss` with the teacher's patches as they are, each against the mean of what it sees; with angles, their `chord`."""
         patches, wanted, weight = self.patch_target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
-        error = _error(patches.see(flat), wanted, use_angles=use_angles)
+        seen = patches.see(flat)
+        error = chord(seen, wanted) if use_angles else _l1(seen, wanted)
         return (error * weight).sum() + self._smoothness(flat, frame, region_weight)
 
     def _smoothness(self, flat: Tensor, frame: int, weight: float) -> Tensor | float:
@@ -260,9 +262,9 @@ class SemanticTargets:
         return weight * region_smoothness(flat, target.regions, target.region_count)
 
 
-def _error(predicted: Tensor, wanted: Tensor, *, use_angles: bool) -> Tensor:
-    """Of each row of latents: 1 − cos (Eq. 3), or the L1 distance."""
-    return angular(predicted, wanted) if use_angles else (predicted - wanted).abs().sum(-1)
+def _l1(predicted: Tensor, wanted: Tensor) -> Tensor:
+    """L1 distance of each row of latents."""
+    return (predicted - wanted).abs().sum(-1)
 
 
 def _keep(kept: OrderedDict[int, Kept], frame: int, value: Kept, capacity: int) -> Kept:
