@@ -14,7 +14,7 @@ FORMULAS = {
     "features": "z / ‖z‖ with z = Σ wᵢ fᵢ(t)",
     "similarity": "⟨z, Bᵀv⟩ / (‖z‖ ‖v‖), v the prompt's text vector, B the basis of the latents",
     "mask": "similarity ≥ threshold, averaged over regions and cleaned by the decoder",
-    "displacement": "Σ wᵢ ‖μᵢ(t) − μᵢ(t₀)‖ / Σ wᵢ",
+    "displacement": "Σ wᵢ ‖μᵢ(t) − μᵢ(t₀)‖ / Σ wᵢ over the Gaussians that last, where they cover the pixel; else over all",
     "speed": "Σ wᵢ ‖μᵢ(t + h) − μᵢ(t − h)‖ / 2h / Σ wᵢ, h one frame",
     "rotation": "Σ wᵢ rᵢ / Σ wᵢ, rᵢ = 2 atan2(‖Im(qᵢ q̄ᵢ₀)‖, |Re(qᵢ q̄ᵢ₀)|) the angle of the turn since t₀",
     "scale": "Σ wᵢ gᵢ / Σ wᵢ, gᵢ = Σₖ log₂(sᵢₖ(t) / sᵢₖ(t₀)): 1 has doubled its volume, −1 has halved it",

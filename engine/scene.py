@@ -202,6 +202,11 @@ class Scene:
         return displacement(self.carried(frame), self.carried(self.reference_frame))
 
     @cached_property
+    def lasting(self) -> Tensor:
+        """Rows of the Gaussians that exist for ever, int64 [M]: tissue, not what comes and goes (instruments, blood, char)."""
+        return (self.model.canonical["lifetimes"][:, 1] == 0).nonzero()[:, 0]
+
+    @cached_property
     def feature_axes(self) -> np.ndarray:
         """Three directions [d, 3] along which the scene's latents differ most, the same at every frame."""
         latents = self.splats(self.reference_frame, semantics=True).semantics.cpu().numpy().astype(np.float64)
@@ -246,8 +251,9 @@ class Scene:
             None is the surgeon's camera, whose pictures are kept.
         what : tuple of str
             Of `CHANNELS`: `rgb` float32 [H, W, 3] in [0, 1]; `depth` float32 [H, W], clip units, NaN where nothing is; `latent` float32
-            [H, W, d]; `displacement` float32 [H, W], clip units, NaN where nothing is; `motion` float32 [H, W, 2], offset in pixels from
-            here to the same point at the reference frame, NaN where nothing is; `support` float32 [H, W] in [0, 1], NaN where nothing is.
+            [H, W, d]; `displacement` float32 [H, W], clip units, NaN where nothing is (what comes and goes is looked through where
+            something that lasts lies behind it); `motion` float32 [H, W, 2], offset in pixels from here to the same point at the reference
+            frame, NaN where nothing is; `support` float32 [H, W] in [0, 1], NaN where nothing is.
 
         Returns
         -------
@@ -293,8 +299,22 @@ class Scene:
                 value = np.clip(value, 0, 1)
             elif name != "latent":
                 value = np.where(alpha[..., None] >= COVERED, value / np.maximum(alpha[..., None], COVERED), np.nan)
+            if name == "displacement" and len(self.lasting) < len(self.model):
+                tissue = self._lasting_displacement(frame, camera)
+                value = np.where(np.isfinite(tissue), tissue, value)
             out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement", "support") else value)
         return out
+
+    def _lasting_displacement(self, frame: float, camera: Camera) -> np.ndarray:
+        """Displacement of what lasts, as if nothing came before it, float32 [H, W, 1], NaN where nothing is.
+
+        Blood or char hides tissue that goes on moving, and has itself no place at the reference frame that it could have moved from.
+        """
+        tissue = self.splats(frame).map(lambda part: part[self.lasting])
+        values = self.displacement(frame)[self.lasting, None]
+        drawn = rasterize(tissue.means, tissue.quats, tissue.scales, tissue.opacities, values, camera, clean=True)
+        image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()[..., None]
+        return np.where(alpha >= COVERED, image / np.maximum(alpha, COVERED), np.nan)
 
     def blend(self, name: str, frame: float, values: Callable[[], Tensor], camera: Camera | None = None) -> np.ndarray:
         """One number a Gaussian, [N], blended over the Gaussians of each pixel: Σ v·w / Σ w, float32 [H, W], NaN where nothing is.

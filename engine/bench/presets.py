@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 import time
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from typing import Any
 from engine.bench.child import in_child, peak_memory
 from engine.bench.options import BenchOptions
 from engine.bench.table import Cell, Column, Table
+from engine.bench.trainings import noise_floor
 from engine.phantom import PhantomOptions, make_phantom
 from engine.progress import Progress
 from engine.training import TrainConfig
@@ -56,11 +56,6 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
             progress(0.02 + 0.98 * (done + fraction) / len(places), message)
 
         yield _table(path, name, words, floor, options, tell)
-
-
-def noise_floor(noise: float) -> float:
-    """PSNR of a perfect reconstruction against frames with sensor noise of that standard deviation (grey levels) and rounding, dB."""
-    return 10 * math.log10(255**2 / (noise**2 + 1 / 12))
 
 
 def _table(clip: Path, name: str, words: str, floor: float | None, options: BenchOptions, progress: Progress) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -110,12 +111,17 @@ def score_all(trainings: list[Training], options: BenchOptions, progress: Progre
     return [found[number] for number in range(len(trainings))]
 
 
+def noise_floor(noise: float) -> float:
+    """PSNR of a perfect picture against frames with sensor noise of that standard deviation (grey levels), both rounded to 8 bits, dB."""
+    return 10 * math.log10(255**2 / (noise**2 + 2 / 12))
+
+
 def protocol(options: BenchOptions) -> str:
     """The words that the tables of such benchmarks share."""
     size = size_of(options)
     return (
         f"Phantoms of {size.frames} frames, {size.width} × {size.height}, seed 0, exact depth. "
-        "Noise floor: 44.3 dB, what a perfect picture scores in 8 bits, as all are scored. "
+        f"Noise floor: {noise_floor(PhantomOptions().noise):.1f} dB, what a perfect picture scores in 8 bits, as all are scored. "
         f"Each training: preset quick with {size.iterations:,} iterations and at most {size.gaussians:,} Gaussians, one thread, "
         f"{worker_count(options.device)} at once. Training seeds {', '.join(map(str, options.seeds))}: mean (least–greatest). "
         "Scores on held-out frames, (i − 1) % 8 == 0; motion on all frames, mm."

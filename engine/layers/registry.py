@@ -196,6 +196,7 @@ LAYERS: dict[str, Layer] = {
             "Displacement",
             "scalar",
             "How far tissue has moved since the reference frame: ‖μ(t) − μ(reference)‖, blended over the Gaussians of a pixel. "
+            "Instruments, blood and char that come and go are looked through: what counts is the tissue behind them. "
             f"Hatched where the recording reveals it in less than {REVEALED:.0%} of the frames: a guess, however small it is.",
             _displacement,
             _displacement_splats,

@@ -104,6 +104,38 @@ def test_drifts_are_drawn_but_are_no_displacement(fresh):
                 model.canonical[name].copy_(value)
 
 
+def test_displacement_looks_through_what_comes_and_goes(fresh):
+    """As if it were not there; where nothing lasts, it counts itself."""
+    model, frame, rows = fresh.model, 5, torch.randperm(len(fresh.model), generator=torch.Generator().manual_seed(0))
+    brief, others = rows[: len(rows) // 3], rows[len(rows) // 3 :]
+    kept = {name: model.canonical[name].clone() for name in ("lifetimes", "logits")}
+
+    def displacement():
+        return Scene(fresh.run, model, fresh.basis, fresh.encoder, fresh.clip).render(frame, None, ("displacement",))["displacement"]
+
+    try:
+        with torch.no_grad():
+            model.canonical["lifetimes"].zero_()
+            before = displacement()
+            model.canonical["logits"][brief] = -30.0  # what is not seen does not count
+            wanted = displacement()
+            model.canonical["logits"].copy_(kept["logits"])
+            model.canonical["lifetimes"][brief] = torch.tensor([fresh.time(frame), 1e-3])
+            through = displacement()
+            model.canonical["lifetimes"][others] = torch.tensor([fresh.time(frame), 1e-3])
+            nothing_lasts = displacement()
+    finally:
+        with torch.no_grad():
+            for name, value in kept.items():
+                model.canonical[name].copy_(value)
+    covered = np.isfinite(wanted)
+    assert covered.mean() > 0.5
+    np.testing.assert_allclose(through[covered], wanted[covered], atol=1e-3)
+    assert np.nanmax(np.abs(through - before)[covered]) > 0.05
+    np.testing.assert_allclose(through[~covered], before[~covered], atol=1e-3)
+    np.testing.assert_allclose(nothing_lasts, before, atol=1e-3)
+
+
 def test_one_pass_draws_what_single_passes_draw(fresh):
     together = fresh.render(5, what=CHANNELS)
     assert set(together) == {"alpha", *CHANNELS}
