@@ -158,7 +158,6 @@ def _decoders(options: BenchOptions, progress: Progress) -> Table:
             Column("error", "error (1 − mean IoU)", 4, "mean"),
             Column("classes", "IoU by class"),
         ],
-        pareto=("ms", "error"),
     )
     scenes: list[tuple[str, Callable[[int], list[Frame]]]] = [
         ("phantom", lambda seed: [phantom_frame(width, height, seed, time) for time in TIMES]),
