@@ -300,21 +300,11 @@ class Scene:
             elif name != "latent":
                 value = np.where(alpha[..., None] >= COVERED, value / np.maximum(alpha[..., None], COVERED), np.nan)
             if name == "displacement" and len(self.lasting) < len(self.model):
-                tissue = self._lasting_displacement(frame, camera)
+                # blood or char hides tissue that goes on moving, and has no place of its own at the reference frame
+                tissue = _blended(splats.map(lambda part: part[self.lasting]), columns[name][self.lasting, 0], camera)[..., None]
                 value = np.where(np.isfinite(tissue), tissue, value)
             out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement", "support") else value)
         return out
-
-    def _lasting_displacement(self, frame: float, camera: Camera) -> np.ndarray:
-        """Displacement of what lasts, as if nothing came before it, float32 [H, W, 1], NaN where nothing is.
-
-        Blood or char hides tissue that goes on moving, and has itself no place at the reference frame that it could have moved from.
-        """
-        tissue = self.splats(frame).map(lambda part: part[self.lasting])
-        values = self.displacement(frame)[self.lasting, None]
-        drawn = rasterize(tissue.means, tissue.quats, tissue.scales, tissue.opacities, values, camera, clean=True)
-        image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()[..., None]
-        return np.where(alpha >= COVERED, image / np.maximum(alpha, COVERED), np.nan)
 
     def blend(self, name: str, frame: float, values: Callable[[], Tensor], camera: Camera | None = None) -> np.ndarray:
         """One number a Gaussian, [N], blended over the Gaussians of each pixel: Σ v·w / Σ w, float32 [H, W], NaN where nothing is.
@@ -324,10 +314,7 @@ class Scene:
 
         @torch.no_grad()
         def drawn(view: Camera) -> np.ndarray:
-            splats = self.splats(frame)
-            out = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, values()[:, None], view, clean=True)
-            image, alpha = out.image[..., 0].cpu().numpy(), out.alpha.cpu().numpy()
-            return np.where(alpha >= COVERED, image / np.maximum(alpha, COVERED), np.nan).astype(np.float32)
+            return _blended(self.splats(frame), values(), view)
 
         if camera is not None:
             return drawn(camera)
@@ -375,6 +362,13 @@ class Scene:
         if self.clip is None:
             raise DegenseError(f"warp compares the scene with the recording, which is missing: {self.clip_missing}")
         return ObservedMotion(self.clip, self.reference_frame)
+
+
+def _blended(splats: Splats, values: Tensor, camera: Camera) -> np.ndarray:
+    """One number a Gaussian, [N], blended over those of each pixel: Σ v·w / Σ w, float32 [H, W], NaN where nothing is."""
+    drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, values[:, None], camera, clean=True)
+    image, alpha = drawn.image[..., 0].cpu().numpy(), drawn.alpha.cpu().numpy()
+    return np.where(alpha >= COVERED, image / np.maximum(alpha, COVERED), np.nan).astype(np.float32)
 
 
 def _bytes_of(splats: Splats) -> int:
