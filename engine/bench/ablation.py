@@ -29,6 +29,7 @@ OTHERS: dict[str, dict[str, Any]] = {
 }
 SCENE = {
     "spurious_displacement": ("spurious, mm", 3),
+    "spurious_displacement_revealed": ("… not marked as a guess", 3),
     "displacement_error": ("motion error, mm", 3),
     "displacement_correlation": ("correlation", 3),
     "recovered_share": ("recovered share", 3),

@@ -17,6 +17,7 @@ from engine.splats import Splats
 Routing = Literal["paper", "isolated", "coupled"]
 ROUTINGS: tuple[Routing, ...] = ("paper", "isolated", "coupled")
 CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "tints", "semantics", "lifetimes", "drifts")
+GIVEN = ("lifetimes",)  # of these: as the initialisation has it, never learned (docs/decisions/0025)
 
 
 REACH = 2.0  # of 1/ω: how long before and after the middle of its life a Gaussian drifts
@@ -89,7 +90,7 @@ class SceneModel(nn.Module):
     canonical : dict of Tensor
         `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `tints` [N, color_knots, 3] (added to
         the colour, a spline over the knots), `semantics` [N, rank], `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian
-        exists; ω = 0, at which its gradient is exactly zero, is for ever. `drifts` [N, 3]: what exists for a while goes straight on by
+        exists, which are given and not learned; ω = 0 is for ever. `drifts` [N, 3]: what exists for a while goes straight on by
         so much in 1/ω, beside what the field does to it; within `REACH`/ω of τ, beyond which it can hardly be seen.
 
     Attributes
@@ -132,7 +133,7 @@ class SceneModel(nn.Module):
         self.register_buffer("bounds", bounds.float())
         self.register_buffer("moving", None)
         self.register_buffer("responses", None)
-        self.canonical = nn.ParameterDict({name: nn.Parameter(canonical[name].float().contiguous()) for name in CANONICAL})
+        self.canonical = nn.ParameterDict({name: nn.Parameter(canonical[name].float().contiguous(), name not in GIVEN) for name in CANONICAL})
         self.planes = HexPlane(config.channels, config.resolution, config.time_resolution, config.levels)
         self.kinematics = Kinematics(self.planes.dimension)
         latent = self.kinematics.dimension

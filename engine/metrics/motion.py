@@ -25,7 +25,7 @@ class MotionScores:
     - `largest_displacement`: the largest ‖true‖.
     - `true_displacement`: mean ‖true‖, which is the error of the answer "nothing moves".
     - `displacement_error_revealed`, `displacement_error_uncertain`: the error over pixels whose displacement the recording reveals, and
-      over those that are marked as a guess.
+      over those that are marked as a guess. `spurious_displacement_revealed`: the spurious one over the former.
 
     "Nothing moves" wins `spurious_displacement` and `false_motion`: never show these without correlation and recovered share.
     A score without pixels, and a correlation with a constant, is None.
@@ -39,7 +39,7 @@ class MotionScores:
     def __init__(self, still: float = 0.1):
         self.still = still
         self._error, self._spurious, self._false, self._true, self._covered = (Mean() for _ in range(5))
-        self._revealed, self._guessed = Mean(), Mean()
+        self._revealed, self._guessed, self._spurious_revealed = Mean(), Mean(), Mean()
         self._shared = self._largest = 0.0
         self._moments = np.zeros(6)  # n, mean p, mean t, Σ(p − p̄)², Σ(t − t̄)², Σ(p − p̄)(t − t̄)
 
@@ -64,12 +64,15 @@ class MotionScores:
         if tissue.any():
             self._covered.add(float(counted[tissue].mean()), float(np.count_nonzero(tissue)))
         p, t, burnt = guess[counted], right[counted], cautery[counted]
-        _add_mean(self._error, np.abs(p - t))
+        error, spurious = np.abs(p - t), np.maximum(p - t, 0)
+        _add_mean(self._error, error)
+        _add_mean(self._spurious, spurious[burnt])
         if uncertain is not None:
-            _add_mean(self._revealed, np.abs(p - t)[~uncertain[counted]])
-            _add_mean(self._guessed, np.abs(p - t)[uncertain[counted]])
+            guessed = uncertain[counted]
+            _add_mean(self._revealed, error[~guessed])
+            _add_mean(self._guessed, error[guessed])
+            _add_mean(self._spurious_revealed, spurious[burnt & ~guessed])
         _add_mean(self._true, t)
-        _add_mean(self._spurious, np.maximum(p[burnt] - t[burnt], 0))
         _add_mean(self._false, p[~burnt & (t <= self.still)])
         self._largest = max(self._largest, float(t.max(initial=0)))
         self._shared += float(np.minimum(p, t).sum())
@@ -84,6 +87,7 @@ class MotionScores:
             "displacement_correlation": float(pt / np.sqrt(pp * tt)) if pp > 0 and tt > 0 else None,
             "recovered_share": self._shared / moved if moved > 0 else None,
             "spurious_displacement": self._spurious.value,
+            "spurious_displacement_revealed": self._spurious_revealed.value,
             "false_motion": self._false.value,
             "true_displacement": self._true.value,
             "largest_displacement": self._largest if moved > 0 else None,

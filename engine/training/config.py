@@ -59,8 +59,7 @@ class TrainConfig:
         Frames between the knots of a Gaussian's own colour changes.
     channels, resolution, levels, time_resolution
         Of the HexPlane; a time resolution of 0 is half the number of frames.
-    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_tints, rate_semantics, rate_lifetimes,
-    rate_final : float
+    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_tints, rate_semantics, rate_final : float
         Learning rates, and the factor by which those of positions and field have fallen at the end; then all fall (`set_rates`).
     densify_every, densify_until : int, float
         Densify and prune every so many steps, until this share of the iterations.
@@ -127,7 +126,6 @@ class TrainConfig:
     rate_color: float = 2.5e-3
     rate_tints: float = 2.5e-3
     rate_semantics: float = 1e-2
-    rate_lifetimes: float = 5e-3
     rate_final: float = 0.05
     densify_every: int = 200
     densify_until: float = 0.6

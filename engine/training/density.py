@@ -89,7 +89,7 @@ class Density:
         """Swap every canonical parameter for its kept rows and the children; Adam's moments follow, those of children start at zero."""
         for name in CANONICAL:
             old = self.model.canonical[name]
-            new = torch.nn.Parameter(torch.cat([old.data[keep], children[name]]))
+            new = torch.nn.Parameter(torch.cat([old.data[keep], children[name]]), old.requires_grad)
             self.model.canonical[name] = new
             for group in optimizer.param_groups:
                 if group["params"][0] is old:

@@ -24,13 +24,13 @@ from engine.training.passes import SemanticPass
 from engine.training.recording import recorded
 from engine.training.semantics import SemanticTargets
 from engine.training.trainer import draw_latents
-from engine.training.trust import trust
+from engine.training.trust import consent, trust
 
 TELL_EVERY = 25  # steps
 #: What is left of the learning rates after a lift: canonical latents, planes, networks. A coarse teacher's frames contradict each other;
-#: steps as large as from nothing, or twice as many, would follow each of them in turn and lose what their mean says. A pixelwise teacher is
-#: followed.
+#: steps as large as from nothing, or twice as many, would follow each of them in turn and lose what their mean says.
 GENTLE = (0.3, 0.05, 0.1)
+CONSENT = 0.8  # of a pixelwise teacher's words with each other, from which on each frame is followed
 LOOK_RIDGE = 5e-4  # variance of a Gaussian's colour, of 1, below which its look does not explain what is said of it
 
 
@@ -121,8 +121,9 @@ def fit_meaning(
     random = np.random.default_rng(config.seed)
     if config.lift:
         _settle(model, *lift(model, targets, frames, lambda f, words: progress((0.2 if targets.pixelwise else 0.1) * f, words)))
-    gentle = config.lift and not targets.pixelwise
-    if gentle and config.angular:
+    gentle = config.lift and (not targets.pixelwise or consent(model, targets, frames) < CONSENT)
+    targets.doubted = gentle and targets.pixelwise
+    if gentle and config.angular and not targets.pixelwise:
         targets.trust = trust(model, targets, frames)
         _settle(model, *lift(model, targets, frames, lambda f, words: progress(0.1 + 0.1 * f, words)))
     loss_of, spoken = (targets.patch_loss, targets.spoken) if targets.shared else (targets.loss, targets.frames)

@@ -13,7 +13,7 @@ SETTLED = 0.05  # of its rate is left of everything at the end
 
 
 def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
-    """Groups: one for each canonical parameter (so that densification can swap it), the planes, the networks, the semantic networks."""
+    """Groups: one for each canonical parameter that is learned (so that densification can swap it), the planes, the networks, the semantic networks."""
     rates = {
         "means": config.rate_means,
         "log_scales": config.rate_scales,
@@ -22,7 +22,6 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
         "colors": config.rate_color,
         "tints": config.rate_tints,
         "semantics": config.rate_semantics,
-        "lifetimes": config.rate_lifetimes,
         "drifts": config.rate_means if config.drifts else 0.0,
     }
     groups = [{"name": name, "params": [model.canonical[name]], "lr": rate} for name, rate in rates.items()]

@@ -106,6 +106,8 @@ class SemanticTargets:
         Whether its vectors are shared out over superpixels.
     trust : dict of int → float [k]
         How far each word of a frame is believed (`engine.training.trust`); words of frames that are not in it are believed as they are.
+    doubted : bool
+        Whether a pixelwise teacher contradicts itself, so that mistaken words must not pull harder than others.
     """
 
     def __init__(
@@ -121,6 +123,7 @@ class SemanticTargets:
         self.pixelwise = teacher.pixelwise
         self.shared = guided and not teacher.pixelwise
         self.trust: dict[int, Tensor] = {}
+        self.doubted = False
         self._teacher, self._working, self._evidence = teacher, frames, evidence
         clip = frames.clip
         width, height = frames.size
@@ -240,11 +243,11 @@ class SemanticTargets:
         return _keep(self._patches, frame, target, self._capacity)
 
     def loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> Tensor:
-        """L_align (Eq. 3, or L1 for the coupled baseline) + w·L_smooth on a drawn latent map [H, W, d]."""
+        """L_align (Eq. 3, or L1 for the coupled baseline; the `chord` where `doubted`) + w·L_smooth on a drawn latent map [H, W, d]."""
         target = self.target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
         drawn, wanted = flat[target.pixels], target.latents[target.index]
-        error = angular(drawn, wanted) if use_angles else _l1(drawn, wanted)
+        error = (chord if self.doubted else angular)(drawn, wanted) if use_angles else _l1(drawn, wanted)
         return (error * target.weight).sum() / max(len(target.pixels), 1) + self._smoothness(flat, frame, region_weight)
 
     def patch_loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> Tensor:

@@ -111,8 +111,9 @@ class Trainer:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to what `state()` returned."""
-        for name in self.model.canonical:
-            self.model.canonical[name] = torch.nn.Parameter(state["model"][f"canonical.{name}"].to(self.device).clone())
+        for name, old in self.model.canonical.items():
+            kept = state["model"][f"canonical.{name}"].to(self.device).clone()
+            self.model.canonical[name] = torch.nn.Parameter(kept, old.requires_grad)
         self.model.load_state_dict(state["model"])
         self.optimizer = make_optimiser(self.model, self.config)
         for name, parameter in self.model.named_parameters():

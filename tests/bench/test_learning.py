@@ -27,6 +27,7 @@ def asked(monkeypatch, tmp_path):
             masks = {d: {"boundary_f": 0.5, "iou": iou, "floor": {"liver": 0.2, "grasper": None}} for d in DECODERS}
             scores = {"miou": {d: miou - 0.05 * (d == "threshold") for d in DECODERS}, "masks": masks, "rank": 8}
             scores |= {"displacement_error": 0.1, "displacement_correlation": 0.9, "recovered_share": 0.8, "spurious_displacement": 0.05}
+            scores["spurious_displacement_revealed"] = 0.02
             scores |= {"true_displacement": 1.0, "largest_displacement": 10.0, "false_motion": 0.01, "psnr_mask": 33.0, "ssim": 0.9}
             found.append(scores | {"train_seconds": 5.0, "query_ms": 4.0, "query_new_frame_ms": 60.0})
         return found

@@ -48,24 +48,28 @@ def test_every_score_matches_a_loop(seed):
     for frame in data:
         scores.add(*frame)
     result = scores.result()
-    assert result.pop("displacement_error_revealed") is result.pop("displacement_error_uncertain") is None  # nothing was marked
+    marked = ("displacement_error_revealed", "displacement_error_uncertain", "spurious_displacement_revealed")
+    assert all(result.pop(name) is None for name in marked)  # nothing was marked
     assert result == pytest.approx(loop(data, 0.3), rel=1e-9)
 
 
 def test_marked_pixels_are_scored_apart():
     marks = np.random.default_rng(8)
-    scores, errors, marked = MotionScores(), [], []
+    scores, errors, marked, beyond = MotionScores(), [], [], []
     for guess, truth, cautery in frames(9):
         uncertain = marks.random(cautery.shape) < 0.3
         scores.add(guess, truth, cautery, uncertain)
-        error = np.abs(guess - np.linalg.norm(truth.astype(float), axis=-1))
+        difference = guess - np.linalg.norm(truth.astype(float), axis=-1)
+        error = np.abs(difference)
         errors.append(error[np.isfinite(error)])
         marked.append(uncertain[np.isfinite(error)])
+        beyond.append(np.maximum(difference, 0)[np.isfinite(error) & cautery & ~uncertain])
     error, mark = np.concatenate(errors), np.concatenate(marked)
     result = scores.result()
     assert result["displacement_error_revealed"] == pytest.approx(error[~mark].mean(), rel=1e-9)
     assert result["displacement_error_uncertain"] == pytest.approx(error[mark].mean(), rel=1e-9)
     assert result["displacement_error"] == pytest.approx(error.mean(), rel=1e-9)
+    assert result["spurious_displacement_revealed"] == pytest.approx(np.concatenate(beyond).mean(), rel=1e-9)
 
 
 def test_pooling_keeps_its_digits_far_from_zero():
