@@ -133,7 +133,9 @@ class SceneModel(nn.Module):
         self.register_buffer("bounds", bounds.float())
         self.register_buffer("moving", None)
         self.register_buffer("responses", None)
-        self.canonical = nn.ParameterDict({name: nn.Parameter(canonical[name].float().contiguous(), name not in GIVEN) for name in CANONICAL})
+        self.canonical = nn.ParameterDict(
+            {name: nn.Parameter(canonical[name].float().contiguous(), name not in GIVEN) for name in CANONICAL}
+        )
         self.planes = HexPlane(config.channels, config.resolution, config.time_resolution, config.levels)
         self.kinematics = Kinematics(self.planes.dimension)
         latent = self.kinematics.dimension

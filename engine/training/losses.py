@@ -155,9 +155,20 @@ def region_smoothness(latent: Latents, regions: Int[Tensor, " pixels"], count: i
     size = torch.zeros(count, device=latent.device, dtype=latent.dtype).index_add_(0, regions, torch.ones_like(latent[:, 0]))
     total = torch.zeros(count, latent.shape[1], device=latent.device, dtype=latent.dtype).index_add(0, regions, latent)
     mean = total / size.clamp_min(1)[:, None]
-    spread = (latent - mean[regions]).abs().sum(1)
+    spread = (latent - rows_of(mean, regions)).abs().sum(1)
     inside = torch.zeros_like(size).index_add(0, regions, spread) / size.clamp_min(1)
     return inside.sum() / (size > 0).sum().clamp_min(1)
+
+
+def rows_of(values: Float[Tensor, "n d"], index: Int[Tensor, "*shape"]) -> Float[Tensor, "*shape d"]:
+    """values[index], where rows are asked for many times.
+
+    On the processor indexing sums their gradients by threads that race for them, so that the same seed would not give the same run;
+    `index_select` sums them in order, in half the time.
+    """
+    if values.is_cuda:
+        return values[index]
+    return values.index_select(0, index.reshape(-1)).reshape(*index.shape, values.shape[1])
 
 
 def rigidity(displacement: Float[Tensor, "n 3"], neighbours: Int[Tensor, "n k"], weights: Float[Tensor, "n k"]) -> Scalar:
@@ -169,5 +180,5 @@ def rigidity(displacement: Float[Tensor, "n 3"], neighbours: Int[Tensor, "n k"],
     neighbours : int64 [N, K]
     weights : float [N, K]
     """
-    difference = displacement[:, None] - displacement[neighbours]
+    difference = displacement[:, None] - rows_of(displacement, neighbours)
     return (weights * (difference.square().sum(-1) + 1e-12).sqrt()).mean()

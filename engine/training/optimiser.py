@@ -13,7 +13,7 @@ SETTLED = 0.05  # of its rate is left of everything at the end
 
 
 def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
-    """Groups: one for each canonical parameter that is learned (so that densification can swap it), the planes, the networks, the semantic networks."""
+    """Groups: each canonical parameter that is learned (so that densification can swap it), planes, networks, semantic networks."""
     rates = {
         "means": config.rate_means,
         "log_scales": config.rate_scales,

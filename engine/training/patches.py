@@ -9,6 +9,8 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from engine.training.losses import rows_of
+
 BLUR = 0.7  # patch sides: how far around itself a patch sees
 AROUND = 25  # nearest patches that it may see, itself included
 
@@ -51,7 +53,7 @@ class Patches(NamedTuple):
         count = len(self.size)
         total = flat.new_zeros(count + 1, flat.shape[1]).index_add(0, self.owner, flat)[:count]
         mean = total / self.size.clamp_min(1)[:, None]
-        return (mean[self.near] * self.share[:, :, None]).sum(1)
+        return (rows_of(mean, self.near) * self.share[:, :, None]).sum(1)
 
 
 def patch_side(index: np.ndarray, size: np.ndarray) -> float:

@@ -16,6 +16,7 @@ from engine.bench.stress.clip_cases import clip_cases
 from engine.bench.stress.long_clips import PICTURES, write_pictures, write_video
 from engine.bench.stress.outcome import COLUMNS, Finding, non_finite, row
 from engine.bench.table import Table
+from engine.phantom import PhantomOptions, make_phantom
 from engine.progress import Progress, silent
 from engine.readers import open_clip
 from engine.store.files import read_tensors
@@ -25,6 +26,7 @@ FRAMES = 2000
 OPENED, STEPPED, SMALL = (640, 512), (320, 256), (96, 80)  # pixels; quick takes the small one for both
 OPENING_MB, STEPS_MB = 1024, 4096  # the second: 1.5 GB of frames, .75 GB each of supervision and of flow, and the libraries
 ITERATIONS, QUICK_ITERATIONS = 30_000, 400
+TWICE_FRAMES, TWICE_STEPS = 12, 60
 
 
 def table(options: BenchOptions, progress: Progress = silent) -> Table:
@@ -39,7 +41,7 @@ def table(options: BenchOptions, progress: Progress = silent) -> Table:
         f"10 steps on {_words(frames, stepped)}": partial(steps_finding, folder, stepped, frames, options.device),
         f"10 steps on {_words(frames // 4, stepped)}": partial(steps_finding, folder, stepped, frames // 4, options.device),
         f"{iterations:,} iterations": partial(long_finding, folder, iterations, options.device),
-        "the same seed twice": partial(twice_finding, folder, options.device),
+        f"the same seed twice, {_words(TWICE_FRAMES, stepped)}": partial(twice_finding, folder, stepped, options.device),
         "stopped and resumed": partial(resumed_finding, folder, options.device),
     }
     rows = []
@@ -55,9 +57,10 @@ def table(options: BenchOptions, progress: Progress = silent) -> Table:
         f"Opening: every {FRAMES // 50}th frame is then read with its validity, depth and labels; allowed are {OPENING_MB:,} MB. Steps "
         f"on a long clip: preset quick, optical flow and teacher included, on a clip that repeats {PICTURES} pictures; allowed are "
         f"{STEPS_MB:,} MB. Each in a process of its own, whose peak memory is given, interpreter and libraries included. Iterations: a "
-        "phantom of 12 frames of 64 × 48 pixels, 400 Gaussians; all numbers of the model and of the log are counted. Same seed, "
-        "resumed: 300 steps of it, from scratch or stopped half way; the error is the largest difference of a number of the model, "
-        "which must be 0 on the CPU.",
+        "phantom of 12 frames of 64 × 48 pixels, 400 Gaussians; all numbers of the model and of the log are counted. Same "
+        f"seed: {TWICE_STEPS} steps of preset quick, optical flow and a teacher's patches included; sums are shared out over threads only "
+        "where there are many. Resumed: 300 steps of the small phantom, stopped half way. The error is the largest difference of a "
+        "number of the model, which must be 0 on the CPU.",
         [column for column in COLUMNS if column.key != "gradient"],
         rows,
     )
@@ -105,7 +108,7 @@ def few_steps(folder: Path, device: str) -> tuple[float, float | None, int]:
     return time.perf_counter() - begin, peak_memory(), bad
 
 
-def trained(folder: Path, out: Path, config: TrainConfig, halt: int | None = None) -> dict[str, torch.Tensor]:
+def trained(folder: Path, out: Path, config: TrainConfig, halt: int | None = None, teacher: str | None = None) -> dict[str, torch.Tensor]:
     """Tensors of the model that `folder`/clip gives; with `halt` the training is stopped there and resumed."""
     clip = open_clip(folder / "clip")
     reached = [0]
@@ -114,8 +117,8 @@ def trained(folder: Path, out: Path, config: TrainConfig, halt: int | None = Non
         reached[0] = event["iteration"] if event["event"] == "progress" else reached[0]
 
     if halt is not None:
-        assert train(clip, out, config, events=follow, stop=lambda: reached[0] >= halt) is None
-    run = train(clip, out, config, resume=halt is not None, events=follow, stop=lambda: False)
+        assert train(clip, out, config, teacher=teacher, events=follow, stop=lambda: reached[0] >= halt) is None
+    run = train(clip, out, config, teacher=teacher, resume=halt is not None, events=follow, stop=lambda: False)
     assert run is not None
     return read_tensors(run.path / "model.safetensors")
 
@@ -138,10 +141,11 @@ def long_finding(folder: Path, iterations: int, device: str) -> Finding:
     return Finding(non_finite([read_tensors(run.path / "model.safetensors"), told]), words)
 
 
-def twice_finding(folder: Path, device: str, steps: int = 300) -> Finding:
+def twice_finding(folder: Path, size: tuple[int, int], device: str) -> Finding:
     """Two trainings from one seed."""
-    clip_cases()[0].make(folder / "clip")
-    one, two = (trained(folder, folder / name, tiny(steps, device)) for name in ("one", "two"))
+    make_phantom(folder / "clip", PhantomOptions(TWICE_FRAMES, *size))
+    config = TrainConfig.preset_of("quick", iterations=TWICE_STEPS, device=device)
+    one, two = (trained(folder, folder / name, config, teacher="degraded:") for name in ("one", "two"))
     return difference(one, two, device)
 
 
