@@ -82,7 +82,7 @@ def test_depth_files_with_anything_in_them(tmp_path, kind):
 
 
 def test_the_same_seed_is_the_same_run(tmp_path):
-    finding = twice_finding(tmp_path, "cpu", steps=60)
+    finding = twice_finding(tmp_path, (320, 256), "cpu")
     assert finding.outcome == "ok"
     assert finding.error == 0
     config = TrainConfig.preset_of("quick", iterations=20, max_gaussians=400, resolution=8, channels=8, device="cpu", seed=1)
