@@ -19,6 +19,7 @@ from engine.progress import Progress, silent
 from engine.raster import rasterize
 from engine.training.config import TrainConfig
 from engine.training.frames import TrainingFrames
+from engine.training.losses import rows_of
 from engine.training.meaning import heard
 from engine.training.semantics import SemanticTargets
 
@@ -102,7 +103,7 @@ def separation(features: Tensor, segment: Tensor) -> Tensor:
     inside = features[here]
     counts = torch.bincount(member, minlength=len(names)).to(inside.dtype)
     means = inside.new_zeros(len(names), inside.shape[1]).index_add(0, member, inside) / counts[:, None]
-    together = (inside - means[member]).square().sum(1).mean()
+    together = (inside - rows_of(means, member)).square().sum(1).mean()
     if len(names) < 2:
         return together
     apart = (means[:, None] - means[None]).square().sum(-1)

@@ -145,9 +145,7 @@ def test_words_that_the_other_frames_contradict_are_believed_less():
 
     targets = SemanticTargets(Mistaken(), frames, guided=False)
     model = model_for(frames, targets)
-    latents, responses = lift(model, targets, frames)
-    model.canonical["semantics"].data.copy_(latents)
-    model.set_responses(responses)
+    _settle(model, *lift(model, targets, frames))
     found = trust(model, targets, frames)
     lies = [p for p in range(120) if p // 12 in (6, 7, 8) and p % 12 < 4]
     truths = [p for p in range(120) if p // 12 in (6, 7, 8) and p % 12 > 8]
