@@ -19,19 +19,30 @@ from engine.scene import Scene
 from engine.training import TrainConfig, train
 
 MOTION = 8.0  # mm: amplitude of the camera's path in the trainings
+SIZES = {"cpu": (40, 240, 192), "cuda": (60, 640, 512)}  # frames, width, height
+TRAINED = {"cpu": ("quick", 800), "cuda": ("balanced", 3000)}  # preset, iterations
 CAMERAS = {"true": ClipOptions(poses="auto"), "estimated": ClipOptions(poses="estimate"), "still": ClipOptions(poses="still")}
 
 
 def run(options: BenchOptions, progress: Progress = silent) -> Iterator[Table]:
     """Two tables: poses against truth, and trainings with true, estimated and no camera motion."""
-    frames, width, height = (24, 160, 128) if options.quick else (60, 640, 512)
+    size = _size(options)
     phantoms = {
-        (motion, seed): _phantom(options.scratch / f"camera-{motion:g}-{seed}", PhantomOptions(frames, width, height, seed, motion))
+        (motion, seed): _phantom(options.scratch / f"camera-{motion:g}-{seed}", PhantomOptions(*size, seed, motion))
         for motion in (0.0, 3.0, MOTION, 12.0)
         for seed in options.seeds
     }
     yield _accuracy(phantoms, options, progress)
     yield _trainings({seed: phantoms[MOTION, seed] for seed in options.seeds}, options, progress)
+
+
+def _size(options: BenchOptions) -> tuple[int, int, int]:
+    return (24, 160, 128) if options.quick else SIZES[options.device]
+
+
+def _words(options: BenchOptions) -> str:
+    frames, width, height = _size(options)
+    return f"{frames} frames, {width} × {height}, seeds {', '.join(map(str, options.seeds))}"
 
 
 def _phantom(path: Path, wanted: PhantomOptions) -> Path:
@@ -43,8 +54,8 @@ def _accuracy(phantoms: dict[tuple[float, int], Path], options: BenchOptions, pr
     table = Table(
         "cameras-accuracy",
         "Camera poses from the frames, against exact ones",
-        "Phantoms that breathe and are pulled, exact depth; poses estimated from training frames only, errors over all frames; nothing is "
-        "aligned. Frames are matched at 80,000 pixels. Real clips have no truth.",
+        f"Phantoms that breathe and are pulled, {_words(options)}, exact depth; poses estimated from training frames only, errors over all "
+        "frames; nothing is aligned. Frames are matched at 80,000 pixels. Real clips have no truth.",
         [
             Column("clip", "clip"),
             Column("seconds", "s"),
@@ -92,15 +103,14 @@ def _decided(path: Path) -> str:
 
 
 def _trainings(clips: dict[int, Path], options: BenchOptions, progress: Progress) -> Table:
-    config = TrainConfig.preset_of(
-        "quick" if options.quick else "balanced", device=options.device, iterations=400 if options.quick else 3000
-    )
+    preset, iterations = ("quick", 400) if options.quick else TRAINED[options.device]
+    config = TrainConfig.preset_of(preset, device=options.device, iterations=iterations)
     scores = ("psnr_mask", "displacement_error", "displacement_correlation", "recovered_share", "spurious_displacement")
     table = Table(
         "cameras-training",
         "What the cameras do to a reconstruction",
-        f"Phantom with a camera path of {MOTION:g} mm, {config.preset} preset, {config.iterations} steps, no semantics; held-out frames. "
-        "Displacement against truth in world axes, over all frames.",
+        f"Phantom with a camera path of {MOTION:g} mm, {_words(options)}, {config.preset} preset, {config.iterations} steps, no semantics; "
+        "held-out frames. Displacement against truth in world axes, over all frames.",
         [
             Column("cameras", "cameras"),
             Column("psnr_mask", "`psnr_mask` dB", middle="mean"),
