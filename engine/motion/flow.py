@@ -6,8 +6,10 @@ the second.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -55,11 +57,19 @@ def chain(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return first + sample(second, first)
 
 
-def steps_between(frames: Sequence[np.ndarray], threads: int = 8) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Flow there and back between neighbouring frames uint8 [H, W, 3], several pairs at a time, in order."""
-    even = [_even(frame) for frame in frames]
+def steps_between(frames: Iterable[np.ndarray], threads: int = 8) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Flow there and back between neighbouring frames uint8 [H, W, 3], in order; so many pairs at a time, and as many ahead."""
     with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(lambda a, b: (_search(a, b), _search(b, a)), even[:-1], even[1:])
+        ahead: deque[Future[tuple[np.ndarray, np.ndarray]]] = deque()
+        try:
+            for a, b in pairwise(_even(frame) for frame in frames):
+                ahead.append(pool.submit(lambda a, b: (_search(a, b), _search(b, a)), a, b))
+                if len(ahead) > 2 * threads:
+                    yield ahead.popleft().result()
+            while ahead:
+                yield ahead.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def follow(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import tee
 
 import numpy as np
 
-from engine.motion import consistent, flow_between, follow, sample
+from engine.motion import consistent, flow_between, follow, sample, steps_between
 from engine.poses.views import Views
 from engine.progress import Progress
 
@@ -106,7 +107,8 @@ def follow_tissue(views: Views, frames: list[int], progress: Progress) -> tuple[
 
 
 def _flows(views: Views, key: int, frames: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    return follow(views.picture(i) for i in (key, *frames))
+    pictures, ahead = tee(views.picture(i) for i in (key, *frames))
+    return follow(pictures, steps_between(ahead))
 
 
 def close_loops(keys: list[Key], viewmats: np.ndarray, progress: Progress) -> list[Track]:

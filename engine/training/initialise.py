@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import cv2
 import numpy as np
 import torch
@@ -41,7 +43,7 @@ def initial_gaussians(
     keys = [train[i] for i in np.linspace(0, len(train) - 1, key_count(len(train))).round().astype(int)]
     width, height = frames.size
     stride = max(1.0, float(np.sqrt(width * height / (0.6 * budget))))
-    shown = np.zeros((height, width, 3), np.int16)
+    shown = np.zeros((height, width, 3), np.uint8)
     known = np.zeros((height, width), bool)
     rate = 0.75 * (len(keys) - 1)  # two neighbouring key frames, 2 / (keys − 1) apart, share the time between them
     found: list[tuple[np.ndarray, ...]] = []
@@ -117,11 +119,11 @@ def jittered_grid(width: int, height: int, stride: float, generator: np.random.G
 
 
 def unlike(picture: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """How far [H, W] a picture, uint8 [H, W, 3], is from the likest colour within a pixel of an expected one, grey levels."""
+    """How far, uint8 [H, W] grey levels, a picture is from the likest colour within a pixel of an expected one, both uint8 [H, W, 3]."""
     height, width = picture.shape[:2]
-    wide = cv2.copyMakeBorder(expected.astype(np.int16), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    wide = cv2.copyMakeBorder(expected, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     shifted = (wide[y : y + height, x : x + width] for y in range(3) for x in range(3))
-    return np.minimum.reduce([np.abs(picture - near).max(2) for near in shifted])
+    return reduce(cv2.min, (reduce(cv2.max, cv2.split(cv2.absdiff(picture, near))) for near in shifted))
 
 
 def filled(depth: np.ndarray) -> np.ndarray:
