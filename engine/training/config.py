@@ -177,5 +177,5 @@ PRESETS: dict[str, dict] = {
         "semantic_steps": 400,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
-    "best": {"iterations": 10_000, "coarse_iterations": 1000, "plane_time": 1.0, "rate_means": 5e-4, "early_stop": True},
+    "best": {"iterations": 10_000, "coarse_iterations": 1000, "early_stop": True},
 }
