@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from engine.errors import DegenseError
-from engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
+from engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_splats_since
 from engine.layers.layer import Layer, LayerRequest
 from engine.motion import spurious
 from engine.scene import NO_SUPPORT, REVEALED, Scene
@@ -95,7 +95,18 @@ def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return scene.render(request.frame, request.camera, ("displacement",))["displacement"]
+    return _moved(scene, request)["displacement"]
+
+
+def _displacement_guessed(scene: Scene, request: LayerRequest) -> np.ndarray | None:
+    if scene.support is None or request.frame == scene.reference_frame:  # there it is 0 by definition, which is certain
+        return None
+    return _moved(scene, request)["support"] < REVEALED
+
+
+def _moved(scene: Scene, request: LayerRequest) -> dict[str, np.ndarray]:
+    """Displacement, and the support that tells where it is a guess, in one drawing."""
+    return scene.render(request.frame, request.camera, ("displacement",) if scene.support is None else ("displacement", "support"))
 
 
 def _support(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -202,7 +213,7 @@ LAYERS: dict[str, Layer] = {
             _displacement_splats,
             _length,
             "viridis",
-            uncertain=guessed_since,
+            uncertain=_displacement_guessed,
             uncertain_splats=guessed_splats_since,
             uncertain_words="hatched: a guess, the recording does not show how far this moved",
             from_zero=True,
