@@ -9,6 +9,7 @@ from engine.errors import DegenseError, PromptError
 from engine.layers import LAYERS, LayerImage, LayerRequest, layer_range
 from engine.layers.colour import MASK_COLOURS, colourise
 from engine.masks import DECODERS
+from engine.scene import REVEALED
 
 PROMPTS = ("gallbladder", "liver")
 SIDE = 5
@@ -123,6 +124,17 @@ def test_a_displacement_that_nothing_reveals_is_marked_as_a_guess(scene):
     assert np.array_equal(layer.uncertain_splats(scene, request()), scene.support.numpy() < 0.5)
     np.testing.assert_array_equal(support.splats(scene, request()), scene.support.numpy())
     assert layer_range(scene, support, request(), "frame") == (0.0, 1.0)
+
+
+def test_displacement_and_where_it_is_a_guess_take_one_drawing(scene, monkeypatch):
+    drawn = []
+    draw = scene.draw
+    monkeypatch.setattr(scene, "draw", lambda frame, camera, what: drawn.append(what) or draw(frame, camera, what))
+    scene.forget_pictures()
+    image = LAYERS["displacement"].image(scene, request(7))
+    assert drawn == [("displacement", "support")]
+    assert np.array_equal(image.values, scene.render(7, None, ("displacement",))["displacement"], equal_nan=True)
+    assert np.array_equal(image.uncertain, scene.render(7, None, ("support",))["support"] < REVEALED)
 
 
 def test_at_the_reference_frame_nothing_is_a_guess(scene):

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from engine.motion import chain, confidence, consistent, flow_between, follow, sample
+from engine.motion import chain, confidence, consistent, flow_between, follow, sample, steps_between
 from engine.phantom import PhantomOptions, make_phantom
 from tests.phantom.files import load
 
@@ -125,6 +125,18 @@ def phantom(tmp_path_factory):
     out = tmp_path_factory.mktemp("flow") / "clip"
     make_phantom(out, PhantomOptions(frames=24, width=200, height=160, seed=11))
     return load(out)
+
+
+def test_steps_are_measured_a_few_ahead_and_are_those_of_each_pair():
+    images = [texture(np.random.default_rng(8), 48, 64)]
+    images += [shifted(images[0], i, 0) for i in range(1, 30)]
+    read = []
+    steps = steps_between((read.append(i) or image for i, image in enumerate(images)), threads=2)
+    first = next(steps)
+    assert len(read) <= 7, "a long clip is never in memory as a whole"
+    for (there, back), a, b in zip([first, *steps], images[:-1], images[1:], strict=True):
+        assert np.array_equal(there, flow_between(a, b))
+        assert np.array_equal(back, flow_between(b, a))
 
 
 def test_follow_measures_the_phantoms_motion(phantom):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.camera import Camera
-from engine.raster import rasterize
+from engine.raster import check, rasterize
 from engine.raster.check import Case, compare, hostile_cases
 from engine.raster.scenes import random_scene
 
@@ -22,6 +22,22 @@ def test_policy_is_the_references(case):
     assert result.outliers <= 2e-3
     assert max(result.image, result.alpha) <= 1 / 255 + 1e-3
     assert all(error <= 1e-2 for error in result.gradients.values()), result.gradients
+
+
+@pytest.mark.parametrize(("wrong", "passes"), [(3e-7, True), (1e-3, False)], ids=["rounding", "wrong"])
+def test_a_gradient_that_symmetry_makes_zero_is_measured_by_the_cases_largest(monkeypatch, wrong, passes):
+    tensors, camera = random_scene(60, 47, 33, 4, SEED)
+    tensors[2].copy_(tensors[2][:, :1].expand(-1, 3).clone())  # balls: turning them changes nothing
+    real = check.draw
+
+    def draw(case, device, backend="auto"):
+        render, gradients = real(case, device, backend)
+        if backend != "reference":
+            gradients["quats"] = torch.full_like(gradients["quats"], wrong / gradients["quats"].numel() ** 0.5)
+        return render, gradients
+
+    monkeypatch.setattr(check, "draw", draw)
+    assert compare(Case("balls", [*tensors, None, None], camera), "cpu").passes is passes
 
 
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
