@@ -29,7 +29,7 @@ class Size:
     gaussians: int
 
 
-#: By device: what a GPU does in minutes takes two processor cores a day.
+#: By device: what a GPU does in minutes takes two processor cores many hours.
 SIZES = {"cpu": Size(40, 240, 192, 600, 8000), "cuda": Size(48, 320, 256, 1000, 12_000)}
 QUICK = Size(17, 96, 80, 120, 2000)
 

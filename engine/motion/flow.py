@@ -58,7 +58,7 @@ def chain(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def steps_between(frames: Iterable[np.ndarray], threads: int = 8) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Flow there and back between neighbouring frames uint8 [H, W, 3], in order; so many pairs at a time, and as many ahead."""
+    """Flow there and back between neighbouring frames uint8 [H, W, 3], in order; so many pairs at a time, and twice as many ahead."""
     with ThreadPoolExecutor(threads) as pool:
         ahead: deque[Future[tuple[np.ndarray, np.ndarray]]] = deque()
         try:

@@ -20,7 +20,6 @@ from engine.raster.scenes import random_scene
 
 INPUTS = ("means", "quats", "scales", "opacities", "features", "background", "offsets")
 IMAGE_TOLERANCE, OUTLIERS, OUTLIER_TOLERANCE, GRADIENT_TOLERANCE, RADII_TOLERANCE = 1e-3, 2e-3, 6e-3, 1e-2, 0.01
-
 ROUNDING = 1e-5  # of a case's largest gradient: what float32 leaves of sums that ought to vanish
 
 
