@@ -54,20 +54,21 @@ def growth_of(scene: Scene, frame: float) -> Tensor:
     return growths(scene.splats(frame).scales, scene.splats(scene.reference_frame).scales)
 
 
-def guessed(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    """Pixels whose motion the recording does not reveal, bool [H, W]; None when the run does not say."""
+def guessed(scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("support",)) -> np.ndarray | None:
+    """Pixels whose motion the recording does not reveal, bool [H, W], by the picture of the channels `drawn`, support among them; None when
+    the run does not say."""
     if scene.support is None:
         return None
-    return scene.render(request.frame, request.camera, ("support",))["support"] < REVEALED
+    return scene.render(request.frame, request.camera, drawn)["support"] < REVEALED
 
 
 def guessed_splats(scene: Scene, request: LayerRequest) -> np.ndarray | None:
     return None if scene.support is None else scene.support.cpu().numpy() < REVEALED
 
 
-def guessed_since(scene: Scene, request: LayerRequest) -> np.ndarray | None:
+def guessed_since(scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("support",)) -> np.ndarray | None:
     """As `guessed`, for what is measured from the reference frame: there it is 0 by definition, which is certain."""
-    return None if request.frame == scene.reference_frame else guessed(scene, request)
+    return None if request.frame == scene.reference_frame else guessed(scene, request, drawn)
 
 
 def guessed_splats_since(scene: Scene, request: LayerRequest) -> np.ndarray | None:

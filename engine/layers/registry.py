@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from engine.errors import DegenseError
-from engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_splats_since
+from engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
 from engine.layers.layer import Layer, LayerRequest
 from engine.motion import spurious
 from engine.scene import NO_SUPPORT, REVEALED, Scene
 
 WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
+MOVED = ("displacement", "support")  # channels of the displacement layer: its values, and where they are guesses
 
 
 def _rgb(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -95,18 +96,12 @@ def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return _moved(scene, request)["displacement"]
+    together = request.camera is None and scene.support is not None  # the surgeon's pictures are kept: both of MOVED take one drawing
+    return scene.render(request.frame, request.camera, MOVED if together else MOVED[:1])["displacement"]
 
 
 def _displacement_guessed(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    if scene.support is None or request.frame == scene.reference_frame:  # there it is 0 by definition, which is certain
-        return None
-    return _moved(scene, request)["support"] < REVEALED
-
-
-def _moved(scene: Scene, request: LayerRequest) -> dict[str, np.ndarray]:
-    """Displacement, and the support that tells where it is a guess, in one drawing."""
-    return scene.render(request.frame, request.camera, ("displacement",) if scene.support is None else ("displacement", "support"))
+    return guessed_since(scene, request, MOVED if request.camera is None else MOVED[1:])
 
 
 def _support(scene: Scene, request: LayerRequest) -> np.ndarray:
