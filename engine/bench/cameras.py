@@ -13,6 +13,7 @@ from engine.metrics.evaluate import evaluate
 from engine.metrics.poses import pose_errors
 from engine.phantom import PhantomOptions, make_phantom
 from engine.poses import find_cameras
+from engine.poses.views import PIXELS
 from engine.progress import Progress, silent
 from engine.readers import ClipOptions, open_clip
 from engine.scene import Scene
@@ -55,7 +56,7 @@ def _accuracy(phantoms: dict[tuple[float, int], Path], options: BenchOptions, pr
         "cameras-accuracy",
         "Camera poses from the frames, against exact ones",
         f"Phantoms that breathe and are pulled, {_words(options)}, exact depth; poses estimated from training frames only, errors over all "
-        "frames; nothing is aligned. Frames are matched at 80,000 pixels. Real clips have no truth.",
+        f"frames; nothing is aligned. Frames are matched at {PIXELS:,} pixels. Real clips have no truth.",
         [
             Column("clip", "clip"),
             Column("seconds", "s"),

@@ -15,8 +15,8 @@ from engine.poses.tracks import Lost, Track, close_loops, follow_tissue
 from engine.poses.views import SIDE, Views
 from engine.progress import Progress, silent
 
-NOTICED = 2.0  # pixels of a reduced frame: tracks whose median motion is smaller say nothing of the camera
-STAYS = 1.0  # pixels: a point that is never farther from its place stands still
+NOTICED = 1.5  # pixels of a reduced frame: tracks whose median motion is smaller say nothing of the camera
+STAYS = 0.7  # pixels: a point that is never farther from its place stands still
 EXPLAINS = 0.75  # share of the motion seen that a moving camera must explain
 STILL_AREA = 0.03  # share of the tissue that may stand still all the while although the camera moves
 

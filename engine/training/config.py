@@ -64,8 +64,7 @@ class TrainConfig:
     densify_every, densify_until : int, float
         Densify and prune every so many steps, until this share of the iterations.
     early_stop : bool
-        Watch a few training frames, and cool down as soon as they stop improving. It costs some of the colour of those frames' moments, so
-        only long trainings gain by it (docs/decisions/0011).
+        Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.plateau`).
     static, fixed_latents : bool
         Of the field: whether nothing moves, and whether latents never change. For baselines (`engine.systems`).
     drifts : bool
@@ -177,5 +176,5 @@ PRESETS: dict[str, dict] = {
         "semantic_steps": 400,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
-    "best": {"iterations": 10_000, "coarse_iterations": 1000, "early_stop": True},
+    "best": {"iterations": 10_000, "coarse_iterations": 1000, "early_stop": True, "tint_change": 0.1},
 }

@@ -42,8 +42,13 @@ class Density:
         drawn = (radii > 0).to(self.gradient.dtype)
         self.gradient += screen_gradient.norm(dim=1) * half_width * drawn
         self.seen += drawn
-        torch.maximum(self.opacity, opacities.detach() * drawn, out=self.opacity)
         torch.maximum(self.radius, radii.to(self.radius.dtype), out=self.radius)
+        self.observe_visible(radii, opacities)
+
+    @torch.no_grad()
+    def observe_visible(self, radii: Tensor, opacities: Tensor) -> None:
+        """Add a look at a frame that is not trained on: what is visible there only is of use."""
+        torch.maximum(self.opacity, opacities.detach() * (radii > 0).to(self.opacity.dtype), out=self.opacity)
 
     @torch.no_grad()
     def step(self, optimizer: torch.optim.Optimizer, generator: torch.Generator, *, prune: bool = True) -> dict[str, int]:

@@ -7,16 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 VALIDATION_FRAMES = 4
-FEWEST_FRAMES = 16  # training frames below which none can be spared
+FEWEST_FRAMES = 100  # training frames below which none can be spared: of 42, four are missed more than an early stop could save
 COOLDOWN = 0.3  # last part of a schedule, in which everything settles and nothing is densified
+WATCHED = 0.5  # share of a schedule after which nobody looks any more: little is left to be saved then, and the frames are missed
 
 
 def validation_frames(train_frames: Sequence[int]) -> list[int]:
     """Up to `VALIDATION_FRAMES` training frames to watch, evenly spread, never the first (displacement starts there) nor the last.
 
-    They are left out of the colour loss only while they are watched: from the cool-down on they are trained on like all others. Until then
-    the model learns from a few frames less, which their neighbours mostly show too. Test frames are for the score alone. The error on
-    trained frames does not serve: it falls for as long as one likes (docs/decisions/0011).
+    They are left out of the colour loss only while they are watched: from half of the schedule on, or from an earlier cool-down, they are
+    trained on like all others. Until then the model learns from a few frames less, which their neighbours mostly show too. Test frames are
+    for the score alone. The error on trained frames does not serve: it falls for as long as one likes (docs/decisions/0011).
     Empty for clips with fewer than `FEWEST_FRAMES` training frames, which train to the end of their schedule.
     """
     if len(train_frames) < FEWEST_FRAMES:
@@ -27,7 +28,7 @@ def validation_frames(train_frames: Sequence[int]) -> list[int]:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Where in its schedule a training stands: learning rates, flow's weight and densification follow `progress`, not the step.
+    """Where in its schedule a training stands: learning rates and densification follow `progress`, not the step.
 
     Attributes
     ----------
@@ -123,12 +124,12 @@ class EarlyStop:
         self.plateau = Plateau(patience or max(1, iterations // 6))
 
     def held(self, step: int) -> frozenset[int]:
-        """Frames that the colour loss must leave out at this step: the validation frames, until the cool-down has begun."""
-        return frozenset() if self.schedule.cooling(step) else frozenset(self.frames)
+        """Frames that the colour loss must leave out at this step: the validation frames, as long as they are watched."""
+        return frozenset(self.frames) if self._watches(step) else frozenset()
 
     def observe(self, step: int, psnr: float) -> bool:
         """Count a score of the validation frames; True when training cools down from this step on."""
-        if self.schedule.cooling(step) or not self.plateau.observe(step, psnr):
+        if not self._watches(step) or not self.plateau.observe(step, psnr):
             return False
         self.schedule = self.schedule.cool_down(step)
         return True
@@ -144,9 +145,12 @@ class EarlyStop:
 
     def to_json(self) -> dict[str, object]:
         """For run.json, as the choices of `engine.training.budget` are written."""
-        why = self.plateau.words() if self.schedule.skipped else "the validation frames improved to the end of the schedule"
+        why = self.plateau.words() if self.schedule.skipped else "the validation frames improved as long as they were watched"
         return {
             "preset": self.schedule.iterations,
             "chosen": self.schedule.total,
             "why": why if self.frames else "too few frames to spare any",
         }
+
+    def _watches(self, step: int) -> bool:
+        return self.schedule.progress(step) < WATCHED and not self.schedule.cooling(step)

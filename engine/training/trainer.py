@@ -187,12 +187,14 @@ class Trainer:
 
     @torch.no_grad()
     def validation_psnr(self) -> float:
-        """Mean over the watched frames, valid pixels, dB."""
+        """Mean over the watched frames, valid pixels, dB. What is drawn there is not pruned for not being seen in other frames."""
         scores = []
         for index in self.early.frames:
             frame = self.frames[index]
             splats = self.model.at(self.times[index], semantics=False).splats
-            error = (draw(splats, self.frames.cameras[index]).image[..., :3].clamp(0, 1) - frame.image.float() / 255).square()
+            render = draw(splats, self.frames.cameras[index])
+            self.density.observe_visible(render.radii, splats.opacities)
+            error = (render.image[..., :3].clamp(0, 1) - frame.image.float() / 255).square()
             scores.append(-10 * torch.log10(error[frame.valid].mean().clamp_min(1e-10)))
         return float(torch.stack(scores).mean())
 

@@ -6,7 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from engine.metrics.evaluate import evaluate
+from engine.scene import Scene
+from engine.training import TrainConfig, train
 from engine.training.plateau import EarlyStop, Plateau, Schedule, validation_frames
+from tests.fakes import MemoryClip
 
 
 def curve(step, ceiling=30.0, speed=400.0):
@@ -78,18 +82,18 @@ def test_schedules_that_make_no_sense(values):
         Schedule(*values)
 
 
-@pytest.mark.parametrize("count", [1, 15, 16, 17, 56, 2000])
+@pytest.mark.parametrize("count", [1, 42, 99, 100, 137, 2000])
 def test_validation_frames_are_few_inner_training_frames(count):
     train = list(range(0, 2 * count, 2))
     chosen = validation_frames(train)
-    assert len(chosen) == (4 if count >= 16 else 0)
+    assert len(chosen) == (4 if count >= 100 else 0)
     assert set(chosen) <= set(train[1:-1])
     if chosen:
         assert min(np.diff(chosen)) >= 2 * (count // 4 - 1)
 
 
 def test_frames_are_held_out_only_until_the_cool_down():
-    early = EarlyStop(1000, range(40), patience=200)
+    early = EarlyStop(1000, range(120), patience=200)
     assert early.held(100) == frozenset(early.frames)
     fired = [step for step in range(50, 500, 50) if early.observe(step, 25.0)]
     assert fired == [250]  # once
@@ -99,13 +103,22 @@ def test_frames_are_held_out_only_until_the_cool_down():
     assert "200 steps" in early.to_json()["why"]
 
 
+def test_nobody_looks_after_half_of_the_schedule():
+    early = EarlyStop(1000, range(120), patience=200)
+    assert early.held(499) == frozenset(early.frames)
+    assert early.held(500) == frozenset()
+    assert not any(early.observe(step, 25.0) for step in range(500, 1000, 50))
+    assert early.schedule.total == 1000
+    assert early.to_json()["chosen"] == 1000
+
+
 def test_a_resumed_early_stop_goes_on_as_the_same():
-    whole, first = EarlyStop(1000, range(40)), EarlyStop(1000, range(40))
+    whole, first = EarlyStop(1000, range(120)), EarlyStop(1000, range(120))
     scores = {step: curve(step, speed=60) for step in range(20, 700, 20)}
     for step in range(20, 300, 20):
         whole.observe(step, scores[step])
         first.observe(step, scores[step])
-    second = EarlyStop(1000, range(40))
+    second = EarlyStop(1000, range(120))
     second.restore(**json.loads(json.dumps(first.state())))
     for step in range(300, 700, 20):
         assert whole.observe(step, scores[step]) == second.observe(step, scores[step])
@@ -114,7 +127,31 @@ def test_a_resumed_early_stop_goes_on_as_the_same():
 
 
 def test_short_clips_train_to_the_end():
-    early = EarlyStop(1000, range(8))
+    early = EarlyStop(1000, range(99))
     assert early.held(0) == frozenset()
     assert early.schedule.total == 1000
     assert "too few" in early.to_json()["why"]
+
+
+class Noise(MemoryClip):
+    """A grey wall under noise that no two frames share: there is little to learn and much that cannot be learned."""
+
+    def frame(self, index):
+        return np.random.default_rng(index).normal(120, 20, self.wall.shape).clip(0, 255).astype(np.uint8)
+
+    def depth(self, index):
+        return np.full(self.wall.shape[:2], 2.0, np.float32)
+
+
+def test_a_training_with_nothing_left_to_learn_ends_early_and_says_so(tmp_path):
+    clip = Noise(116, labels=False)
+    config = TrainConfig.preset_of("quick", iterations=600, early_stop=True, max_gaussians=300, channels=8, resolution=8, device="cpu")
+    events = []
+    train(clip, tmp_path / "run", config, teacher="none", events=events.append, stop=lambda: False)
+    (plateau,) = [event for event in events if event["event"] == "plateau"]
+    assert plateau["iterations"] < 480
+    scene = Scene.open(tmp_path / "run", device="cpu", clip=clip)
+    assert scene.run.info["iteration"] == plateau["iterations"]
+    told = evaluate(scene, clip)["budget"]["chosen"]["early stop"]
+    assert told["chosen"] == plateau["iterations"]
+    assert told["why"] == plateau["reason"]
