@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import threading
 import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -46,7 +48,21 @@ def in_child(work: Work, *arguments: object, progress: Progress) -> Any:
         receiver.close()
 
 
+def end_with_parent() -> None:
+    """From now on this process ends when the one that started it does, killed or not: no work is left behind."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        raise RuntimeError("this process was not started by multiprocessing")
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, name="end with parent", daemon=True).start()
+
+
 def _serve(sender: Connection, work: Work, arguments: tuple[object, ...]) -> None:
+    end_with_parent()
     try:
         sender.send(("done", work(*arguments, lambda fraction, message: sender.send(("progress", (fraction, message))))))
     except DegenseError as error:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from typing import Any, TypeVar
 
+from engine.bench.child import end_with_parent
 from engine.progress import Progress
 
 Job = TypeVar("Job")
@@ -49,7 +50,8 @@ def run_jobs(
 
 
 def _one_thread() -> None:
-    """Before any numeric library is imported in this process."""
+    """Before any numeric library is imported in this process, which does not outlive the one that started it."""
+    end_with_parent()
     for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     import cv2

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from engine.bench.child import in_child, peak_memory
+from engine.bench.stress.child import in_child as under_stress
+from engine.bench.workers import run_jobs
 from engine.errors import Cancelled, DegenseError
 from engine.progress import silent
 
@@ -34,6 +36,32 @@ def vanish(progress):
 def linger(progress):
     progress(0.0, "waiting")
     time.sleep(60)
+
+
+def beat(place, progress=silent):
+    """Until somebody ends it, and for a minute at most."""
+    for _ in range(600):
+        with place.open("a") as file:
+            file.write(".")
+        time.sleep(0.1)
+
+
+def beats(place):
+    before = place.stat().st_size if place.exists() else 0
+    time.sleep(1.0)
+    return place.exists() and place.stat().st_size > before
+
+
+def a_child(place):
+    in_child(beat, place, progress=silent)
+
+
+def a_worker(place):
+    list(run_jobs(beat, [place], 1, silent, "jobs"))
+
+
+def a_child_under_stress(place):
+    under_stress(beat, place)
 
 
 def hold(megabytes, progress):
@@ -66,6 +94,19 @@ def test_a_cancelled_child_is_gone():
     with pytest.raises(Cancelled):
         in_child(linger, progress=stop)
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("start", [a_child, a_worker, a_child_under_stress])
+def test_nothing_outlives_a_killed_benchmark(tmp_path, start):
+    place = tmp_path / "beats"
+    bench = multiprocessing.get_context("spawn").Process(target=start, args=(place,))
+    bench.start()
+    while not beats(place):
+        assert bench.is_alive()
+    bench.kill()
+    bench.join()
+    time.sleep(1.0)
+    assert not beats(place)
 
 
 def test_memory_is_the_childs_own():

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
 
+from engine.bench.child import end_with_parent
+
 Value = TypeVar("Value")
 
 
@@ -16,5 +18,5 @@ def in_child(work: Callable[..., Value], *arguments: object) -> Value:
     `work` must be a module's function, its arguments and its value plain enough to be sent.
     """
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max_workers=1, mp_context=context) as pool:
+    with ProcessPoolExecutor(max_workers=1, mp_context=context, initializer=end_with_parent) as pool:
         return pool.submit(work, *arguments).result()
