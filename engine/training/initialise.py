@@ -70,12 +70,12 @@ def initial_gaussians(
     count = len(means)
     if count == 0:
         raise ClipError(f"{frames.clip.path}: hardly a pixel is valid, so there is nothing to start from; check the mask polarity")
-    scales = torch.from_numpy(pitches).float() * 0.6
+    log_scales = torch.from_numpy(np.log(0.6 * pitches.astype(np.float64))).float()  # torch.log, on threads, once gave another last bit
     low, high = torch.from_numpy(np.percentile(means.numpy(), [0.5, 99.5], axis=0)).float()
     margin = 0.1 * (high - low).clamp_min(0.05)
     canonical = {
         "means": means,
-        "log_scales": scales.log()[:, None].repeat(1, 3),
+        "log_scales": log_scales[:, None].repeat(1, 3),
         "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
         "logits": torch.full((count,), 2.0),
         "colors": torch.from_numpy(colors).float(),
