@@ -262,6 +262,7 @@ class SceneModel(nn.Module):
             if change is not None:
                 colors = colors + change
                 if self.responses is not None and latents.shape[1]:
-                    latents = latents + (change.detach()[:, :, None] * self.responses).sum(1)
+                    for channel, response in zip(change.detach().split(1, 1), self.responses.unbind(1), strict=True):
+                        latents = torch.addcmul(latents, channel, response)
         alive = torch.exp(-0.5 * self._age(t).square())
         return Splats(means, quats, log_scales.exp(), logits.sigmoid() * alive, colors, latents)
