@@ -10,7 +10,7 @@ from engine.clip import Clip
 from engine.language.vocabulary import surgical_vocabulary
 from engine.motion import confidence
 
-PIXELS = 40_000  # frames are matched at about this size; twice as many give the same poses in twice the time
+PIXELS = 40_000  # frames are matched at about this size; twice as many are no nearer the truth
 EDGE = 7  # pixels around an invalid pixel or an instrument, whose motion bleeds into the tissue beside it
 TEXTURE = 0.3  # `confidence` from which flow is more than a guess
 CELL = 8  # pixels: at most one point in every cell of this side
