@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import os
 import re
@@ -47,6 +48,14 @@ def own_folders(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mo
     return home
 
 
+@pytest.fixture
+def qtbot(qtbot, monkeypatch: pytest.MonkeyPatch):
+    """pytest-qt's, more patient: a wait ends when what it waits for has happened, and a busy machine may stand still for seconds."""
+    for name in ("waitUntil", "waitSignal"):
+        monkeypatch.setattr(qtbot, name, functools.partial(getattr(qtbot, name), timeout=60_000))
+    return qtbot
+
+
 @pytest.fixture(scope="session")
 def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the real clips, `pulling` and `cholec160`: DEGENSE_CLIPS, else unpacked from `shared/clips` beside the project."""
@@ -58,6 +67,18 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("clips")
     subprocess.run([sys.executable, str(unpack), str(folder)], check=True, stdout=subprocess.DEVNULL)
     return folder
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log):
+    """With `-n 2` two processes share the suite: one has the screen and every window on it, the other has no need of either."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByScreen(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return "window" if nodeid.startswith(("tests/app/", "tests/widgets/")) else "engine"
+
+    return ByScreen(config, log)
 
 
 @pytest.hookimpl(wrapper=True)

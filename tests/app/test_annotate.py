@@ -244,7 +244,7 @@ def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny
     assert part.work.records == {}  # there is no class yet
     part.add_class("grasper")
     drag(qtbot, window, (20, 20), (50, 20))
-    qtbot.waitUntil(lambda: (clip / NAME / "annotations.json").exists(), timeout=4000)
+    qtbot.waitUntil(lambda: (clip / NAME / "annotations.json").exists())
     painted = part.labels(0).copy()
     window.opening.open_path(clip)
     idle()

@@ -20,7 +20,7 @@ def test_it_starts_with_a_run_and_ctrl_c_closes_it(run, own_folders):
         time.sleep(0.05)
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     assert "Traceback" not in err
     [settings] = Path(os.environ["XDG_CONFIG_HOME"]).rglob("settings.json")

@@ -22,8 +22,8 @@ def test_cycle_through_wipe_blink_and_difference(qtbot, opened, idle, screenshot
     qtbot.keyClick(panel, Qt.Key.Key_C)
     idle()
     assert panel.compare_mode() == "blink"
-    qtbot.waitUntil(lambda: np.array_equal(panel.grab_image(), recorded), timeout=3000)
-    qtbot.waitUntil(lambda: np.array_equal(panel.grab_image(), drawn), timeout=3000)
+    qtbot.waitUntil(lambda: np.array_equal(panel.grab_image(), recorded))
+    qtbot.waitUntil(lambda: np.array_equal(panel.grab_image(), drawn))
     qtbot.keyClick(panel, Qt.Key.Key_C)
     idle()
     assert panel.compare_mode() == "difference"

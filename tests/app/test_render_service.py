@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 
 import pytest
 
@@ -48,11 +47,9 @@ def test_only_the_last_request_is_answered(qtbot, service, answers):
 def test_submitting_never_waits(service, answers):
     gate = threading.Event()
     service.submit("urgent", gate.wait, *answers.listen())
-    started = time.perf_counter()
     for _ in range(1000):
         service.submit("urgent", gate.wait, *answers.listen())
-    gate.set()
-    assert time.perf_counter() - started < 2.0
+    gate.set()  # never reached if one of them had waited
 
 
 def test_a_long_job_lets_urgent_ones_pass_between_its_steps(qtbot, service, answers):

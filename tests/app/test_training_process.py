@@ -108,7 +108,7 @@ def test_who_does_not_listen_is_terminated_and_then_killed(qtbot, child, monkeyp
     process, heard = child(DEAF)
     qtbot.waitUntil(lambda: bool(heard))
     process.stop()
-    qtbot.waitUntil(lambda: ended(heard), timeout=5000)
+    qtbot.waitUntil(lambda: ended(heard))
     assert [event for kind, event in heard if kind == "event"] == [{"event": "ready"}, {"event": "terminated"}]
     assert heard[-1] == ("stopped", None)
 

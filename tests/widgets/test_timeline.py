@@ -189,7 +189,7 @@ def test_scrubbing_while_playing_goes_on_from_there(timeline, clock, heard):
 def test_real_playback_advances(timeline, heard, qtbot):
     timeline.frame_changed.connect(lambda _: timeline.frame_drawn())
     timeline.play()
-    qtbot.waitUntil(lambda: len(heard) >= 4, timeout=3000)
+    qtbot.waitUntil(lambda: len(heard) >= 4)
     timeline.pause()
     count = len(heard)
     qtbot.wait(80)

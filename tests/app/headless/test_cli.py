@@ -221,7 +221,7 @@ def start_training(clip: Path, run: Path, *more: str) -> subprocess.Popen[str]:
 def test_training_stops_in_words_and_is_resumed(tiny_clip, tmp_path):
     run = tmp_path / "run"
     process = start_training(tiny_clip, run, "--events")
-    out, err = process.communicate("stop\n", timeout=20)
+    out, err = process.communicate("stop\n", timeout=120)
     events = [json.loads(line) for line in out.splitlines()]
     assert (process.returncode, err) == (0, "")
     assert events[0] == {"event": "stage", "stage": "load"}
@@ -229,7 +229,7 @@ def test_training_stops_in_words_and_is_resumed(tiny_clip, tmp_path):
     assert events[-1]["iteration"] > 0
     assert json.loads((run / "run.json").read_text())["state"] == "stopped"
     resumed = start_training(tiny_clip, run, "--events", "--resume")
-    out, _ = resumed.communicate("stop\n", timeout=20)
+    out, _ = resumed.communicate("stop\n", timeout=120)
     assert json.loads(out.splitlines()[-1])["iteration"] > events[-1]["iteration"]
 
 
@@ -245,7 +245,7 @@ def test_a_stop_before_the_first_step_is_said_and_no_qt_was_loaded(tiny_clip, tm
 def test_ctrl_c_stops_training_cleanly(tiny_clip, tmp_path):
     process = start_training(tiny_clip, tmp_path / "run")
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=120)
     assert "go on with --resume" in err
     assert "Traceback" not in err
     assert json.loads((tmp_path / "run" / "run.json").read_text())["state"] == "stopped"
