@@ -16,7 +16,7 @@ from torch import Tensor
 from engine.bench.options import BenchOptions
 from engine.bench.table import Cell, Column, Table
 from engine.bench.timing import measure_in_turn
-from engine.field.hexplane import HexPlane, sample_level
+from engine.field.hexplane import HexPlane, sample_levels
 from engine.field.still import find_moving
 from engine.masks import MaskQuery
 from engine.metrics.image import psnr
@@ -115,8 +115,7 @@ def _lines(scene: Scene) -> Iterator[Saving]:
     planes = still_planes(model.planes, t)
 
     def sampled() -> Tensor:
-        levels = zip(model.planes.space, model.planes.lines(t), strict=True)
-        return torch.cat([sample_level(points, space, line) for space, line in levels], 1)
+        return sample_levels(points, list(model.planes.space), model.planes.lines(t))
 
     truth = bilinear_planes(model.planes.space, planes, points, t)
     for name, on in (("in plain torch", sampled), ("as the engine has it, fused", lambda: model.planes(points, t))):

@@ -6,7 +6,8 @@ bilinear and three linear look-ups a level instead of six bilinear ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from importlib.util import find_spec
 
 import torch
@@ -53,9 +54,8 @@ class HexPlane(nn.Module):
 
         No gradient reaches `points`: a field that can be changed by moving the query point is one more way to explain colour by motion.
         """
-        points = points.detach().nan_to_num().clamp(-1.0, 1.0)  # a NaN must not become an index
-        sample = fused_sample(points) or sample_level
-        return torch.cat([sample(points, space, line) for space, line in zip(self.space, self.lines(t), strict=True)], 1)
+        points = inside(points.detach())
+        return sampler(points)(points, list(self.space), self.lines(t))
 
     def smoothness(self) -> tuple[Tensor, Tensor, Tensor]:
         """Regularisers of the planes, each a mean of squares or absolutes.
@@ -70,21 +70,36 @@ class HexPlane(nn.Module):
         return space, curvature, stillness
 
 
-def fused_sample(points: Tensor) -> Callable[[Tensor, Tensor, Tensor], Tensor] | None:
-    """The fused twin of `sample_level` for tensors like these, if there is one (float32; on a GPU where Triton is installed)."""
+def inside(points: Tensor) -> Tensor:
+    """Points of the box [-1, 1]³, whatever `points` are: a NaN must not become an index."""
+    return points.nan_to_num().clamp(-1.0, 1.0)
+
+
+def sampler(points: Tensor) -> Callable[[Tensor, Sequence[Tensor], Sequence[Tensor]], Tensor]:
+    """`sample_levels`, or its fused twin for tensors like these, if there is one (float32; on a GPU where Triton is installed)."""
     if points.dtype != torch.float32:
-        return None
+        return sample_levels
     if points.device.type == "cpu":
         return hexplane_cpu.sample
     if find_spec("triton") is None:
-        return None
+        return sample_levels
     from engine.field import hexplane_cuda
 
-    return hexplane_cuda.sample
+    return partial(sample_levels, sample=hexplane_cuda.sample)
+
+
+def sample_levels(
+    points: Tensor,
+    spaces: Sequence[Tensor],
+    lines: Sequence[Tensor],
+    sample: Callable[[Tensor, Tensor, Tensor], Tensor] | None = None,
+) -> Tensor:
+    """Features [N, all levels' channels], each level by `sample`, by default `sample_level`."""
+    return torch.cat([(sample or sample_level)(points, space, line) for space, line in zip(spaces, lines, strict=True)], 1)
 
 
 def sample_level(points: Tensor, space: Tensor, line: Tensor) -> Tensor:
-    """One level in plain torch, any device and precision: the twin of `hexplane_cpu.sample`.
+    """One level in plain torch, any device and precision.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
+from engine.field import decode_cpu
 from engine.field.branches import AppearanceBranch, CoupledSemantics, Deformation, GeometryBranch, SemanticBranch
 from engine.field.hexplane import HexPlane
 from engine.field.kinematics import Kinematics
@@ -191,19 +192,16 @@ class SceneModel(nn.Module):
             return State(self._splats(t, None, None, latents), None, None, None, None if other is None else self.means_at(other))
         rows = slice(None) if self.moving is None else self.moving
         points = self.normalised(self.canonical["means"].detach()[rows])
-        features = self.planes(points, t)
-        if other is not None:
-            features = torch.cat([features, self.planes(points, other)])
-        kinematic = self.kinematics(features)
-        decoded = self.geometry(kinematic)
         there = None
-        if other is not None:
-            kinematic, (decoded, elsewhere) = kinematic[: len(points)], decoded.chunk(2)
-            there = self.canonical["means"] + self.drift_at(other) + elsewhere[:, :3]
+        if other is None and self._is_fused():
+            decoded, recolour, change = self._decode_fused(points, t, semantics)
+        else:
+            decoded, elsewhere, recolour, change = self._decode(points, t, other, semantics)
+            if other is not None and elsewhere is not None:
+                there = self.canonical["means"] + self.drift_at(other) + elsewhere[:, :3]
         deformation = Deformation.of(decoded)
-        recolour = self.appearance(kinematic) if self.appearance is not None else None
-        asked = semantics and self.semantic is not None
-        change = self._semantic_change(points, t, kinematic, deformation, latents[rows]) if asked else None
+        if semantics and isinstance(self.semantic, CoupledSemantics):
+            change = self.semantic(deformation, latents[rows])
         if self.moving is not None:
             deformation, recolour, change = self._spread(deformation, recolour, change)
         splats = self._splats(t, deformation, recolour, latents if change is None else latents + change)
@@ -214,7 +212,11 @@ class SceneModel(nn.Module):
         if self.config.static:
             return self.canonical["means"]
         points = self.normalised(self.canonical["means"].detach())
-        return self.canonical["means"] + self.drift_at(t) + self.geometry(self.kinematics(self.planes(points, t)))[:, :3]
+        if self._is_fused():
+            [decoded] = decode_cpu.decode(points, t, self.planes, None, self.kinematics, [self.geometry.decode])
+        else:
+            decoded = self.geometry(self.kinematics(self.planes(points, t)))
+        return self.canonical["means"] + self.drift_at(t) + decoded[:, :3]
 
     def drift_at(self, t: float | Tensor) -> Tensor:
         """How far [N, 3] each Gaussian has gone of its own since the middle of its life; 0 for what exists for ever."""
@@ -237,13 +239,37 @@ class SceneModel(nn.Module):
         spread = iter(rest)
         return Deformation.of(flat), next(spread) if recolour is not None else None, next(spread) if change is not None else None
 
-    def _semantic_change(self, points: Tensor, t: float | Tensor, kinematic: Tensor, deformation: Deformation, latents: Tensor) -> Tensor:
-        if isinstance(self.semantic, CoupledSemantics):
-            return self.semantic(deformation, latents)
-        assert self.semantic is not None
-        if self.semantic_planes is None:
-            return self.semantic(kinematic)
-        return self.semantic(torch.cat([kinematic.detach(), self.semantic_planes(points, t)], 1))
+    def _is_fused(self) -> bool:
+        """Whether no gradient is wanted, and there is a fused way to decode: on the CPU, in float32."""
+        learning = torch.is_grad_enabled() and any(parameter.requires_grad for parameter in self.parameters())
+        return not learning and self.bounds.device.type == "cpu" and self.bounds.dtype == torch.float32
+
+    def _decode_fused(self, points: Tensor, t: float | Tensor, semantics: bool) -> tuple[Tensor, Tensor | None, Tensor | None]:
+        """What `_decode` says at one time."""
+        asked = self.semantic if semantics and isinstance(self.semantic, SemanticBranch) else None
+        branches = (self.geometry, self.appearance, asked)
+        own = None if asked is None else self.semantic_planes
+        decoders = [branch.decode for branch in branches if branch is not None]
+        said = iter(decode_cpu.decode(points, t, self.planes, own, self.kinematics, decoders))
+        return next(said), None if self.appearance is None else next(said), None if asked is None else next(said)
+
+    def _decode(
+        self, points: Tensor, t: float | Tensor, other: float | Tensor | None, semantics: bool
+    ) -> tuple[Tensor, Tensor | None, Tensor | None, Tensor | None]:
+        """ΔG at `t` and at `other`, Δcolour and Δf_sem as a function of Z_kin (Eq. 1, 2); None for what is not there or not asked for."""
+        features = self.planes(points, t)
+        if other is not None:
+            features = torch.cat([features, self.planes(points, other)])
+        kinematic = self.kinematics(features)
+        decoded, elsewhere = self.geometry(kinematic), None
+        if other is not None:
+            kinematic, (decoded, elsewhere) = kinematic[: len(points)], decoded.chunk(2)
+        recolour = self.appearance(kinematic) if self.appearance is not None else None
+        change = None
+        if semantics and isinstance(self.semantic, SemanticBranch):
+            own = self.semantic_planes
+            change = self.semantic(kinematic if own is None else torch.cat([kinematic.detach(), own(points, t)], 1))
+        return decoded, elsewhere, recolour, change
 
     def _recolouring(self, t: float | Tensor, recolour: Tensor | None) -> Tensor | None:
         """Δcolour [N, 3] at time `t`: that of Ψ_app and each Gaussian's own; None where colours do not change."""

@@ -6,7 +6,7 @@ import torch
 from scipy.interpolate import BSpline
 
 from engine.field import hexplane_cpu
-from engine.field.hexplane import HexPlane, sample_level
+from engine.field.hexplane import HexPlane, sample_level, sample_levels
 from engine.field.time_axis import at_time
 
 
@@ -41,21 +41,22 @@ def test_twin_matches_a_loop(channels):
 def test_fused_values_and_gradients_match_the_twin_in_float64():
     torch.manual_seed(3)
     points = torch.rand(500, 3) * 2 - 1
-    space, line = torch.randn(3, 9, 9, 16), torch.randn(3, 9, 16)
-    weights = torch.randn(500, 16)
+    levels = [torch.randn(3, 9, 9, 16), torch.randn(3, 17, 17, 8), torch.randn(3, 9, 16), torch.randn(3, 17, 8)]
+    weights = torch.randn(500, 24)
     results = []
-    for cast, sample in ((torch.float32, hexplane_cpu.sample), (torch.float64, sample_level)):
-        plane, lines = space.to(cast, copy=True).requires_grad_(), line.to(cast, copy=True).requires_grad_()
-        out = sample(points.to(cast), plane, lines)
+    for cast, sample in ((torch.float32, hexplane_cpu.sample), (torch.float64, sample_levels)):
+        planes = [plane.to(cast, copy=True).requires_grad_() for plane in levels]
+        out = sample(points.to(cast), planes[:2], planes[2:])
         (out * weights.to(cast)).sum().backward()
-        results.append((out.detach().double(), plane.grad.double(), lines.grad.double()))
+        results.append((out.detach().double(), *(plane.grad.double() for plane in planes)))
     for fused, exact in zip(*results, strict=True):
         assert (fused - exact).norm() / exact.norm() < 1e-5
 
 
-def test_time_runs_along_a_cubic_spline_and_is_clamped():
+@pytest.mark.parametrize("width", [6, 20])
+def test_time_runs_along_a_cubic_spline_and_is_clamped(width):
     """Against SciPy's B-spline with the outermost knots repeated."""
-    values = np.random.default_rng(5).normal(size=(7, 6))
+    values = np.random.default_rng(5).normal(size=(7, width))
     padded = np.concatenate([values[:1], values, values[-1:]])
     spline = BSpline(np.arange(-3, 10), padded, 3)
     knots = torch.from_numpy(values)[None]
