@@ -18,34 +18,6 @@ from engine.threads import run_kernel, take_ticket
 ROWS = 64  # Gaussians a ticket stands for. BLAS leaves a product of 64 × 64 × 64 to the calling thread; a larger one it would share out
 
 
-class Layer(NamedTuple):
-    """x W + b, with W [inputs, outputs] in C order."""
-
-    weight: np.ndarray
-    bias: np.ndarray
-
-    @staticmethod
-    def of(linear: nn.Linear, inputs: slice = slice(None)) -> Layer:
-        """From torch's layer, or the part of it that reads some of its inputs."""
-        return Layer(linear.weight.detach()[:, inputs].T.contiguous().numpy(), linear.bias.detach().numpy())
-
-
-class Head(NamedTuple):
-    """A decoder: W_last relu(W_hidden Z_kin + W_own h_own + b) + b_last, with no rows in W_own where it reads Z_kin alone."""
-
-    hidden: Layer
-    own: np.ndarray
-    last: Layer
-
-    @staticmethod
-    def of(decoder: nn.Sequential, latent: int) -> Head:
-        """From `engine.field.branches.decoder`, of whose inputs the first `latent` are Z_kin."""
-        hidden, _, last = decoder
-        assert isinstance(hidden, nn.Linear)
-        assert isinstance(last, nn.Linear)
-        return Head(Layer.of(hidden, slice(latent)), Layer.of(hidden, slice(latent, None)).weight, Layer.of(last))
-
-
 class Level(NamedTuple):
     """A level of a HexPlane at one time."""
 
@@ -79,7 +51,7 @@ def _channels(levels):
 
 
 @njit(cache=True, nogil=True)
-def _add(rows, bias, rectified):
+def _finish(rows, bias, rectified):
     """rows + bias, or relu of it, in place."""
     for n in range(rows.shape[0]):
         for c in range(rows.shape[1]):
@@ -88,34 +60,34 @@ def _add(rows, bias, rectified):
 
 
 @njit(cache=True, nogil=True)
-def _decode(points, levels, own_levels, trunk, heads, outs, counter):
-    wide = trunk[0][1].shape[0]
-    feature, own = np.empty((ROWS, _channels(levels)), np.float32), np.empty((ROWS, _channels(own_levels)), np.float32)
-    one, two, more = np.empty((ROWS, wide), np.float32), np.empty((ROWS, wide), np.float32), np.empty((ROWS, wide), np.float32)
+def _decode(points, levels, own_levels, entry, trunk, trunk_biases, hidden, of_own, hidden_biases, last, last_biases, outs, counter):
+    """Weights are [inputs, outputs]; those of `trunk`, behind the `entry`, and of the decoders are stacked, like `outs` [decoder, N, …]."""
+    wide = entry.shape[1]
+    all_features, all_own = np.empty((ROWS, _channels(levels)), np.float32), np.empty((ROWS, _channels(own_levels)), np.float32)
+    activations = np.empty((3, ROWS, wide), np.float32)
     while True:
         begin = take_ticket(counter) * ROWS
         if begin >= points.shape[0]:
             return
         end = min(begin + ROWS, points.shape[0])
-        rows = end - begin
-        _sample(points[begin:end], levels, feature)
-        np.dot(feature[:rows], trunk[0][0], one[:rows])
-        _add(one[:rows], trunk[0][1], True)
-        np.dot(one[:rows], trunk[1][0], two[:rows])
-        _add(two[:rows], trunk[1][1], True)
-        np.dot(two[:rows], trunk[2][0], one[:rows])
-        _add(one[:rows], trunk[2][1], True)
-        if own.shape[1]:
-            _sample(points[begin:end], own_levels, own)
-        for index in range(len(heads)):
-            hidden, of_own, last = heads[index]
-            np.dot(one[:rows], hidden[0], two[:rows])
-            if of_own.shape[0]:
-                np.dot(own[:rows], of_own, more[:rows])
-                two += more
-            _add(two[:rows], hidden[1], True)
-            np.dot(two[:rows], last[0], outs[index][begin:end])
-            _add(outs[index][begin:end], last[1], False)
+        features, own = all_features[: end - begin], all_own[: end - begin]
+        here, there, more = activations[0, : end - begin], activations[1, : end - begin], activations[2, : end - begin]
+        _sample(points[begin:end], levels, features)
+        _sample(points[begin:end], own_levels, own)
+        np.dot(features, entry, here)
+        _finish(here, trunk_biases[0], True)
+        for layer in range(trunk.shape[0]):
+            np.dot(here, trunk[layer], there)
+            _finish(there, trunk_biases[layer + 1], True)
+            here, there = there, here
+        for decoder in range(hidden.shape[0]):
+            np.dot(here, hidden[decoder], there)
+            if of_own[decoder].any():
+                np.dot(own, of_own[decoder], more)
+                there += more
+            _finish(there, hidden_biases[decoder], True)
+            np.dot(there, last[decoder], outs[decoder, begin:end])
+            _finish(outs[decoder, begin:end], last_biases[decoder], False)
 
 
 def decode(
@@ -133,9 +105,34 @@ def decode(
     kinematics, decoders
         All their hidden layers are equally wide.
     """
-    trunk = tuple(Layer.of(layer) for layer in (*kinematics.base, kinematics.states) if isinstance(layer, nn.Linear))
-    heads = tuple(Head.of(decoder, kinematics.dimension) for decoder in decoders)
-    levels, own_levels = Level.of(planes, t), (NO_LEVEL,) if own is None else Level.of(own, t)
-    outs = [torch.empty(len(points), len(head.last.bias)) for head in heads]
-    run_kernel(_decode, inside(points).contiguous().numpy(), levels, own_levels, trunk, heads, tuple(out.numpy() for out in outs))
-    return outs
+    entry, *trunk = (layer for layer in (*kinematics.base, kinematics.states) if isinstance(layer, nn.Linear))
+    layers = [layer for decoder in decoders for layer in decoder if isinstance(layer, nn.Linear)]
+    hidden, last = layers[::2], layers[1::2]
+    latent = kinematics.dimension
+    levels = Level.of(planes, t)
+    own_levels = (NO_LEVEL,) * len(levels) if own is None else Level.of(own, t)
+    widths = [layer.out_features for layer in last]
+    outs = torch.empty(len(decoders), len(points), max(widths))
+    arrays = (
+        inside(points).contiguous(),
+        _stacked([entry.weight.T])[0],
+        _stacked([layer.weight.T for layer in trunk]),
+        _stacked([entry.bias, *(layer.bias for layer in trunk)]),
+        _stacked([layer.weight[:, :latent].T for layer in hidden]),
+        _stacked([layer.weight[:, latent:].T for layer in hidden]),
+        _stacked([layer.bias for layer in hidden]),
+        _stacked([layer.weight.T for layer in last]),
+        _stacked([layer.bias for layer in last]),
+        outs,
+    )
+    place, *weights = (array.numpy() for array in arrays)
+    run_kernel(_decode, place, levels, own_levels, *weights)
+    return [out[:, :width] for out, width in zip(outs, widths, strict=True)]
+
+
+def _stacked(parts: Sequence[Tensor]) -> Tensor:
+    """Vectors or matrices in one array, each with zeros behind it up to the largest."""
+    stacked = torch.zeros(len(parts), *(max(sizes) for sizes in zip(*(part.shape for part in parts), strict=True)))
+    for place, part in zip(stacked, parts, strict=True):
+        place[tuple(slice(size) for size in part.shape)] = part.detach()
+    return stacked
