@@ -73,7 +73,8 @@ def _decode(points, levels, own_levels, entry, trunk, trunk_biases, hidden, of_o
         features, own = all_features[: end - begin], all_own[: end - begin]
         here, there, more = activations[0, : end - begin], activations[1, : end - begin], activations[2, : end - begin]
         _sample(points[begin:end], levels, features)
-        _sample(points[begin:end], own_levels, own)
+        if own.shape[1]:
+            _sample(points[begin:end], own_levels, own)
         np.dot(features, entry, here)
         _finish(here, trunk_biases[0], True)
         for layer in range(trunk.shape[0]):
@@ -115,7 +116,7 @@ def decode(
     outs = torch.empty(len(decoders), len(points), max(widths))
     arrays = (
         inside(points).contiguous(),
-        _stacked([entry.weight.T])[0],
+        entry.weight.detach().T.contiguous(),
         _stacked([layer.weight.T for layer in trunk]),
         _stacked([entry.bias, *(layer.bias for layer in trunk)]),
         _stacked([layer.weight[:, :latent].T for layer in hidden]),

@@ -88,16 +88,6 @@ def sampler(points: Tensor) -> Callable[[Tensor, Sequence[Tensor], Sequence[Tens
     return partial(sample_levels, sample=hexplane_cuda.sample)
 
 
-def sample_levels(
-    points: Tensor,
-    spaces: Sequence[Tensor],
-    lines: Sequence[Tensor],
-    sample: Callable[[Tensor, Tensor, Tensor], Tensor] | None = None,
-) -> Tensor:
-    """Features [N, all levels' channels], each level by `sample`, by default `sample_level`."""
-    return torch.cat([(sample or sample_level)(points, space, line) for space, line in zip(spaces, lines, strict=True)], 1)
-
-
 def sample_level(points: Tensor, space: Tensor, line: Tensor) -> Tensor:
     """One level in plain torch, any device and precision.
 
@@ -119,3 +109,13 @@ def sample_level(points: Tensor, space: Tensor, line: Tensor) -> Tensor:
     along = torch.stack([points.T, torch.zeros_like(points.T)], -1)[:, :, None].to(space.dtype)
     lines = F.grid_sample(line.permute(0, 2, 1)[:, :, None], along, padding_mode="border", align_corners=True)[..., 0]
     return (planes[0] * planes[1] * planes[2] * lines[0] * lines[1] * lines[2]).T
+
+
+def sample_levels(
+    points: Tensor,
+    spaces: Sequence[Tensor],
+    lines: Sequence[Tensor],
+    sample: Callable[[Tensor, Tensor, Tensor], Tensor] = sample_level,
+) -> Tensor:
+    """Features [N, all levels' channels], each level by `sample`."""
+    return torch.cat([sample(points, space, line) for space, line in zip(spaces, lines, strict=True)], 1)
