@@ -1,5 +1,5 @@
 """`python -m app`: the same as the `degense` command."""
 
-from app.cli import main
+from degense.app.cli.main import main
 
 raise SystemExit(main())

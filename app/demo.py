@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.look import PROMPT_COLOURS
-from app.pictures import get_layer, layer_picture, overlaid, with_colour_bar, write_png
-from app.terminal import Steps
-from app.view import prompt_masks
-from engine.errors import DegenseError
+from degense.app.features.viewer.pictures import get_layer, layer_picture, overlaid, with_colour_bar, write_png
+from degense.app.features.viewer.view import prompt_masks
+from degense.app.session.view_state import PROMPT_COLOURS
+from degense.engine.errors import DegenseError
+from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
-    from engine.scene import Scene
+    from degense.engine.scene import Scene
 
 PROMPT = "gallbladder"
 ASSETS = Path(__file__).resolve().parent.parent / "assets"
@@ -42,7 +42,7 @@ def is_demo(path: Path) -> bool:
 
 def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:
     """Write the pictures of the sample; the sentences that say what they show."""
-    from engine.layers import LayerRequest, layer_range
+    from degense.engine.layers import LayerRequest, layer_range
 
     frame = scene.frames - 1
     rgb = scene.picture(frame)

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-
-from engine.camera import Camera
+from degense.engine.camera import Camera
 
 UNLABELLED = 255
 
@@ -45,7 +44,7 @@ class Clip(ABC):
     classes : tuple of str
         Names of the label values 0, 1, …; empty when nothing beside the clip names any.
     poses : "given", "auto" or "estimate"
-        "given": `cameras` are what is known. Else they stand still until `engine.poses.find_cameras` has looked at the frames; with "auto"
+        "given": `cameras` are what is known. Else they stand still until `find_cameras` has looked at the frames; with "auto"
         these decide whether the camera moves.
     provenance : dict of str to str
         Where each thing comes from, in words for the user: keys `frames`, `poses`, `focal`, `masks`, `depth`, `labels`,

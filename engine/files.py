@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from engine.errors import DegenseError
+from degense.engine.errors import DegenseError
 
 
 @contextmanager

@@ -26,7 +26,7 @@ ALLOWED_SKIPS = ("needs CUDA", "real clips absent", "the superuser may read ever
 # Shapes that the engine states with jaxtyping are checked at every call. Only there: wrapped functions are lost to numba's compiler.
 install_import_hook(
     [
-        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        ".".join(("degense", *path.relative_to(ROOT).with_suffix("").parts))
         for path in (ROOT / "engine").rglob("*.py")
         if re.search(r"^(from|import) jaxtyping\b", path.read_text(encoding="utf-8"), re.MULTILINE)
     ],

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-
-from engine.camera import Camera
-from engine.clip import UNLABELLED, Clip
+from degense.engine.camera import Camera
+from degense.engine.clip import UNLABELLED, Clip
 
 
 class MemoryClip(Clip):

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 
+from degense.engine.colour_maps import COLOUR_MAPS, colour_table
+from degense.widgets.frame.images import to_qimage
+from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
+from degense.widgets.ticks import linear_ticks, short
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QPainter, QPaintEvent, QPalette
 from PySide6.QtWidgets import QComboBox, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
-
-from engine.colour_maps import COLOUR_MAPS, colour_table
-from widgets.images import to_qimage
-from widgets.keys import ARROWS, PRESS, TYPING, keep_keys
-from widgets.ticks import linear_ticks, short
 
 RANGE_MODES = ("frame", "sequence", "fixed")
 

@@ -7,13 +7,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-from engine.annotation.carried import Carried
-from engine.annotation.classes import LabelClass, check_classes
-from engine.annotation.edits import Edit, Piece, State, Status
-from engine.annotation.packed import pack, unpack
-from engine.annotation.painting import Region, region_of
-from engine.clip import UNLABELLED
+from degense.engine.annotation.classes import LabelClass, check_classes
+from degense.engine.annotation.edits import Edit, Piece, State, Status
+from degense.engine.annotation.packed import pack, unpack
+from degense.engine.annotation.painting import Region, region_of
+from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.clip import UNLABELLED
 
 #: Maps that stay decoded.
 KEPT = 8

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from engine.clip import UNLABELLED
-from engine.colour_maps import CLASS_COLOURS
-from engine.errors import DegenseError
+from degense.engine.clip import UNLABELLED
+from degense.engine.colour_maps import CLASS_COLOURS
+from degense.engine.errors import DegenseError
 
 Colour = tuple[int, int, int]
 LONGEST_NAME = 200

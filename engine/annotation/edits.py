@@ -7,7 +7,7 @@ import binascii
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from engine.annotation.carried import Carried
+from degense.engine.annotation.propagation.proposal import Carried
 
 Status = Literal["open", "in progress", "done", "flagged"]
 STATUSES: tuple[Status, ...] = get_args(Status)

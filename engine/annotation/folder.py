@@ -14,16 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from engine.annotation.annotations import Annotations, Record
-from engine.annotation.carried import Carried
-from engine.annotation.classes import LabelClass, check_classes
-from engine.annotation.edits import STATUSES
-from engine.annotation.label_png import label_png, read_label_png
-from engine.annotation.packed import pack, unpack
-from engine.clip import UNLABELLED
-from engine.errors import DegenseError, RunError
-from engine.files import replacing, write_text
+from degense.engine.annotation.annotations import Annotations, Record
+from degense.engine.annotation.classes import LabelClass, check_classes
+from degense.engine.annotation.edits import STATUSES
+from degense.engine.annotation.label_png import label_png, read_label_png
+from degense.engine.annotation.packed import pack, unpack
+from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError, RunError
+from degense.engine.files import replacing, write_text
 
 NAME, INDEX, FORMAT, LARGEST = "annotations", "annotations.json", 1, 64 << 20
 FILE = re.compile(r"\d{1,9}-[0-9a-f]{8}\.png")

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-
-from engine.annotation.classes import LabelClass, check_classes
-from engine.clip import UNLABELLED
+from degense.engine.annotation.classes import LabelClass, check_classes
+from degense.engine.clip import UNLABELLED
 
 
 def merged(own: Sequence[LabelClass], others: Sequence[LabelClass]) -> tuple[tuple[LabelClass, ...], np.ndarray]:

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-
-from engine.annotation.classes import LabelClass
-from engine.clip import UNLABELLED
+from degense.engine.annotation.classes import LabelClass
+from degense.engine.clip import UNLABELLED
 
 FILL, STRIPE, CONTOUR = 90, 170, 255  # opacity of the inside, of hatching, of the outline
 PERIOD, WIDTH = 10, 2  # pixels of hatching

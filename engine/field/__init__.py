@@ -1,5 +1,5 @@
 """The field: HexPlane, Z_kin, and the branches that decode it."""
 
-from engine.field.model import ROUTINGS, FieldConfig, Routing, SceneModel, State
+from degense.engine.field.model import ROUTINGS, FieldConfig, Routing, SceneModel, State
 
 __all__ = ["ROUTINGS", "FieldConfig", "Routing", "SceneModel", "State"]

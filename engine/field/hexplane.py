@@ -12,10 +12,9 @@ from importlib.util import find_spec
 
 import torch
 import torch.nn.functional as F
+from degense.engine.field import hexplane_cpu
+from degense.engine.field.time_axis import at_time
 from torch import Tensor, nn
-
-from engine.field import hexplane_cpu
-from engine.field.time_axis import at_time
 
 
 class HexPlane(nn.Module):
@@ -83,7 +82,7 @@ def sampler(points: Tensor) -> Callable[[Tensor, Sequence[Tensor], Sequence[Tens
         return hexplane_cpu.sample
     if find_spec("triton") is None:
         return sample_levels
-    from engine.field import hexplane_cuda
+    from degense.engine.field import hexplane_cuda
 
     return partial(sample_levels, sample=hexplane_cuda.sample)
 

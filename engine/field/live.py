@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import torch
+from degense.engine.field.model import SceneModel
+from degense.engine.splats import Splats
 from torch import Tensor
-
-from engine.field.model import SceneModel
-from engine.splats import Splats
 
 
 class LiveField:
@@ -41,7 +40,7 @@ class LiveField:
         splats = self.model.at(t, semantics=semantics).splats
         means, quats, scales, opacities = splats.means * self.unit, splats.quats, splats.scales * self.unit, splats.opacities
         if means.is_cuda:
-            from engine.raster.cuda import cleaned
+            from degense.engine.raster.cuda import cleaned
 
             quats, scales, opacities = cleaned(means, quats, scales, opacities, torch.cat([splats.colors, splats.semantics], 1))
         return Splats(means, quats, scales, opacities, splats.colors, splats.semantics)

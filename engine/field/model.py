@@ -6,14 +6,13 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 import torch
+from degense.engine.field import decode_cpu
+from degense.engine.field.branches import AppearanceBranch, CoupledSemantics, Deformation, GeometryBranch, SemanticBranch
+from degense.engine.field.hexplane import HexPlane
+from degense.engine.field.kinematics import Kinematics
+from degense.engine.field.time_axis import at_time
+from degense.engine.splats import Splats
 from torch import Tensor, nn
-
-from engine.field import decode_cpu
-from engine.field.branches import AppearanceBranch, CoupledSemantics, Deformation, GeometryBranch, SemanticBranch
-from engine.field.hexplane import HexPlane
-from engine.field.kinematics import Kinematics
-from engine.field.time_axis import at_time
-from engine.splats import Splats
 
 Routing = Literal["paper", "isolated", "coupled"]
 ROUTINGS: tuple[Routing, ...] = ("paper", "isolated", "coupled")
@@ -100,7 +99,7 @@ class SceneModel(nn.Module):
         The Gaussians that the field changes; the others never enter it. None: all. See `engine.field.still`.
     responses : float [N, 3, rank] or None
         R_i: how much a Gaussian's latent changes with its colour, since tissue that chars or is bled over changes its name with its look.
-        Given by `engine.training.meaning`; None: not at all.
+        Given by `engine.training.semantic.distillation`; None: not at all.
 
     Raises
     ------

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
+from degense.engine.field.model import SceneModel
 from torch import Tensor
-
-from engine.field.model import SceneModel
 
 PIXELS = 0.05  # how far a Gaussian's centre may move and still count as still
 SHAPE, OPACITY, COLOR = 0.02, 0.01, 0.5 / 255  # greatest change of log-scale and quaternion, of opacity, of colour

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-
-from engine.colour_maps import colourise as colourise_values
-from engine.colour_maps import hatched
-from engine.layers.layer import LayerImage
+from degense.engine.colour_maps import colourise as colourise_values
+from degense.engine.colour_maps import hatched
+from degense.engine.layers.layer import LayerImage
 
 #: Okabe–Ito, the eight colours that colour-blind people tell apart, without black.
 MASK_COLOURS = np.array(

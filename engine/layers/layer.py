@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-
-from engine.camera import Camera
-from engine.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD
-from engine.scene import NO_SUPPORT, Scene
+from degense.engine.camera import Camera
+from degense.engine.scene import NO_SUPPORT, Scene
+from degense.engine.semantics.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD
 
 Kind = Literal["colour", "scalar", "mask"]
 RangeMode = Literal["frame", "sequence"]
@@ -30,7 +29,7 @@ class LayerRequest:
     threshold : float
         On the cosine.
     decoder : str
-        One of `engine.masks.DECODERS`.
+        One of `engine.semantics.masks.DECODERS`.
     negatives : tuple of str
         A pixel that is as similar to one of these as to a prompt belongs to no mask of that prompt.
     """

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-
-from engine.layers.layer import Layer, LayerRequest, RangeMode
-from engine.scene import Scene
+from degense.engine.layers.layer import Layer, LayerRequest, RangeMode
+from degense.engine.scene import Scene
 
 #: Frames, spread over the sequence, whose values make up the range of the whole sequence.
 SEQUENCE_SAMPLES = 9

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-
-from engine.errors import DegenseError
-from engine.layers.layer import Layer, LayerRequest
-from engine.scene import Scene
+from degense.engine.errors import DegenseError
+from degense.engine.layers.layer import Layer, LayerRequest
+from degense.engine.scene import Scene
 
 #: Per cent of a frame's known pixels that lie below its value: one stray pixel is no finding.
 PERCENTILE = 99.0

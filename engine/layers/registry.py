@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-
-from engine.errors import DegenseError
-from engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
-from engine.layers.layer import Layer, LayerRequest
-from engine.motion import spurious
-from engine.scene import NO_SUPPORT, REVEALED, Scene
+from degense.engine.errors import DegenseError
+from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
+from degense.engine.layers.layer import Layer, LayerRequest
+from degense.engine.motion import spurious
+from degense.engine.scene import NO_SUPPORT, REVEALED, Scene
 
 WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
 MOVED = ("displacement", "support")  # channels of the displacement layer: its values, and where they are guesses

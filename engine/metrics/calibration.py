@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-
-from engine.clip import UNLABELLED
-from engine.metrics.mean import Mean
+from degense.engine.clip import UNLABELLED
+from degense.engine.metrics.mean import Mean
 
 STEPS = 100  # thresholds 0, 1/100, …, 99/100
 BINS = 10  # of the reliability diagram

@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 import torch
-
-from engine.clip import Clip
-from engine.errors import ClipError
-from engine.layers import LAYERS, LayerRequest
-from engine.metrics.image import ImageScores
-from engine.metrics.mean import Mean
-from engine.metrics.meaning import score_flicker, score_masks
-from engine.metrics.motion import MotionScores
-from engine.progress import Progress, silent
-from engine.scene import Scene
+from degense.engine.clip import Clip
+from degense.engine.errors import ClipError
+from degense.engine.layers import LAYERS, LayerRequest
+from degense.engine.metrics.image import ImageScores
+from degense.engine.metrics.mean import Mean
+from degense.engine.metrics.meaning import score_flicker, score_masks
+from degense.engine.metrics.motion import MotionScores
+from degense.engine.progress import Progress, silent
+from degense.engine.scene import Scene
 
 TIMED = 20
 

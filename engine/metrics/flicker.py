@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-
-from engine.clip import UNLABELLED
+from degense.engine.clip import UNLABELLED
 
 
 class Flicker:

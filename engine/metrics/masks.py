@@ -8,9 +8,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-
-from engine.clip import UNLABELLED
-from engine.metrics.mean import Mean
+from degense.engine.clip import UNLABELLED
+from degense.engine.metrics.mean import Mean
 
 
 def iou(predicted: np.ndarray, truth: np.ndarray) -> float | None:

@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-
-from engine.clip import Clip
-from engine.masks import DECODERS
-from engine.masks.decoders import DEFAULT_THRESHOLD
-from engine.metrics.calibration import Calibration
-from engine.metrics.flicker import Flicker
-from engine.metrics.masks import MaskScores
-from engine.motion import consistent, flow_between, sample
-from engine.progress import Progress
-from engine.scene import Scene
+from degense.engine.clip import Clip
+from degense.engine.metrics.calibration import Calibration
+from degense.engine.metrics.flicker import Flicker
+from degense.engine.metrics.masks import MaskScores
+from degense.engine.motion import consistent, flow_between, sample
+from degense.engine.progress import Progress
+from degense.engine.scene import Scene
+from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.masks.decoders import DEFAULT_THRESHOLD
 
 NOT_SCORED = ("background", "black background")
 MOST_PAIRS = 16  # of frames that flicker is measured on

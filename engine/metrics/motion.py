@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from engine.metrics.mean import Mean
+from degense.engine.metrics.mean import Mean
 
 
 class MotionScores:

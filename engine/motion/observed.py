@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-
-from engine.clip import Clip
-from engine.motion.belief import confidence, consistent
-from engine.motion.flow import follow, sample
+from degense.engine.clip import Clip
+from degense.engine.motion.belief import confidence, consistent
+from degense.engine.motion.flow import follow, sample
 
 PIXELS = 80_000  # flow is measured at about this size: a frame of it takes 0.4 MB, and a tenth of a second
 TEXTURE = 0.3  # `confidence` below which flow is a guess

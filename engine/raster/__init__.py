@@ -1,5 +1,5 @@
 """Drawing Gaussians: `rasterize` and its back ends (float64 reference, numba on the CPU, gsplat on CUDA)."""
 
-from engine.raster.render import Render, camera_depths, rasterize
+from degense.engine.raster.render import Render, camera_depths, rasterize
 
 __all__ = ["Render", "camera_depths", "rasterize"]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from degense.engine.raster.project import BOTTOM, LEFT, RIGHT, TOP
 from numba import njit
-
-from engine.raster.project import BOTTOM, LEFT, RIGHT, TOP
 
 _DIGIT = 11
 _BUCKETS = 1 << _DIGIT

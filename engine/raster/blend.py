@@ -9,11 +9,9 @@ no test again.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-
-from engine.raster.limits import MAX_ALPHA, MIN_TRANSMITTANCE
-from engine.raster.project import ACROSS, ALONG, HEADROOM, LOG2_MIN_ALPHA, SHEAR, TILE_HEIGHT, TILE_WIDTH, WIDTH, X, Y
-from engine.raster.simd import (
+from degense.engine.raster.limits import MAX_ALPHA, MIN_TRANSMITTANCE
+from degense.engine.raster.project import ACROSS, ALONG, HEADROOM, LOG2_MIN_ALPHA, SHEAR, TILE_HEIGHT, TILE_WIDTH, WIDTH, X, Y
+from degense.engine.raster.simd import (
     LANES,
     add,
     exp2,
@@ -35,7 +33,8 @@ from engine.raster.simd import (
     store,
     sub,
 )
-from engine.threads import take_ticket
+from degense.engine.threads import take_ticket
+from numba import njit
 
 BLOCK_WIDTH, BLOCK_HEIGHT = 8, 2
 AREA = TILE_WIDTH * TILE_HEIGHT

@@ -12,9 +12,7 @@ result whatever the number of threads.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-
-from engine.raster.blend import (
+from degense.engine.raster.blend import (
     AREA,
     CHECK_EVERY,
     GRID_BLOCK_X,
@@ -31,7 +29,7 @@ from engine.raster.blend import (
     start_tile,
     touched_blocks,
 )
-from engine.raster.project import (
+from degense.engine.raster.project import (
     ACROSS,
     ALONG,
     BOTTOM,
@@ -53,7 +51,7 @@ from engine.raster.project import (
     X,
     Y,
 )
-from engine.raster.simd import (
+from degense.engine.raster.simd import (
     LANES,
     add,
     both,
@@ -73,7 +71,8 @@ from engine.raster.simd import (
     sub,
     total,
 )
-from engine.threads import take_ticket
+from degense.engine.threads import take_ticket
+from numba import njit
 
 _HALF, _ZERO, _ONE = np.float32(0.5), np.float32(0.0), np.float32(1.0)
 

@@ -1,6 +1,6 @@
 """Do all back ends agree with the float64 reference?
 
-`python -m engine.raster.check` prints a table of values, gradients and hostile input; the exit status is 1 if a row fails. How fast
+`python -m degense.engine.raster.check` prints a table of values, gradients and hostile input; the exit status is 1 if a row fails. How fast
 they are is for `degense bench raster`. Where a Gaussian's alpha lies within rounding of 1/255 a pixel may be off by 1/255, so a few such
 pixels are allowed.
 """
@@ -12,11 +12,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import torch
+from degense.engine.camera import Camera
+from degense.engine.raster.render import Backend, Render, rasterize
+from degense.engine.raster.scenes import random_scene
 from torch import Tensor
-
-from engine.camera import Camera
-from engine.raster.render import Backend, Render, rasterize
-from engine.raster.scenes import random_scene
 
 INPUTS = ("means", "quats", "scales", "opacities", "features", "background", "offsets")
 IMAGE_TOLERANCE, OUTLIERS, OUTLIER_TOLERANCE, GRADIENT_TOLERANCE, RADII_TOLERANCE = 1e-3, 2e-3, 6e-3, 1e-2, 0.01

@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from degense.engine.raster.limits import EPS2D, FAR, FOV_MARGIN, MAX_EXTENT, MAX_SCALE, MAX_SQUARE, MIN_ALPHA, MIN_QUAT, NEAR
+from degense.engine.threads import take_ticket
 from numba import njit
-
-from engine.raster.limits import EPS2D, FAR, FOV_MARGIN, MAX_EXTENT, MAX_SCALE, MAX_SQUARE, MIN_ALPHA, MIN_QUAT, NEAR
-from engine.threads import take_ticket
 
 LOG2E = math.log2(math.e)
 LOG2_MIN_ALPHA = math.log2(MIN_ALPHA)

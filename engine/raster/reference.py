@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor
-
-from engine.camera import Camera
-from engine.raster.limits import (
+from degense.engine.camera import Camera
+from degense.engine.raster.limits import (
     EPS2D,
     FAR,
     FOV_MARGIN,
@@ -19,6 +17,7 @@ from engine.raster.limits import (
     MIN_TRANSMITTANCE,
     NEAR,
 )
+from torch import Tensor
 
 PAIRS_AT_ONCE = 4_000_000
 

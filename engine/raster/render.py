@@ -7,10 +7,9 @@ from typing import Literal
 
 import numpy as np
 import torch
+from degense.engine.camera import Camera
+from degense.engine.raster.camera_tensors import view_matrix
 from torch import Tensor
-
-from engine.camera import Camera
-from engine.raster.camera_tensors import view_matrix
 
 Backend = Literal["auto", "cpu", "cuda", "reference"]
 
@@ -110,15 +109,15 @@ def rasterize(
     if means.device.type != ("cuda" if backend == "cuda" else "cpu"):
         raise ValueError(f"back end {backend!r} cannot draw tensors on {means.device}; move them, or use backend='auto'")
     if backend == "cuda":
-        from engine.raster.cuda import cleaned, rasterize_cuda
+        from degense.engine.raster.cuda import cleaned, rasterize_cuda
 
         if not clean:
             quats, scales, opacities = cleaned(means, quats, scales, opacities, features, screen_offsets)
         return Render(*rasterize_cuda(means, quats, scales, opacities, features, camera, background, screen_offsets))
     if backend == "cpu":
-        from engine.raster.cpu import rasterize_cpu as draw
+        from degense.engine.raster.cpu import rasterize_cpu as draw
     else:
-        from engine.raster.reference import rasterize_reference as draw
+        from degense.engine.raster.reference import rasterize_reference as draw
     return Render(*draw(means, quats, scales, opacities, features, camera, background, screen_offsets))
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from degense.engine.camera import Camera
+from degense.engine.raster.render import Render, rasterize
 from torch import Tensor
-
-from engine.camera import Camera
-from engine.raster.render import Render, rasterize
 
 
 def random_scene(

@@ -1,5 +1,5 @@
 """What is kept on disk: run folders, tensors, PLY."""
 
-from engine.store.run import Run
+from degense.engine.store.run import Run
 
 __all__ = ["Run"]

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
-
-from engine.errors import RunError
-from engine.files import replacing
-from engine.splats import Splats
+from degense.engine.errors import RunError
+from degense.engine.files import replacing
+from degense.engine.splats import Splats
 
 SH0 = 0.28209479177387814  # Y_0^0: colour = 0.5 + SH0 · f_dc
 PROPERTIES = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")

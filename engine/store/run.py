@@ -13,15 +13,14 @@ from typing import Any
 
 import numpy as np
 import torch
-
-from engine.camera import Camera
-from engine.clip import Clip
-from engine.errors import RunError
-from engine.field import FieldConfig, SceneModel
-from engine.field.model import CANONICAL
-from engine.language import Basis
-from engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from engine.store.older import with_drifts
+from degense.engine.camera import Camera
+from degense.engine.clip import Clip
+from degense.engine.errors import RunError
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.field.model import CANONICAL
+from degense.engine.semantics import Basis
+from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
+from degense.engine.store.migrations import with_drifts
 
 FORMAT = 1
 MAX_FRAMES, MAX_GAUSSIANS, MAX_SIDE = 1_000_000, 10_000_000, 16_384
@@ -115,7 +114,7 @@ class Run:
         return build_model(self.info["field"], with_drifts(finite(read_tensors(path), path)), path).to(device)
 
     def save_support(self, support: torch.Tensor) -> None:
-        """Keep the share [N] of its frames in which each Gaussian's displacement is revealed (`engine.training.support`)."""
+        """Keep the share [N] of its frames in which each Gaussian's displacement is revealed (`engine.training.flow.observability`)."""
         write_tensors(self.path / "support.safetensors", {"support": support})
 
     def load_support(self, count: int) -> torch.Tensor | None:

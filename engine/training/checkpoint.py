@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from engine.errors import RunError
-from engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from engine.store.older import with_drifts
+from degense.engine.errors import RunError
+from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
+from degense.engine.store.migrations import with_drifts
 
 PARTS = ("model", "moments", "density", "neighbours")
 

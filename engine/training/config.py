@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
 
-from engine.errors import DegenseError
-from engine.field import ROUTINGS, Routing
+from degense.engine.errors import DegenseError
+from degense.engine.field import ROUTINGS, Routing
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class TrainConfig:
     semantic_every : int
         A semantic pass every so many steps, where meaning is trained together with geometry (`paper`, `coupled`).
     semantic_steps : int
-        Steps that refine meaning after geometry is finished (`isolated`; see `engine.training.meaning`).
+        Steps that refine meaning after geometry is finished (`isolated`; see `engine.training.semantic.distillation`).
     lift : bool
         Whether these start from the mean of all that the teacher says about a Gaussian, instead of from nothing.
     guided : bool
@@ -64,19 +64,19 @@ class TrainConfig:
     densify_every, densify_until : int, float
         Densify and prune every so many steps, until this share of the iterations.
     early_stop : bool
-        Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.plateau`).
+        Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.fitting.early_stopping`).
     static, fixed_latents : bool
-        Of the field: whether nothing moves, and whether latents never change. For baselines (`engine.systems`).
+        Of the field: whether nothing moves, and whether latents never change. For baselines (`engine.research.systems`).
     drifts : bool
         Whether what exists for a while may go straight on by itself, as instruments do.
     lasting : bool
         Whether every Gaussian exists for ever; those that the initialisation would let live for a few frames are left out.
     codebook : bool
-        Whether meaning belongs to clusters of Gaussians (`engine.training.codebook`) instead of single ones.
+        Whether meaning belongs to clusters of Gaussians (`engine.training.semantic.codebook`) instead of single ones.
     checkpoint_seconds : float
         Seconds between checkpoints: what the end of the program by force can cost at most.
     fit : bool
-        Whether settings may become smaller where the clip needs less (`engine.training.budget`).
+        Whether settings may become smaller where the clip needs less (`engine.training.fitting.budget`).
     given : tuple of str
         Settings that were chosen by hand, which fitting leaves alone.
     """

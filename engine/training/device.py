@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import torch
-
-from engine.errors import DegenseError
+from degense.engine.errors import DegenseError
 
 
 def choose_device(name: str) -> torch.device:

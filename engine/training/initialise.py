@@ -7,11 +7,10 @@ from functools import reduce
 import cv2
 import numpy as np
 import torch
+from degense.engine.errors import ClipError
+from degense.engine.training.flow.supervision import MotionEvidence, from_nearest
+from degense.engine.training.frames import TrainingFrames
 from torch import Tensor
-
-from engine.errors import ClipError
-from engine.training.evidence import MotionEvidence, from_nearest
-from engine.training.frames import TrainingFrames
 
 KEY_EVERY, KEYS = 4, (12, 24)  # training frames from one key frame to the next; the fewest and the most of them
 DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame to be taken for something else

@@ -13,33 +13,32 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-
-from engine.clip import Clip
-from engine.errors import Cancelled, DegenseError
-from engine.field import FieldConfig, SceneModel
-from engine.field.still import find_moving
-from engine.files import replacing
-from engine.language import TextEncoder, keep_encoder, open_encoder
-from engine.language.teachers import CostlyTeacher, Teacher, answered, default_teacher, teacher_by_name
-from engine.poses import find_cameras, with_cameras
-from engine.progress import Progress
-from engine.readers import fingerprint
-from engine.store import Run
-from engine.store.older import without_gone
-from engine.store.run import hardware
-from engine.training.budget import fit_budget
-from engine.training.checkpoint import load_checkpoint, save_checkpoint
-from engine.training.codebook import fit_codebook
-from engine.training.config import TrainConfig
-from engine.training.device import choose_device
-from engine.training.estimate import estimate
-from engine.training.evidence import MotionEvidence
-from engine.training.frames import TrainingFrames
-from engine.training.initialise import initial_gaussians, lasting_only
-from engine.training.meaning import fit_meaning
-from engine.training.semantics import SemanticTargets
-from engine.training.support import motion_support
-from engine.training.trainer import Diverged, Trainer, draw, run_steps
+from degense.engine.clip import Clip
+from degense.engine.data.poses import find_cameras, with_cameras
+from degense.engine.data.readers import fingerprint
+from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.field.still import find_moving
+from degense.engine.files import replacing
+from degense.engine.progress import Progress
+from degense.engine.semantics import TextEncoder, keep_encoder, open_encoder
+from degense.engine.semantics.teachers import CostlyTeacher, Teacher, answered, default_teacher, teacher_by_name
+from degense.engine.store import Run
+from degense.engine.store.migrations import without_gone
+from degense.engine.store.run import hardware
+from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.device import choose_device
+from degense.engine.training.fitting.budget import fit_budget
+from degense.engine.training.fitting.estimate import estimate
+from degense.engine.training.flow.observability import motion_support
+from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.initialise import initial_gaussians, lasting_only
+from degense.engine.training.semantic.codebook import fit_codebook
+from degense.engine.training.semantic.distillation import fit_meaning
+from degense.engine.training.semantic.targets import SemanticTargets
+from degense.engine.training.trainer import Diverged, Trainer, draw, run_steps
 
 Events = Callable[[dict[str, Any]], None]
 REPORT_EVERY = 25
@@ -63,12 +62,12 @@ def train(
 
     Returns the finished run, or None when `stop()` asked to leave; the run can then be resumed.
 
-    Cameras that the clip does not bring are found first (`engine.poses`); the run keeps them.
+    Cameras that the clip does not bring are found first (`engine.data.poses`); the run keeps them.
 
     Parameters
     ----------
     teacher : str or None
-        A name that `engine.language.teacher_by_name` knows, "none", or None for the clip's default.
+        A name that `engine.semantics.teacher_by_name` knows, "none", or None for the clip's default.
     encoder : TextEncoder or None
         Whose text vectors a teacher by label maps or strokes gives the classes; None for the embedded one's.
     resume : bool

@@ -69,7 +69,7 @@ def ssim_map(image: Channels, target: Channels) -> Channels:
     float [H, W, C]
     """
     if image.device.type == "cuda" and image.dtype == torch.float32 and not target.requires_grad and find_spec("triton") is not None:
-        from engine.training.ssim_cuda import similarity
+        from degense.engine.training.ssim_cuda import similarity
 
         return similarity(image, target, _window_on(image.device, image.dtype))
     moments = _Blur.apply(torch.cat([image, target, image * image, target * target, image * target], 2))

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import torch
-
-from engine.field import SceneModel
-from engine.training.config import TrainConfig
-from engine.training.plateau import COOLDOWN
+from degense.engine.field import SceneModel
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.fitting.early_stopping import COOLDOWN
 
 DECAYING = {"means", "field", "planes", "semantic"}
 SETTLED = 0.05  # of its rate is left of everything at the end

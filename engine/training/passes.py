@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import torch
+from degense.engine.field import SceneModel
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.flow.supervision import motion_error, surface_visibility
+from degense.engine.training.losses import inverse_depth, photometric, rigidity
 from torch import Tensor
-
-from engine.field import SceneModel
-from engine.training.config import TrainConfig
-from engine.training.evidence import motion_error, surface_visibility
-from engine.training.losses import inverse_depth, photometric, rigidity
 
 Neighbours = tuple[Tensor, Tensor]
 

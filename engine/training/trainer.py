@@ -8,24 +8,23 @@ from typing import Any
 
 import numpy as np
 import torch
+from degense.engine.camera import Camera
+from degense.engine.field import SceneModel
+from degense.engine.progress import Progress
+from degense.engine.raster import Render, camera_depths, rasterize
+from degense.engine.raster.camera_tensors import view_and_lens
+from degense.engine.splats import Splats
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.cuda_graphs import recorded
+from degense.engine.training.density import Density
+from degense.engine.training.fitting.early_stopping import EarlyStop
+from degense.engine.training.flow.supervision import MotionEvidence, Pair
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.neighbours import nearest_neighbours
+from degense.engine.training.optimiser import make_optimiser, set_rates
+from degense.engine.training.passes import CurvePass, FieldPass, PictureLoss, SemanticPass, motion_loss
+from degense.engine.training.semantic.targets import SemanticTargets
 from torch import Tensor
-
-from engine.camera import Camera
-from engine.field import SceneModel
-from engine.progress import Progress
-from engine.raster import Render, camera_depths, rasterize
-from engine.raster.camera_tensors import view_and_lens
-from engine.splats import Splats
-from engine.training.config import TrainConfig
-from engine.training.density import Density
-from engine.training.evidence import MotionEvidence, Pair
-from engine.training.frames import TrainingFrames
-from engine.training.neighbours import nearest_neighbours
-from engine.training.optimiser import make_optimiser, set_rates
-from engine.training.passes import CurvePass, FieldPass, PictureLoss, SemanticPass, motion_loss
-from engine.training.plateau import EarlyStop
-from engine.training.recording import recorded
-from engine.training.semantics import SemanticTargets
 
 GUARD_EVERY = 100  # steps between looks at whether all is finite
 NEIGHBOURS = 6

@@ -6,15 +6,14 @@ import json
 
 import numpy as np
 import pytest
-
-from engine.annotation.annotations import Annotations
-from engine.annotation.carried import Carried
-from engine.annotation.classes import LabelClass, check_classes, named_classes
-from engine.annotation.edits import Piece
-from engine.annotation.packed import pack, unpack
-from engine.annotation.painting import brush, region_of
-from engine.clip import UNLABELLED
-from engine.errors import DegenseError
+from degense.engine.annotation.annotations import Annotations
+from degense.engine.annotation.classes import LabelClass, check_classes, named_classes
+from degense.engine.annotation.edits import Piece
+from degense.engine.annotation.packed import pack, unpack
+from degense.engine.annotation.painting import brush, region_of
+from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError
 
 SHAPE = (512, 640)
 

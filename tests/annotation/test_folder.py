@@ -7,17 +7,16 @@ import json
 import cv2
 import numpy as np
 import pytest
-
-from engine import files
-from engine.annotation import folder as folder_module
-from engine.annotation.annotations import Annotations
-from engine.annotation.carried import Carried
-from engine.annotation.classes import named_classes
-from engine.annotation.folder import INDEX, load, save
-from engine.annotation.packed import pack
-from engine.annotation.painting import brush
-from engine.clip import UNLABELLED
-from engine.errors import DegenseError, RunError
+from degense.engine import files
+from degense.engine.annotation import folder as folder_module
+from degense.engine.annotation.annotations import Annotations
+from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.folder import INDEX, load, save
+from degense.engine.annotation.packed import pack
+from degense.engine.annotation.painting import brush
+from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError, RunError
 
 SHAPE = (40, 50)
 

@@ -10,15 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-from engine.annotation.classes import LabelClass, named_classes
-from engine.annotation.formats import LABEL_FORMATS, MapSet
-from engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
-from engine.annotation.formats.run_lengths import run_lengths
-from engine.annotation.formats.yolo import outlines
-from engine.annotation.painting import polygon
-from engine.clip import UNLABELLED
-from engine.errors import ClipError, DegenseError
+from degense.engine.annotation.classes import LabelClass, named_classes
+from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
+from degense.engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
+from degense.engine.annotation.formats.run_lengths import run_lengths
+from degense.engine.annotation.formats.yolo import outlines
+from degense.engine.annotation.painting import polygon
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import ClipError, DegenseError
 
 SHAPE, NAMES = (48, 64), tuple(f"frame_{i:03d}" for i in range(4))
 
@@ -74,7 +73,7 @@ def test_round_trip_of_colour_masks(name, table, tmp_path):
 
 
 def test_cholecseg8k_export_opens_as_a_clip(tmp_path):
-    from engine.readers import open_clip
+    from degense.engine.data.readers import open_clip
 
     names = tuple(f"frame_{i}_endo" for i in range(3))
     own = MapSet((CHOLECSEG8K.classes[2], CHOLECSEG8K.classes[5]), SHAPE, names, (0, 1, 2), lambda frame: blobs(frame, 2))

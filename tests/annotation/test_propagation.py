@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from degense.engine.annotation.propagation.field_votes import FieldVotes
+from degense.engine.annotation.propagation.flow_votes import ways
+from degense.engine.annotation.propagation.nearness import nearness
+from degense.engine.annotation.propagation.propagate import expected_iou, propagate, without_islands
+from degense.engine.camera import Camera
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.errors import DegenseError
+from degense.engine.metrics.masks import MaskScores
+from degense.engine.splats import Splats
 
-from engine.annotation.field_votes import FieldVotes
-from engine.annotation.flow_votes import ways
-from engine.annotation.nearness import nearness
-from engine.annotation.propagation import expected_iou, propagate, without_islands
-from engine.camera import Camera
-from engine.clip import UNLABELLED
-from engine.errors import DegenseError
-from engine.metrics.masks import MaskScores
-from engine.phantom import PhantomOptions, make_phantom
-from engine.readers import open_clip
-from engine.splats import Splats
 from tests.fakes import MovingWall
 
 TOOLS = ("grasper", "L-hook electrocautery")

@@ -16,7 +16,7 @@ RUN_ARGUMENTS = ("--preset", "quick", "--iterations", "60", "--max-gaussians", "
 @pytest.fixture(autouse=True, scope="session")
 def light_collections() -> Iterator[None]:
     """Keep the garbage collector out of the modules of torch and VTK: the check for leftovers collects twice a test, half a second each."""
-    import widgets.vtk_surface  # noqa: F401
+    import degense.widgets.splats.vtk_surface  # noqa: F401
 
     gc.collect()
     gc.freeze()
@@ -27,7 +27,7 @@ def light_collections() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A phantom of 10 frames, 96 × 80."""
-    from engine.phantom import PhantomOptions, make_phantom
+    from degense.engine.data.synthetic import PhantomOptions, make_phantom
 
     folder = tmp_path_factory.mktemp("phantom") / "clip"
     make_phantom(folder, PhantomOptions(frames=10, width=96, height=80, seed=3), lambda fraction, message: None)
@@ -37,7 +37,7 @@ def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def trained(tiny_clip: Path) -> Path:
     """The run that `degense train` makes of it. Shared: tests work on copies."""
-    from app.cli import main
+    from degense.app.cli.main import main
 
     run = tiny_clip.parent / "run"
     assert main(["train", str(tiny_clip), "--out", str(run), *RUN_ARGUMENTS]) == 0
@@ -55,7 +55,7 @@ def run(trained: Path) -> Iterator[Path]:
 
 @pytest.fixture
 def scene(run: Path):
-    from engine.scene import Scene
+    from degense.engine.scene import Scene
 
     return Scene.open(run, device="cpu")
 
@@ -63,9 +63,9 @@ def scene(run: Path):
 @pytest.fixture
 def window(qtbot, qapp, tmp_path: Path):
     """The window, empty and on the screen, with its 3D view."""
-    from app.settings import SettingsFile
-    from app.window.main import MainWindow
-    from widgets.theme import apply_theme
+    from degense.app.shell.main_window import MainWindow
+    from degense.app.shell.settings import SettingsFile
+    from degense.widgets.theme import apply_theme
 
     apply_theme(qapp, "dark")
     window = MainWindow(SettingsFile(tmp_path / "settings.json"))
@@ -80,7 +80,7 @@ def window(qtbot, qapp, tmp_path: Path):
 def idle(qtbot, window) -> Callable[[], None]:
     """Wait until the worker has answered everything."""
 
-    from app.window.main import CHANNELS
+    from degense.app.shell.main_window import CHANNELS
 
     channels = [name for name in CHANNELS if name != "doctor"]
 

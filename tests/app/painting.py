@@ -9,11 +9,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-
-from app.part import Part
-from app.session import Session
-from engine.annotation.painting import Region
-from engine.errors import PromptError, RunError
+from degense.app.session.persistent_state import Part
+from degense.app.session.session import Session
+from degense.engine.annotation.painting import Region
+from degense.engine.errors import PromptError, RunError
 
 
 class FakeScene:

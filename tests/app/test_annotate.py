@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from degense.app.features.annotate.label_sets import label_format
+from degense.app.session.session import Session
+from degense.engine.annotation.annotations import Record
+from degense.engine.annotation.folder import NAME
+from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.clip import UNLABELLED
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtWidgets import QPushButton
-
-from app.label_sets import label_format
-from app.session import Session
-from engine.annotation.annotations import Record
-from engine.annotation.carried import Carried
-from engine.annotation.folder import NAME
-from engine.clip import UNLABELLED
 
 
 @pytest.fixture

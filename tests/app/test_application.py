@@ -12,7 +12,7 @@ from pathlib import Path
 
 def test_it_starts_with_a_run_and_ctrl_c_closes_it(run, own_folders):
     log = Path(os.environ["XDG_STATE_HOME"])
-    process = subprocess.Popen([sys.executable, "-m", "app", run], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen([sys.executable, "-m", "degense.app", run], stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
     while not list(log.rglob("degense.log")) or not list(Path(os.environ["XDG_CONFIG_HOME"]).rglob("settings.json")):
         assert process.poll() is None, process.stderr and process.stderr.read()
@@ -32,6 +32,6 @@ def test_it_starts_with_a_run_and_ctrl_c_closes_it(run, own_folders):
 
 def test_without_a_display_it_says_what_to_do(run):
     environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")}
-    result = subprocess.run([sys.executable, "-m", "app", run], capture_output=True, text=True, env=environment)
+    result = subprocess.run([sys.executable, "-m", "degense.app", run], capture_output=True, text=True, env=environment)
     assert result.returncode == 2
     assert result.stderr.startswith("degense: There is no display")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 
+from degense.app.research import window_bench as bench_window
 from PySide6.QtCore import QTimer
-
-from app import bench_window
 
 
 def test_a_stall_is_seen_and_quiet_is_not_taken_for_one(window):

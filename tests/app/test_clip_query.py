@@ -6,9 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from degense.engine.scene import Scene
 from PySide6.QtCore import Qt
-
-from engine.scene import Scene
 
 
 @pytest.fixture

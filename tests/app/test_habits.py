@@ -65,7 +65,7 @@ def test_every_action_is_found_and_does_something(opened, idle, monkeypatch):
     for name in ("getOpenFileName", "getSaveFileName"):
         monkeypatch.setattr(QFileDialog, name, lambda *args, **more: ("", ""))
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *args, **more: "")
-    monkeypatch.setattr("app.doctor.report", lambda: ("all is well", True))
+    monkeypatch.setattr("degense.app.diagnostics.report", lambda: ("all is well", True))
     leaving = ("file.demo", "file.check", "file.quit")
     order = [action.id for action in opened.registry if action.id not in leaving]
     done = set()

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from engine.colour_maps import colourise, hatched
+from degense.engine.colour_maps import colourise, hatched
 
 
 @pytest.mark.parametrize(("key", "layer", "unit"), [("6", "displacement", "mm"), ("7", "warp", "px")])
@@ -19,7 +18,7 @@ def test_a_heatmap_by_its_key(qtbot, opened, idle, screenshot, key, layer, unit)
     assert opened.session.look.layer == layer
     assert parts.layers.current() == layer
     assert view.unit == (scene.unit if unit == "mm" else unit)
-    from engine.layers import LAYERS, LayerRequest, layer_range
+    from degense.engine.layers import LAYERS, LayerRequest, layer_range
 
     whole = layer_range(scene, LAYERS[layer], LayerRequest(8), "sequence")
     assert view.span == whole == parts.colour_bar.range()

@@ -17,11 +17,11 @@ from pathlib import Path
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from app.bench_window import rest, wait
-from app.settings import SettingsFile
-from app.window.main import MainWindow
-from widgets.images import to_array
-from widgets.theme import apply_theme
+from degense.app.research.window_bench import rest, wait
+from degense.app.shell.settings import SettingsFile
+from degense.app.shell.main_window import MainWindow
+from degense.widgets.frame.images import to_array
+from degense.widgets.theme import apply_theme
 import numpy as np
 
 run, settings, out = map(Path, sys.argv[1:4])

@@ -5,14 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from degense.app.features.cameras.state import CameraPath
+from degense.app.session.targets import Spot
+from degense.app.shell.main_window import MainWindow
+from degense.app.shell.settings import SettingsFile
+from degense.widgets.frame.images import to_array
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QPushButton
-
-from app.camera_book import CameraPath
-from app.settings import SettingsFile
-from app.targets import Spot
-from app.window.main import MainWindow
-from widgets.images import to_array
 
 
 def press(qtbot, panel, text: str) -> None:
@@ -154,7 +153,7 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
 
 def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, monkeypatch, screenshot):
     """In the whole window, although OpenGL is slow here: time, camera, highlight, screenshot and closing."""
-    monkeypatch.setattr("widgets.opengl.has_gpu", lambda: True)
+    monkeypatch.setattr("degense.widgets.splats.opengl.has_gpu", lambda: True)
     window = MainWindow(SettingsFile(tmp_path / "settings.json"))
     qtbot.addWidget(window)
     with qtbot.waitSignal(window.ready, timeout=20_000):

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from degense.app.session.store import JOURNAL
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError
+from degense.engine.files import write_text
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QApplication, QMessageBox
-
-from app.session_store import JOURNAL
-from engine.clip import UNLABELLED
-from engine.errors import DegenseError
-from engine.files import write_text
 
 #: A window in a process of its own: opens a run, adds a prompt, then erases along a line in one stroke without end, and says how far it is.
 WINDOW = """
@@ -28,8 +27,8 @@ from pathlib import Path
 from PySide6.QtCore import QEvent, QPointF, Qt, QTimer
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication
-from app.settings import SettingsFile
-from app.window.main import MainWindow
+from degense.app.shell.settings import SettingsFile
+from degense.app.shell.main_window import MainWindow
 
 app = QApplication([])
 window = MainWindow(SettingsFile(Path(sys.argv[2])))
@@ -170,19 +169,19 @@ def test_a_damaged_session_offers_its_backup(qtbot, opened, run, idle, screensho
 
 def test_autosave_waits_for_its_time_and_for_the_hand(qtbot, opened, run, monkeypatch):
     now = [1000.0]
-    monkeypatch.setattr("app.window.keeping.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("degense.app.features.documents.autosave.time.monotonic", lambda: now[0])
     opened.settings.update(autosave=2.0)
     opened.session.set_threshold(0.25)
     opened.keeping.tick()
     now[0] += 119
     opened.keeping.tick()
     assert opened.session.dirty
-    monkeypatch.setattr("app.window.keeping.QApplication.mouseButtons", lambda: Qt.MouseButton.LeftButton)
+    monkeypatch.setattr("degense.app.features.documents.autosave.QApplication.mouseButtons", lambda: Qt.MouseButton.LeftButton)
     now[0] += 2
     opened.keeping.tick()
     assert opened.session.dirty  # amid a drag
     monkeypatch.undo()
-    monkeypatch.setattr("app.window.keeping.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("degense.app.features.documents.autosave.time.monotonic", lambda: now[0])
     opened.keeping.tick()
     assert not opened.session.dirty
 
@@ -194,7 +193,7 @@ def test_work_that_cannot_be_saved_is_not_left_silently(qtbot, opened, idle, mon
         raise DegenseError(f"{path} cannot be written: No space left on device; what was there before is untouched.")
 
     with monkeypatch.context() as patch:
-        patch.setattr("app.session_file.write", full)
+        patch.setattr("degense.app.session.session_file.write", full)
         opened.close()
         assert opened.isVisible()
         box = opened.findChild(QMessageBox, "unsaved")

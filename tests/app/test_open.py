@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from degense.app.shell.main_window import MainWindow
+from degense.app.shell.settings import SettingsFile
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtWidgets import QMessageBox
-
-from app.settings import SettingsFile
-from app.window.main import MainWindow
 
 
 def error_text(window) -> str:
@@ -106,11 +105,11 @@ def test_recent_files_and_the_place_of_the_window_come_back(qtbot, opened, run, 
 
 
 def test_the_sample_is_not_changed_by_looking_at_it(window, run, idle, monkeypatch):
-    import app.demo
+    import degense.app.demo
 
-    monkeypatch.setattr(app.demo, "ASSETS", run.parent.parent)
-    monkeypatch.setattr(app.demo, "SAMPLE", run.parent.name)
-    assert app.demo.is_demo(run)
+    monkeypatch.setattr(degense.app.demo, "ASSETS", run.parent.parent)
+    monkeypatch.setattr(degense.app.demo, "SAMPLE", run.parent.name)
+    assert degense.app.demo.is_demo(run)
     window.opening.open_path(run)
     idle()
     window.session.set_layer("depth")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from degense.app.shell.main_window import MainWindow
+from degense.app.shell.preferences import PreferencesDialog
+from degense.app.shell.settings import SettingsFile
+from degense.widgets.theme import apply_theme, is_dark
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QTextBrowser
-
-from app.settings import SettingsFile
-from app.window.main import MainWindow
-from app.window.preferring import PreferencesDialog
-from widgets.theme import apply_theme, is_dark
 
 
 @pytest.fixture
@@ -95,8 +94,8 @@ def test_keys_are_changed_and_a_clash_is_named(qtbot, window, preferences, scree
 
 
 def test_the_help_explains_every_layer(window, screenshot):
-    from app.layer_help import FORMULAS, UNITS
-    from engine.layers import LAYERS
+    from degense.app.features.viewer.layer_help import FORMULAS, UNITS
+    from degense.engine.layers import LAYERS
 
     assert set(FORMULAS) == set(LAYERS)
     assert set(UNITS) == {layer.name for layer in LAYERS.values() if layer.kind == "scalar"}

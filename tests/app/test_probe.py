@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from app.targets import Spot, material
+from degense.app.session.targets import Spot, material
 
 
 def rows(window) -> dict[str, str]:

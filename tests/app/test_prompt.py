@@ -105,7 +105,7 @@ def test_masks_over_numbers_are_outlines(opened, idle):
 
 
 def test_masks_of_a_run_without_semantics(window, tiny_clip, tmp_path, idle):
-    from app.cli import main
+    from degense.app.cli.main import main
 
     run = tmp_path / "mute"
     arguments = ["--preset", "quick", "--iterations", "2", "--max-gaussians", "200", "--teacher", "none", "--device", "cpu"]

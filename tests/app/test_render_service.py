@@ -5,9 +5,8 @@ from __future__ import annotations
 import threading
 
 import pytest
-
-from app.render_service import RenderService
-from engine.errors import Cancelled, ClipError
+from degense.app.shell.worker import RenderService
+from degense.engine.errors import Cancelled, ClipError
 
 
 @pytest.fixture

@@ -6,10 +6,9 @@ import threading
 
 import numpy as np
 import pytest
+from degense.widgets.frame.images import to_array
+from degense.widgets.splats.camera_moves import letterboxed
 from PySide6.QtCore import Qt
-
-from widgets.camera_moves import letterboxed
-from widgets.images import to_array
 
 
 def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
@@ -110,7 +109,7 @@ def test_the_surgeons_camera_and_free_look(opened, idle):
 
 def test_the_window_stays_alive_while_frames_are_drawn(qtbot, opened, idle, monkeypatch):
     """A frame is drawn by the worker; until it is done the event loop turns."""
-    import app.window.drawing as drawing
+    import degense.app.features.viewer.controller as drawing
 
     real, begun, go_on = drawing.draw_view, threading.Event(), threading.Event()
 

@@ -8,13 +8,12 @@ import signal
 from dataclasses import fields, replace
 
 import pytest
+from degense.app.features.train.job import TrainingJob
+from degense.app.shell.main_window import MainWindow
+from degense.app.shell.settings import SettingsFile
+from degense.engine.training import TrainConfig
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
-
-from app.settings import SettingsFile
-from app.training_job import TrainingJob
-from app.window.main import MainWindow
-from engine.training import TrainConfig
 
 
 @pytest.fixture

@@ -8,12 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from degense.app.features.train import process as training_process
+from degense.app.features.train.job import TrainingJob
+from degense.app.features.train.process import EventLines, TrainingProcess
 from hypothesis import given
 from hypothesis import strategies as st
-
-from app import training_process
-from app.training_job import TrainingJob
-from app.training_process import EventLines, TrainingProcess
 
 JOB = TrainingJob(Path("clip"), Path("run"))
 
@@ -139,7 +138,7 @@ def test_a_program_that_is_not_there(qtbot, qapp, tmp_path):
 
 
 def test_the_job_is_the_command_line():
-    from app.cli import build_parser
+    from degense.app.cli.main import build_parser
 
     job = TrainingJob(Path("a clip"), Path("run"), "quick", "paper", "none", 7, 99, "cpu", 5, True, "frames", "keep", 321.5)
     job = replace(

@@ -11,12 +11,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from degense.app.shell import main_window as main
+from degense.app.shell.palette import Palette
+from degense.engine.layers import LAYERS
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QDialog, QMessageBox
 
-from app.window import main
-from app.window.palette import Palette
-from engine.layers import LAYERS
 from tests.house.source import ROOT, imports, within
 
 
@@ -61,7 +61,7 @@ def test_about_says_what_it_is_not(window):
 
 
 def test_the_doctor_reports_from_the_worker(qtbot, window, monkeypatch):
-    monkeypatch.setattr("app.doctor.report", lambda: ("all is well", True))
+    monkeypatch.setattr("degense.app.diagnostics.report", lambda: ("all is well", True))
     window.registry.run("help.doctor")
     qtbot.waitUntil(lambda: any(dialog.windowTitle() == "Doctor" for dialog in window.findChildren(QDialog)))
     next(dialog for dialog in window.findChildren(QDialog) if dialog.windowTitle() == "Doctor").close()
@@ -106,7 +106,7 @@ def test_quit_closes_the_window(qtbot, window):
 def test_a_crash_leaves_its_stacks(tmp_path):
     """The processor's own faults go past Python; the stacks of all threads are written by the system's handler."""
     code = (
-        "import faulthandler, sys; from pathlib import Path; from app.logs import start_logging\n"
+        "import faulthandler, sys; from pathlib import Path; from degense.app.shell.logs import start_logging\n"
         "start_logging(Path(sys.argv[1]), print)\n"
         "def deep(): faulthandler._sigsegv()\n"
         "deep()"
@@ -124,13 +124,13 @@ def test_the_main_window_only_wires():
     tree = ast.parse(source)
     assert len(source.splitlines()) < 250
     assert [node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)] == ["MainWindow"]
-    assert not [name for _, name in imports(Path("app/window/main.py")) if within(name, ("engine",))]
+    assert not [name for _, name in imports(Path("app/shell/main_window.py")) if within(name, ("degense.engine",))]
     methods = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name != "__init__"]
     assert {node.name: node.end_lineno - node.lineno for node in methods if node.end_lineno - node.lineno > 20} == {}
 
 
 def test_what_is_not_caught_goes_to_the_log_and_in_one_sentence_to_the_user(window, qtbot, tmp_path, monkeypatch):
-    from app.logs import start_logging
+    from degense.app.shell.logs import start_logging
 
     root = logging.getLogger()
     before, level = list(root.handlers), root.level
@@ -164,8 +164,8 @@ def test_what_is_not_caught_goes_to_the_log_and_in_one_sentence_to_the_user(wind
 
 @pytest.mark.parametrize("name", ["x", "y"])
 def test_nothing_is_left_after_closing(qtbot, tmp_path, name):
-    from app.settings import SettingsFile
-    from app.window.main import MainWindow
+    from degense.app.shell.main_window import MainWindow
+    from degense.app.shell.settings import SettingsFile
 
     window = MainWindow(SettingsFile(tmp_path / "settings.json"))
     window.show()

@@ -7,20 +7,19 @@ from pathlib import Path
 
 import pytest
 import torch
-
-from engine.bench import field, presets, query, raster, savings, viewing
-from engine.bench.options import BenchOptions
-from engine.bench.run import BENCHES, command_line, run
-from engine.bench.scenes import with_count
-from engine.bench.timing import measure, measure_in_turn, percentile, thread_counts, threads, throughput
-from engine.bench.trainings import noise_floor
-from engine.errors import DegenseError
-from engine.metrics.image import psnr
-from engine.phantom import PhantomOptions, make_phantom
-from engine.progress import silent
-from engine.readers import open_clip
-from engine.scene import Scene
-from engine.training import TrainConfig, train
+from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.errors import DegenseError
+from degense.engine.metrics.image import psnr
+from degense.engine.progress import silent
+from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BENCHES, command_line, run
+from degense.engine.research.bench.scenes import with_count
+from degense.engine.research.bench.timing import measure, measure_in_turn, percentile, thread_counts, threads, throughput
+from degense.engine.research.bench.trainings import noise_floor
+from degense.engine.research.benchmarks import field, presets, query, raster, savings, viewing
+from degense.engine.scene import Scene
+from degense.engine.training import TrainConfig, train
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,11 @@ import time
 
 import numpy as np
 import pytest
-
-from engine.bench.child import in_child, peak_memory
-from engine.bench.stress.child import in_child as under_stress
-from engine.bench.workers import run_jobs
-from engine.errors import Cancelled, DegenseError
-from engine.progress import silent
+from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.progress import silent
+from degense.engine.research.bench.child import in_child, peak_memory
+from degense.engine.research.bench.workers import run_jobs
+from degense.engine.research.stress.child import in_child as under_stress
 
 
 def add(a, b, progress):

@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 
 import pytest
-
-from app.cli import main
-from engine.bench.run import BENCHES
+from degense.app.cli.main import main
+from degense.engine.research.bench.run import BENCHES
 
 
 @pytest.fixture

@@ -1,13 +1,13 @@
 """The benchmarks about learning make their tables from scores as `evaluate` gives them; what they train is tried elsewhere."""
 
 import pytest
-
-from engine.bench import ablation, latent, motion, trainings
-from engine.bench.options import BenchOptions
-from engine.bench.workers import run_jobs
-from engine.masks import DECODERS
-from engine.progress import silent
-from engine.training.config import TrainConfig
+from degense.engine.progress import silent
+from degense.engine.research.bench import trainings
+from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.workers import run_jobs
+from degense.engine.research.benchmarks import ablation, latent, motion
+from degense.engine.semantics.masks import DECODERS
+from degense.engine.training.config import TrainConfig
 
 
 @pytest.fixture

@@ -5,9 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-
-from engine.bench.plot import Point, draw_pareto, pareto_front, points_of
-from engine.bench.table import Column, Table
+from degense.engine.research.bench.plot import Point, draw_pareto, pareto_front, points_of
+from degense.engine.research.bench.table import Column, Table
 
 
 def table(points: list[tuple[str, float | list[float] | None, float | None]]) -> Table:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
-
-from engine.bench.report import MOST_BYTES, read_table, save_table, write_report
-from engine.bench.table import Column, Table
-from engine.errors import DegenseError
+from degense.engine.errors import DegenseError
+from degense.engine.research.bench.report import MOST_BYTES, read_table, save_table, write_report
+from degense.engine.research.bench.table import Column, Table
 
 
 def table(name: str, bench: str, device: str = "cpu", number: int = 0, **changes) -> Table:

@@ -1,13 +1,13 @@
 """The benchmark of systems, on made-up scores: what is trained, and that its figures are those of the scores."""
 
 import pytest
-
-from engine.bench import systems, trainings
-from engine.bench.options import BenchOptions
-from engine.masks import DECODERS
-from engine.progress import silent
-from engine.systems import SYSTEMS
-from engine.training.config import TrainConfig
+from degense.engine.progress import silent
+from degense.engine.research.bench import trainings
+from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.benchmarks import systems
+from degense.engine.research.systems import SYSTEMS
+from degense.engine.semantics.masks import DECODERS
+from degense.engine.training.config import TrainConfig
 
 #: mIoU by decoder, of any system but ours, whose every decoder is 0.1 above.
 MIOU = dict(zip(DECODERS, (0.5, 0.7, 0.6, 0.4), strict=True))

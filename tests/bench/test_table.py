@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 import pytest
-
-from engine.bench.table import Column, Table
+from degense.engine.research.bench.table import Column, Table
 
 
 def table(**changes) -> Table:

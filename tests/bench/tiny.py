@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from engine.bench.options import BenchOptions
-from engine.bench.table import Column, Table
-from engine.progress import Progress
+from degense.engine.progress import Progress
+from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.table import Column, Table
 
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:

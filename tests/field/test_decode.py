@@ -5,9 +5,8 @@ import copy
 import numpy as np
 import pytest
 import torch
-
-from engine.field import ROUTINGS, FieldConfig, SceneModel
-from engine.threads import one_torch_thread
+from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
+from degense.engine.threads import one_torch_thread
 
 
 def make(routing, seed, *, count=333, rank=5, appearance=True, levels=(1, 2)):

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 import torch
+from degense.engine.field import hexplane_cpu
+from degense.engine.field.hexplane import HexPlane, sample_level, sample_levels
+from degense.engine.field.time_axis import at_time
 from scipy.interpolate import BSpline
-
-from engine.field import hexplane_cpu
-from engine.field.hexplane import HexPlane, sample_level, sample_levels
-from engine.field.time_axis import at_time
 
 
 def brute(points, space, line):
@@ -71,7 +70,7 @@ def test_time_runs_along_a_cubic_spline_and_is_clamped(width):
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
 @pytest.mark.parametrize("channels", [8, 16, 24])
 def test_the_gpus_fused_twin_in_values_and_gradients(channels):
-    hexplane_cuda = pytest.importorskip("engine.field.hexplane_cuda")
+    hexplane_cuda = pytest.importorskip("degense.engine.field.hexplane_cuda")
     torch.manual_seed(channels)
     points = torch.cat([torch.rand(3000, 3) * 2 - 1, torch.tensor([[-1.0, -1, -1], [1, 1, 1]])])
     space, line = torch.randn(3, 33, 33, channels), torch.randn(3, 33, channels)

@@ -2,13 +2,12 @@
 
 import pytest
 import torch
-
-from engine.camera import Camera
-from engine.field import ROUTINGS, FieldConfig, SceneModel
-from engine.field.model import CANONICAL
-from engine.field.still import OPACITY, PIXELS, find_moving
-from engine.raster import rasterize
-from engine.training.trainer import draw_latents
+from degense.engine.camera import Camera
+from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
+from degense.engine.field.model import CANONICAL
+from degense.engine.field.still import OPACITY, PIXELS, find_moving
+from degense.engine.raster import rasterize
+from degense.engine.training.trainer import draw_latents
 
 CAMERA = Camera(24, 20, 20.0, 20.0, 12.0, 10.0)
 

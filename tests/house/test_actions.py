@@ -12,8 +12,8 @@ WINDOW = """
 import sys
 from pathlib import Path
 from PySide6.QtWidgets import QApplication
-from app.settings import SettingsFile
-from app.window.main import MainWindow
+from degense.app.shell.settings import SettingsFile
+from degense.app.shell.main_window import MainWindow
 
 app = QApplication([])
 window = MainWindow(SettingsFile(Path(sys.argv[1])))

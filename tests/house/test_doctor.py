@@ -8,8 +8,8 @@ import sys
 import cv2
 import pytest
 import torch
+from degense.app import diagnostics as doctor
 
-from app import doctor
 from tests.house.source import ROOT
 
 
@@ -66,7 +66,7 @@ def test_no_display_is_no_fault(monkeypatch):
 
 def test_it_does_not_start_a_compilation():
     """With a CUDA compiler and no GPU, importing gsplat alone would compile for minutes."""
-    code = "import sys; from app.doctor import report; report(); sys.exit('gsplat' in sys.modules)"
+    code = "import sys; from degense.app.diagnostics import report; report(); sys.exit('gsplat' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
 
 

@@ -9,16 +9,22 @@ import pytest
 from tests.house.source import imports, modules, within
 
 GUI = ("PySide6", "shiboken6", "qtpy", "PyQt5", "PyQt6", "pyvista", "pyvistaqt", "vtk", "vtkmodules")
-VALUE_TYPES = ("engine.camera", "engine.splats", "engine.errors", "engine.progress", "engine.colour_maps")
+VALUE_TYPES = (
+    "degense.engine.camera",
+    "degense.engine.splats",
+    "degense.engine.errors",
+    "degense.engine.progress",
+    "degense.engine.colour_maps",
+)
 
 
 def refused(path: Path, name: str) -> bool:
     """Whether a file may not import this name."""
     match path.parts[0]:
         case "engine":
-            return within(name, (*GUI, "app", "widgets", "tests"))
+            return within(name, (*GUI, "degense.app", "degense.widgets", "tests"))
         case "widgets":
-            return within(name, ("app", "tests")) or (within(name, ("engine",)) and not within(name, VALUE_TYPES))
+            return within(name, ("degense.app", "tests")) or (within(name, ("degense.engine",)) and not within(name, VALUE_TYPES))
         case "app":
             return within(name, ("tests",))
     return False
@@ -34,15 +40,15 @@ def test_imports_go_one_way(package):
     ("path", "name", "expected"),
     [
         ("engine/layers/registry.py", "PySide6.QtGui", True),
-        ("engine/clip.py", "app.session", True),
+        ("engine/clip.py", "degense.app.session.session", True),
         ("engine/clip.py", "vtkmodules.vtkCommonCore", True),
-        ("engine/clip.py", "engine.camera", False),
+        ("engine/clip.py", "degense.engine.camera", False),
         ("engine/clip.py", "application", False),
-        ("widgets/theme.py", "app.settings", True),
-        ("widgets/theme.py", "engine.scene.Scene", True),
-        ("widgets/theme.py", "engine.camera.Camera", False),
-        ("app/window/main.py", "engine.scene", False),
-        ("app/window/main.py", "tests.fakes", True),
+        ("widgets/theme.py", "degense.app.shell.settings", True),
+        ("widgets/theme.py", "degense.engine.scene.Scene", True),
+        ("widgets/theme.py", "degense.engine.camera.Camera", False),
+        ("app/shell/main_window.py", "degense.engine.scene", False),
+        ("app/shell/main_window.py", "tests.fakes", True),
     ],
 )
 def test_the_rule_itself(path, name, expected):

@@ -94,6 +94,8 @@ def test_nothing_of_qt_is_left_behind(suite):
 
 
 def test_stated_shapes_are_checked(suite):
+    (suite.pytester.path / "degense").mkdir()
+    (suite.pytester.path / "degense" / "engine").symlink_to("../engine")
     suite.write("engine/plain.py", "def twice(x: int): return 2 * x")
     suite.write(
         "engine/shaped.py",
@@ -111,7 +113,7 @@ def test_stated_shapes_are_checked(suite):
         "tests/test_shapes.py",
         """
         import numpy as np
-        from engine import plain, shaped
+        from degense.engine import plain, shaped
 
         def test_right(): assert shaped.dot(np.ones(3), np.ones(3)) == 3
         def test_wrong(): shaped.dot(np.ones(3), np.ones(4))

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
-from engine.camera import Camera
-from engine.clip import UNLABELLED, Clip
+from degense.engine.camera import Camera
+from degense.engine.clip import UNLABELLED, Clip
 
 COLOURS = np.array([[150, 60, 50], [205, 175, 90], [120, 125, 130]], np.float32)
 

@@ -5,10 +5,9 @@ import sys
 
 import numpy as np
 import pytest
-
-from engine.errors import PromptError
-from engine.language.embedded import EmbeddedEncoder
-from engine.language.vocabulary import surgical_vocabulary
+from degense.engine.errors import PromptError
+from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.vocabulary import surgical_vocabulary
 
 PHANTOM = [
     "liver",
@@ -119,7 +118,7 @@ def test_a_misspelt_class_name_is_literal_but_a_prompt_may_be_misspelt():
 
 
 def test_vectors_do_not_depend_on_the_process():
-    code = "from engine.language.embedded import EmbeddedEncoder as E; import hashlib; "
+    code = "from degense.engine.semantics.text.embedded import EmbeddedEncoder as E; import hashlib; "
     code += "print(hashlib.sha256(E(['foo','liver']).encode(['foo','liver','tool']).tobytes()).hexdigest())"
     digests = {
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": s}).stdout

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from degense.engine.errors import DegenseError
+from degense.engine.semantics import keep_encoder, open_encoder
+from degense.engine.semantics.models.model_folder import find_model, is_open_clip, model_digest
+from degense.engine.semantics.models.open_clip import read_open_clip
+from degense.engine.semantics.models.vlm_models import DEVIATION, MEAN, DenseModel
+from degense.engine.semantics.teachers import answered, teacher_by_name
+from degense.engine.semantics.teachers.vlm import VlmTeacher
+from degense.engine.semantics.text.towers import encoder_at
 from safetensors.torch import load_file, save_file
 
-from engine.errors import DegenseError
-from engine.language import keep_encoder, open_encoder
-from engine.language.teachers import answered, teacher_by_name
-from engine.language.teachers.model_folder import find_model, is_open_clip, model_digest
-from engine.language.teachers.open_clip import read_open_clip
-from engine.language.teachers.vlm import VlmTeacher
-from engine.language.teachers.vlm_models import DEVIATION, MEAN, DenseModel
-from engine.language.towers import encoder_at
 from tests.fakes import MemoryClip
 from tests.language.open_clip_models import CONFIG, CONTEXT, write_open_clip
 from tests.language.tiny_models import write_model

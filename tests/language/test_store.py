@@ -5,10 +5,11 @@ import time
 
 import numpy as np
 import pytest
+from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.semantics import EmbeddedEncoder
+from degense.engine.semantics.teachers import LabelTeacher, answered
+from degense.engine.semantics.teachers import answer_store as store
 
-from engine.errors import Cancelled, DegenseError
-from engine.language import EmbeddedEncoder
-from engine.language.teachers import LabelTeacher, answered, store
 from tests.fakes import MemoryClip
 
 

@@ -5,12 +5,11 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-
-from engine.clip import UNLABELLED
-from engine.language import EmbeddedEncoder
-from engine.language.teachers import StrokeTeacher
-from engine.readers import open_clip
-from engine.readers.labels import read_classes
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.files.labels import read_classes
+from degense.engine.data.readers import open_clip
+from degense.engine.semantics import EmbeddedEncoder
+from degense.engine.semantics.teachers import StrokeTeacher
 
 #: Class and ends of ten strokes, four pixels wide, at most two a class: first one in the middle of each class, then one each where the map
 #: that came of the strokes so far was most wrong, as a person corrects it.

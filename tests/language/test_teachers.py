@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from engine.camera import Camera
-from engine.clip import UNLABELLED, Clip
-from engine.errors import ClipError
-from engine.language.embedded import EmbeddedEncoder
-from engine.language.teachers import LabelTeacher
+from degense.engine.camera import Camera
+from degense.engine.clip import UNLABELLED, Clip
+from degense.engine.errors import ClipError
+from degense.engine.semantics.teachers import LabelTeacher
+from degense.engine.semantics.text.embedded import EmbeddedEncoder
 
 CLASSES = ("background", "liver", "foo")
 

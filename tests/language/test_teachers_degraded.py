@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from degense.engine.errors import DegenseError
+from degense.engine.research.degraded_teachers import confusable
+from degense.engine.semantics.teachers import VLM_LIKE, Degradation, DegradedTeacher, LabelTeacher, teacher_by_name
+from degense.engine.semantics.text.embedded import EmbeddedEncoder
 
-from engine.errors import DegenseError
-from engine.language.embedded import EmbeddedEncoder
-from engine.language.teachers import VLM_LIKE, Degradation, DegradedTeacher, LabelTeacher, teacher_by_name
-from engine.language.teachers.degraded import confusable
 from tests.fakes import MemoryClip, MovingWall
 
 

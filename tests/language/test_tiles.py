@@ -3,8 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-
-from engine.language.teachers.tiles import tiled
+from degense.engine.semantics.models.tiles import tiled
 
 
 def mean_colours(pictures):

@@ -3,10 +3,9 @@
 import itertools
 
 import pytest
-
-from engine.errors import PromptError
-from engine.language.spelling import edit_distance
-from engine.language.vocabulary import Concept, Vocabulary, surgical_vocabulary
+from degense.engine.errors import PromptError
+from degense.engine.semantics.text.spelling import edit_distance
+from degense.engine.semantics.text.vocabulary import Concept, Vocabulary, surgical_vocabulary
 
 WORDINGS = {
     "liver": [

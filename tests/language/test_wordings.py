@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from degense.engine.errors import PromptError
+from degense.engine.semantics import EmbeddedEncoder, fit_basis
+from degense.engine.semantics.masks import MaskQuery
+from degense.engine.semantics.text.vocabulary import surgical_vocabulary
 
-from engine.errors import PromptError
-from engine.language import EmbeddedEncoder, fit_basis
-from engine.language.vocabulary import surgical_vocabulary
-from engine.masks import MaskQuery
 from tests.language.wordings import FOREIGN, HELD_OUT
 
 CLASSES = tuple(HELD_OUT)
@@ -96,7 +96,7 @@ def test_both_sides_of_the_atlantic(british, american):
 
 
 def test_a_name_belongs_to_one_concept_in_all_languages():
-    from engine.language.spelling import key
+    from degense.engine.semantics.text.spelling import key
 
     owners: dict[str, set[str]] = {}
     for concept in surgical_vocabulary().concepts:

@@ -3,11 +3,10 @@
 import shutil
 
 import pytest
-
-from engine.phantom import PhantomOptions, make_phantom
-from engine.readers import open_clip
-from engine.scene import Scene
-from engine.training import TrainConfig, train
+from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.scene import Scene
+from degense.engine.training import TrainConfig, train
 
 
 @pytest.fixture(scope="session")

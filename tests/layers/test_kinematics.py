@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 import torch
-
-from engine.errors import DegenseError
-from engine.layers import LAYERS, LayerRequest, layer_range
-from engine.layers.kinematics import growths, speeds, turns
-from engine.layers.ranking import Finding, apart, places, rank
+from degense.engine.errors import DegenseError
+from degense.engine.layers import LAYERS, LayerRequest, layer_range
+from degense.engine.layers.kinematics import growths, speeds, turns
+from degense.engine.layers.ranking import Finding, apart, places, rank
 
 
 def test_speed_of_a_straight_flight():

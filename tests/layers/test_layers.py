@@ -3,13 +3,12 @@
 import cv2
 import numpy as np
 import pytest
-
-from engine.camera import Camera
-from engine.errors import DegenseError, PromptError
-from engine.layers import LAYERS, LayerImage, LayerRequest, layer_range
-from engine.layers.colour import MASK_COLOURS, colourise
-from engine.masks import DECODERS
-from engine.scene import REVEALED
+from degense.engine.camera import Camera
+from degense.engine.errors import DegenseError, PromptError
+from degense.engine.layers import LAYERS, LayerImage, LayerRequest, layer_range
+from degense.engine.layers.colour import MASK_COLOURS, colourise
+from degense.engine.scene import REVEALED
+from degense.engine.semantics.masks import DECODERS
 
 PROMPTS = ("gallbladder", "liver")
 SIDE = 5

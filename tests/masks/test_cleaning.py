@@ -1,8 +1,7 @@
 """Specks and holes, by hand-made pictures."""
 
 import numpy as np
-
-from engine.masks.cleaning import without_holes, without_specks
+from degense.engine.semantics.masks.cleaning import without_holes, without_specks
 
 
 def disc(height=100, width=100, radius=40):

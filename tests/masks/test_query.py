@@ -5,10 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import torch
+from degense.engine.clip import UNLABELLED
+from degense.engine.semantics import EmbeddedEncoder, fit_basis
+from degense.engine.semantics.masks import DECODERS, MaskQuery, Question
 
-from engine.clip import UNLABELLED
-from engine.language import EmbeddedEncoder, fit_basis
-from engine.masks import DECODERS, MaskQuery, Question
 from tests.masks.scenes import latents, overlap, scene
 
 CLASSES = ("liver", "fat", "gallbladder", "grasper", "L-hook electrocautery")

@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from degense.engine.semantics import EmbeddedEncoder, fit_basis
+from degense.engine.semantics.masks import MaskQuery, superpixels
 
-from engine.language import EmbeddedEncoder, fit_basis
-from engine.masks import MaskQuery, superpixels
 from tests.masks.scenes import latents, overlap
 
 ROOT = Path(os.environ.get("DEGENSE_CLIPS", Path(__file__).parents[2] / ".." / "shared" / "clips")) / "cholec160"

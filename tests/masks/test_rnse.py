@@ -4,15 +4,15 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from degense.engine.metrics.masks import boundary_f, iou
+from degense.engine.research.bench.mask_scenes import DEGRADATIONS, hand_frame, phantom_frame
+from degense.engine.semantics import EmbeddedEncoder, fit_basis
+from degense.engine.semantics.masks import DECODERS, MaskQuery, rnse, rnse_torch, superpixels
+from degense.engine.semantics.masks.guided_filter import RADIUS, GuidedFilter
+from degense.engine.semantics.masks.rnse_cpu import CpuAggregation, find_evidence
+from degense.engine.semantics.masks.similarity import normalised
+from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
 
-from engine.bench.mask_scenes import DEGRADATIONS, hand_frame, phantom_frame
-from engine.language import EmbeddedEncoder, fit_basis
-from engine.masks import DECODERS, MaskQuery, rnse, rnse_torch, superpixels
-from engine.masks.guided_filter import RADIUS, GuidedFilter
-from engine.masks.rnse_cpu import CpuAggregation, find_evidence
-from engine.masks.similarity import normalised
-from engine.masks.superpixels_torch import superpixels_on_device
-from engine.metrics.masks import boundary_f, iou
 from tests.masks.scenes import latents, overlap, scene
 
 FRAMES = {

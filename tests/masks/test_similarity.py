@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from engine.masks.similarity import cosines, normalised
+from degense.engine.semantics.masks.similarity import cosines, normalised
 
 
 @pytest.mark.parametrize("channels", [1, 2, 9])

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from degense.engine.semantics.masks.superpixels import superpixels
 
-from engine.masks.superpixels import superpixels
 from tests.masks.scenes import scene
 
 

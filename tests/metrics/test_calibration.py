@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-
-from engine.metrics.calibration import STEPS, Calibration
-from engine.metrics.interval import t_interval
-from engine.metrics.masks import MaskScores
+from degense.engine.metrics.calibration import STEPS, Calibration
+from degense.engine.metrics.interval import t_interval
+from degense.engine.metrics.masks import MaskScores
 
 
 def random_frames(seed, count=3):

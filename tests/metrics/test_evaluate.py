@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
+from degense.engine.errors import ClipError
+from degense.engine.metrics.evaluate import evaluate
+from degense.engine.metrics.masks import MaskScores
+from degense.engine.semantics.masks import DECODERS
 
-from engine.errors import ClipError
-from engine.masks import DECODERS
-from engine.metrics.evaluate import evaluate
-from engine.metrics.masks import MaskScores
 from tests.fakes import MemoryClip
 
 #: What `degense eval --json` promises to outside scripts.
@@ -66,7 +66,9 @@ def test_numbers_are_those_of_the_run(scores, scene, clip):
 
 
 def test_pictures_and_masks_come_from_held_out_frames_only(scene, clip, monkeypatch):
-    monkeypatch.setattr("engine.metrics.evaluate.score_flicker", lambda scene, clip, frames, progress: {})  # needs the frame before, too
+    monkeypatch.setattr(
+        "degense.engine.metrics.evaluate.score_flicker", lambda scene, clip, frames, progress: {}
+    )  # needs the frame before, too
     asked = {"frame": [], "labels": []}
 
     def watch(name):

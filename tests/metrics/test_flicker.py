@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from engine.metrics.flicker import Flicker, carried
+from degense.engine.metrics.flicker import Flicker, carried
 
 
 def still(shape):

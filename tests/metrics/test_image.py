@@ -6,9 +6,8 @@ import types
 import numpy as np
 import pytest
 import torch
-
-from engine.metrics import image
-from engine.metrics.image import ImageScores, psnr, psnr_masked_product, ssim
+from degense.engine.metrics import image
+from degense.engine.metrics.image import ImageScores, psnr, psnr_masked_product, ssim
 
 
 def pictures(seed, shape=(24, 31)):

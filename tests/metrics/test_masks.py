@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from engine.metrics.masks import MaskScores, boundary_f, iou
+from degense.engine.metrics.masks import MaskScores, boundary_f, iou
 
 
 def sets(mask):

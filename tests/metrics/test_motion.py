@@ -4,8 +4,7 @@ import json
 
 import numpy as np
 import pytest
-
-from engine.metrics.motion import MotionScores
+from degense.engine.metrics.motion import MotionScores
 
 
 def frames(seed, count=4, shape=(9, 11), offset=0.0):

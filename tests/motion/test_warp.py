@@ -2,8 +2,7 @@
 
 import numpy as np
 import torch
-
-from engine.motion import displacement, spurious
+from degense.engine.motion import displacement, spurious
 
 
 def test_displacement_is_the_distance_of_each_gaussian():

@@ -1,8 +1,7 @@
 """Small phantoms, made once for all tests here."""
 
 import pytest
-
-from engine.phantom import PhantomOptions, make_phantom
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
 
 
 @pytest.fixture(scope="session")

@@ -5,10 +5,10 @@ import json
 import cv2
 import numpy as np
 import pytest
+from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from PIL import Image
 
-from engine.phantom import PhantomOptions, make_phantom
-from engine.readers import open_clip
 from tests.phantom.files import load
 from tests.phantom.test_phantom import inside, look_up
 
@@ -97,7 +97,7 @@ def test_tool_masks_mark_every_pixel_that_a_tool_shows_in(folder, phantom):
 
 
 def test_names_are_in_the_vocabulary_and_thin_tools_are_thin(folder, phantom):
-    from engine.language import EmbeddedEncoder
+    from degense.engine.semantics import EmbeddedEncoder
 
     classes = json.loads((folder / "classes.json").read_text())["classes"]
     assert EmbeddedEncoder(classes).literal == ()

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.errors import Cancelled, DegenseError
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
-from engine.errors import Cancelled, DegenseError
-from engine.phantom import PhantomOptions, make_phantom
 from tests.phantom.files import load
 
 
@@ -203,7 +203,7 @@ def test_impossible_options_are_refused_in_a_sentence(wrong):
 
 
 def test_readers_take_it(moving):
-    readers = pytest.importorskip("engine.readers")
+    readers = pytest.importorskip("degense.engine.data.readers")
     phantom, clip = load(moving), readers.open_clip(moving)
     assert len(clip) == 7
     assert clip.depth_measured

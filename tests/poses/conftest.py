@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from engine.phantom import PhantomOptions, make_phantom
-from engine.phantom.motion import Script
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.data.synthetic.motion import Script
 
 
 @pytest.fixture(scope="session")

@@ -1,13 +1,13 @@
 """Poses of phantoms against their truth; a still camera stays still; clips that show nothing say so."""
 
+import degense.engine.data.poses.tracks as tracks
 import numpy as np
 import pytest
+from degense.engine.data.poses import PoseEstimate, estimate_poses, find_cameras
+from degense.engine.data.poses.tracks import Lost
+from degense.engine.data.readers import open_clip
+from degense.engine.metrics.poses import pose_errors
 
-import engine.poses.tracks as tracks
-from engine.metrics.poses import pose_errors
-from engine.poses import PoseEstimate, estimate_poses, find_cameras
-from engine.poses.tracks import Lost
-from engine.readers import open_clip
 from tests.fakes import MemoryClip
 
 
@@ -72,7 +72,7 @@ def test_many_key_frames_drift_less_when_loops_are_closed(rigid, without_poses, 
     clip, true = open_clip(without_poses(rigid)), open_clip(rigid).cameras
     monkeypatch.setattr(tracks, "LEFT", 0.93)
     closed, _ = pose_errors(find_cameras(clip).cameras, true)
-    monkeypatch.setattr("engine.poses.estimate.close_loops", lambda keys, viewmats, progress: [])
+    monkeypatch.setattr("degense.engine.data.poses.estimate.close_loops", lambda keys, viewmats, progress: [])
     drifted, _ = pose_errors(find_cameras(clip).cameras, true)
     assert closed.mean() < 0.4
     assert closed.mean() < drifted.mean()

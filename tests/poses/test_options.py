@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-
-from app.cli import main
-from engine.errors import ClipError
-from engine.readers import ClipOptions, open_clip
+from degense.app.cli.main import main
+from degense.engine.data.readers import ClipOptions, open_clip
+from degense.engine.errors import ClipError
 
 
 def test_the_users_word_goes_before_the_clips(moving):

@@ -1,13 +1,12 @@
 """Training finds the cameras first, keeps them in the run, and resumes with the same ones."""
 
+import degense.engine.training.job as job
 import numpy as np
 import pytest
-
-import engine.training.job as job
-from engine.metrics.evaluate import evaluate
-from engine.readers import open_clip
-from engine.scene import Scene
-from engine.training import TrainConfig, train
+from degense.engine.data.readers import open_clip
+from degense.engine.metrics.evaluate import evaluate
+from degense.engine.scene import Scene
+from degense.engine.training import TrainConfig, train
 
 CONFIG = TrainConfig.preset_of("quick", iterations=30, max_gaussians=400, resolution=8, channels=8, flow=0.0, device="cpu")
 

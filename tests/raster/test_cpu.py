@@ -6,10 +6,9 @@ import threading
 
 import pytest
 import torch
-
-from engine.raster import cpu, rasterize
-from engine.raster.check import Case, cases, compare, draw
-from engine.raster.scenes import random_scene
+from degense.engine.raster import cpu, rasterize
+from degense.engine.raster.check import Case, cases, compare, draw
+from degense.engine.raster.scenes import random_scene
 
 SEED = 77
 
@@ -134,7 +133,7 @@ def test_alpha_alone_can_be_the_loss():
 
 def test_drawing_on_the_cpu_does_not_import_gsplat():
     program = (
-        "import sys; from engine.raster import rasterize; from engine.raster.scenes import random_scene;"
+        "import sys; from degense.engine.raster import rasterize; from degense.engine.raster.scenes import random_scene;"
         "tensors, camera = random_scene(10, 8, 8, 1, 0); rasterize(*tensors, camera); sys.exit('gsplat' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False, timeout=120).returncode == 0

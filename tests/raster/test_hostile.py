@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import torch
+from degense.engine.camera import Camera
+from degense.engine.raster import check, rasterize
+from degense.engine.raster.check import Case, compare, hostile_cases
+from degense.engine.raster.scenes import random_scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from engine.camera import Camera
-from engine.raster import check, rasterize
-from engine.raster.check import Case, compare, hostile_cases
-from engine.raster.scenes import random_scene
 
 SEED = 5
 

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 import torch
-
-from engine.camera import Camera
-from engine.raster import camera_depths, rasterize
-from engine.raster.reference import project
-from engine.raster.scenes import random_scene
+from degense.engine.camera import Camera
+from degense.engine.raster import camera_depths, rasterize
+from degense.engine.raster.reference import project
+from degense.engine.raster.scenes import random_scene
 
 
 def draw_by_hand(means, quats, scales, opacities, features, camera, background):

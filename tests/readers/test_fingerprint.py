@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from degense.engine.camera import Camera
+from degense.engine.clip import Clip
+from degense.engine.data.readers import fingerprint, open_clip
 
-from engine.camera import Camera
-from engine.clip import Clip
-from engine.readers import fingerprint, open_clip
 from tests.readers.makers import save, tissue, write_endonerf, write_frames, write_video
 
 
@@ -35,7 +35,7 @@ def test_names_and_count_matter(tmp_path):
 
 
 def test_large_files_are_sampled_at_their_end_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["engine.readers.fingerprint"], "PIECE", 2000)
+    monkeypatch.setattr(sys.modules["degense.engine.data.readers.fingerprint"], "PIECE", 2000)
     path = tmp_path / "clip.avi"
     write_video(path, np.random.default_rng(4), 12, codec="MJPG")
     assert path.stat().st_size > 8000

@@ -5,9 +5,9 @@ import json
 import cv2
 import numpy as np
 import pytest
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.readers import ClipOptions, describe, detect, open_clip
 
-from engine.clip import UNLABELLED
-from engine.readers import ClipOptions, describe, detect, open_clip
 from tests.readers.makers import HEIGHT, WIDTH, save, tissue, tool, write_camera, write_endonerf, write_frames, write_poses
 
 
@@ -146,7 +146,7 @@ def test_frames_are_the_callers_own(tmp_path):
 
 
 def test_the_cache_keeps_what_fits():
-    from engine.readers.cache import ArrayCache
+    from degense.engine.data.files.cache import ArrayCache
 
     cache = ArrayCache(limit=3000)
     loads = []

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from engine.masks import DECODERS
-from engine.report import Entry, Picture, write_report
-from engine.report.charts import Line, chart
-from engine.report.entry import Figure
-from engine.report.tables import tables_of
+from degense.engine.research.report import Entry, Picture, write_report
+from degense.engine.research.report.charts import Line, chart
+from degense.engine.research.report.entry import Figure
+from degense.engine.research.report.tables import tables_of
+from degense.engine.semantics.masks import DECODERS
 
 HOSTILE = "<script>alert(1)</script>|"
 

@@ -7,14 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from engine import clip_query
-from engine.clip import UNLABELLED
-from engine.clip_query import ClipQuestion, masks_at, query_clip
-from engine.errors import DegenseError, PromptError
-from engine.layers import LAYERS, LayerRequest
-from engine.masks import DECODERS, MaskQuery
-from engine.scene import Scene
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError, PromptError
+from degense.engine.layers import LAYERS, LayerRequest
+from degense.engine.scene import Scene, clip_query
+from degense.engine.scene.clip_query import ClipQuestion, masks_at, query_clip
+from degense.engine.semantics.masks import DECODERS, MaskQuery
 
 PROMPTS = ("liver", "tool", "gallbladder, not liver", "Fett", "tool, not grasper")
 

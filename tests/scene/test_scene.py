@@ -7,13 +7,12 @@ import shutil
 import numpy as np
 import pytest
 import torch
-
-from engine.camera import Camera
-from engine.errors import DegenseError, PromptError, RunError
-from engine.language import TextVectors
-from engine.layers import LAYERS, LayerRequest
-from engine.raster import rasterize
-from engine.scene import CHANNELS, Cache, Scene
+from degense.engine.camera import Camera
+from degense.engine.errors import DegenseError, PromptError, RunError
+from degense.engine.layers import LAYERS, LayerRequest
+from degense.engine.raster import rasterize
+from degense.engine.scene.scene import CHANNELS, Cache, Scene
+from degense.engine.semantics import TextVectors
 
 
 @pytest.fixture

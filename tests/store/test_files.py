@@ -4,12 +4,11 @@ import os
 
 import pytest
 import torch
-
-from engine.errors import DegenseError, RunError
-from engine.files import replacing
-from engine.splats import Splats
-from engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from engine.store.ply import load_ply, save_ply
+from degense.engine.errors import DegenseError, RunError
+from degense.engine.files import replacing
+from degense.engine.splats import Splats
+from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
+from degense.engine.store.ply import load_ply, save_ply
 
 
 def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path):

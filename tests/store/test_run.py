@@ -5,13 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-
-from engine.camera import Camera
-from engine.errors import RunError
-from engine.field import FieldConfig, SceneModel
-from engine.store import Run
-from engine.store.files import write_tensors
-from engine.store.run import build_model, cameras_from_json, cameras_to_json
+from degense.engine.camera import Camera
+from degense.engine.errors import RunError
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.store import Run
+from degense.engine.store.files import write_tensors
+from degense.engine.store.run import build_model, cameras_from_json, cameras_to_json
 
 FILE = Path("run") / "run.json"
 

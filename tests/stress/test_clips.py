@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from degense.engine.data.files.depth_files import read_depth
+from degense.engine.data.readers import ClipOptions, open_clip
+from degense.engine.errors import ClipError
+from degense.engine.research.stress.clip_cases import ClipCase, clip_cases
+from degense.engine.research.stress.clips import clip_finding
+from degense.engine.research.stress.long import difference, resumed_finding, trained, twice_finding
+from degense.engine.research.stress.outcome import sound
+from degense.engine.training import TrainConfig
+from degense.engine.training.frames import FARTHEST, TrainingFrames
 
-from engine.bench.stress.clip_cases import ClipCase, clip_cases
-from engine.bench.stress.clips import clip_finding
-from engine.bench.stress.long import difference, resumed_finding, trained, twice_finding
-from engine.bench.stress.outcome import sound
-from engine.errors import ClipError
-from engine.readers import ClipOptions, open_clip
-from engine.readers.depth_files import read_depth
-from engine.training import TrainConfig
-from engine.training.frames import FARTHEST, TrainingFrames
 from tests.fakes import MemoryClip
 
 CASES = {case.name: case for case in clip_cases()}

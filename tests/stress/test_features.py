@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError
+from degense.engine.metrics.image import ImageScores
+from degense.engine.metrics.masks import MaskScores
+from degense.engine.metrics.motion import MotionScores
+from degense.engine.research.stress.features import SpoiltTeacher, latent_kinds, loss_finding, mask_finding, teacher_kinds
+from degense.engine.research.stress.outcome import sound
+from degense.engine.semantics.masks import DECODERS, MaskQuery
+from degense.engine.semantics.text.basis import Basis
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.losses import angular, inverse_depth, photometric, region_smoothness, rigidity
+from degense.engine.training.semantic import targets as semantics
+from degense.engine.training.semantic.targets import SemanticTargets
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.bench.stress.features import SpoiltTeacher, latent_kinds, loss_finding, mask_finding, teacher_kinds
-from engine.bench.stress.outcome import sound
-from engine.clip import UNLABELLED
-from engine.errors import DegenseError
-from engine.language.basis import Basis
-from engine.masks import DECODERS, MaskQuery
-from engine.metrics.image import ImageScores
-from engine.metrics.masks import MaskScores
-from engine.metrics.motion import MotionScores
-from engine.training import semantics
-from engine.training.frames import TrainingFrames
-from engine.training.losses import angular, inverse_depth, photometric, region_smoothness, rigidity
-from engine.training.semantics import SemanticTargets
 from tests.fakes import MemoryClip
 
 KINDS = latent_kinds()

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-
-from engine.bench.child import peak_memory
-from engine.bench.options import BenchOptions
-from engine.bench.stress import features, long_clips
-from engine.bench.stress.child import in_child
-from engine.bench.stress.long import difference
-from engine.bench.stress.outcome import Finding, non_finite, row, sound, verdict
-from engine.errors import ClipError
-from engine.readers import open_clip
+from degense.engine.data.readers import open_clip
+from degense.engine.errors import ClipError
+from degense.engine.research.bench.child import peak_memory
+from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.stress import features, long_clips
+from degense.engine.research.stress.child import in_child
+from degense.engine.research.stress.long import difference
+from degense.engine.research.stress.outcome import Finding, non_finite, row, sound, verdict
 
 
 def fail(error):

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import pytest
 import torch
+from degense.engine.raster.check import GRADIENT_TOLERANCE, Case, compare, draw
+from degense.engine.raster.reference import rasterize_reference
+from degense.engine.raster.scenes import draw_scene, random_scene
+from degense.engine.research.stress.outcome import sound
+from degense.engine.research.stress.scenes import draw_large, small_finding, stress_cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from engine.bench.stress.outcome import sound
-from engine.bench.stress.scenes import draw_large, small_finding, stress_cases
-from engine.raster.check import GRADIENT_TOLERANCE, Case, compare, draw
-from engine.raster.reference import rasterize_reference
-from engine.raster.scenes import draw_scene, random_scene
 
 TENSORS = 5
 quickly = settings(max_examples=40, deadline=None, derandomize=True)

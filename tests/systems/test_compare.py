@@ -8,13 +8,12 @@ import re
 from html.parser import HTMLParser
 
 import cv2
+import degense.engine.research.comparison
 import numpy as np
 import pytest
-
-import engine.comparison
-from app.cli import main
-from engine.phantom import PhantomOptions, make_phantom
-from engine.store.files import read_json
+from degense.app.cli.main import main
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.store.files import read_json
 
 SMALL = ["--preset", "quick", "--iterations", "15", "--max-gaussians", "300", "--device", "cpu"]
 
@@ -105,7 +104,7 @@ def test_the_page_stands_alone_and_shows_pictures(clip, compared):
 
 def test_a_stopped_comparison_goes_on_where_it_was(clip, tmp_path, monkeypatch, capsys):
     """Ctrl-C in the middle of the first training; the second start resumes it instead of beginning anew."""
-    started, real = [], engine.comparison.train
+    started, real = [], degense.engine.research.comparison.train
 
     def train(*args, resume, events, stop, **options):
         started.append(resume)
@@ -117,7 +116,7 @@ def test_a_stopped_comparison_goes_on_where_it_was(clip, tmp_path, monkeypatch, 
 
         return real(*args, resume=resume, events=watch, stop=lambda: not resume and "meaning" in stages, **options)
 
-    monkeypatch.setattr(engine.comparison, "train", train)
+    monkeypatch.setattr(degense.engine.research.comparison, "train", train)
     command = ["compare", str(clip), "--out", str(tmp_path / "out"), "--methods", "degense", *SMALL]
     assert main(command) == 130
     assert "goes on from there" in capsys.readouterr().err

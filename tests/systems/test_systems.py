@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import degense.engine.training.job as job
 import numpy as np
 import pytest
 import torch
+from degense.engine.errors import DegenseError
+from degense.engine.research.systems import SYSTEMS, as_system, words_of
+from degense.engine.scene import Scene
+from degense.engine.training import TrainConfig, train
+from degense.engine.training import trainer as trainer_module
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.initialise import initial_gaussians
+from degense.engine.training.semantic import codebook
+from degense.engine.training.semantic.codebook import separation, two_levels
 
-import engine.training.job as job
-from engine.errors import DegenseError
-from engine.scene import Scene
-from engine.systems import SYSTEMS, as_system, words_of
-from engine.training import TrainConfig, codebook, train
-from engine.training import trainer as trainer_module
-from engine.training.codebook import separation, two_levels
-from engine.training.frames import TrainingFrames
-from engine.training.initialise import initial_gaussians
 from tests.fakes import MemoryClip
 
 TINY = {"iterations": 40, "max_gaussians": 400, "resolution": 8, "channels": 8, "device": "cpu", "fit": False, "semantic_steps": 20}

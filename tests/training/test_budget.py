@@ -5,19 +5,19 @@ import re
 from dataclasses import replace
 
 import cv2
+import degense.engine.training.job as job
 import numpy as np
 import pytest
 import torch
+from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.semantics.text.basis import Basis
+from degense.engine.training import PRESETS, TrainConfig, train
+from degense.engine.training.fitting.budget import choose, fit_budget
+from degense.engine.training.fitting.statistics import Statistics, gaussians_needed, knots_needed, noise_of
+from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.frames import TrainingFrames
 
-import engine.training.job as job
-from engine.language.basis import Basis
-from engine.phantom import PhantomOptions, make_phantom
-from engine.readers import open_clip
-from engine.training import PRESETS, TrainConfig, train
-from engine.training.budget import choose, fit_budget
-from engine.training.evidence import MotionEvidence
-from engine.training.frames import TrainingFrames
-from engine.training.statistics import Statistics, gaussians_needed, knots_needed, noise_of
 from tests.fakes import MemoryClip, MovingWall
 
 

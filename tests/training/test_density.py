@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.density import PRUNE_OPACITY, Density, rotate
+from degense.engine.training.fitting.early_stopping import validation_frames
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.initialise import initial_gaussians
+from degense.engine.training.optimiser import make_optimiser
+from degense.engine.training.trainer import Trainer
 
-from engine.field import FieldConfig, SceneModel
-from engine.training.config import TrainConfig
-from engine.training.density import PRUNE_OPACITY, Density, rotate
-from engine.training.frames import TrainingFrames
-from engine.training.initialise import initial_gaussians
-from engine.training.optimiser import make_optimiser
-from engine.training.plateau import validation_frames
-from engine.training.trainer import Trainer
 from tests.fakes import MemoryClip
 from tests.field.test_model import make
 

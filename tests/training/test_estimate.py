@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 import torch
+from degense.engine.errors import DegenseError
+from degense.engine.training.config import PRESETS, TrainConfig
+from degense.engine.training.fitting.estimate import estimate
 
-from engine.errors import DegenseError
-from engine.training.config import PRESETS, TrainConfig
-from engine.training.estimate import estimate
 from tests.fakes import MemoryClip
 
 
@@ -57,7 +57,7 @@ def test_presets_are_in_order():
 
 def test_the_planes_fit_in_the_memory_foretold():
     """Parameters, gradients and Adam's two moments of a real field."""
-    from engine.field.hexplane import HexPlane
+    from degense.engine.field.hexplane import HexPlane
 
     config = TrainConfig.preset_of("balanced", device="cpu")
     planes = HexPlane(config.channels, config.resolution, 20, config.levels)

@@ -3,12 +3,21 @@
 import numpy as np
 import pytest
 import torch
+from degense.engine.camera import Camera
+from degense.engine.motion import consistent
+from degense.engine.raster.camera_tensors import view_and_lens
+from degense.engine.training.flow.supervision import (
+    MotionEvidence,
+    Pair,
+    look_up,
+    motion_error,
+    project,
+    surface_visibility,
+    tissue_pixels,
+    unproject,
+)
+from degense.engine.training.frames import TrainingFrames
 
-from engine.camera import Camera
-from engine.motion import consistent
-from engine.raster.camera_tensors import view_and_lens
-from engine.training.evidence import MotionEvidence, Pair, look_up, motion_error, project, surface_visibility, tissue_pixels, unproject
-from engine.training.frames import TrainingFrames
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")

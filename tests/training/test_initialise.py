@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.initialise import filled, initial_gaussians, jittered_grid, key_count, unlike
 
-from engine.training.evidence import MotionEvidence
-from engine.training.frames import TrainingFrames
-from engine.training.initialise import filled, initial_gaussians, jittered_grid, key_count, unlike
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")

@@ -2,15 +2,15 @@
 
 import json
 
+import degense.engine.training.job as training
 import pytest
 import torch
+from degense.engine.errors import DegenseError, RunError
+from degense.engine.scene import Scene
+from degense.engine.store import Run
+from degense.engine.store.files import read_tensors
+from degense.engine.training import TrainConfig, train
 
-import engine.training.job as training
-from engine.errors import DegenseError, RunError
-from engine.scene import Scene
-from engine.store import Run
-from engine.store.files import read_tensors
-from engine.training import TrainConfig, train
 from tests.fakes import MemoryClip
 
 

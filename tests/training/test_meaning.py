@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 import torch
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.raster import rasterize
+from degense.engine.semantics import EmbeddedEncoder
+from degense.engine.semantics.teachers import Degradation, DegradedTeacher, LabelTeacher
+from degense.engine.semantics.text.basis import fit_basis
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.initialise import initial_gaussians
+from degense.engine.training.semantic.consistency import consent, trust
+from degense.engine.training.semantic.distillation import CONSENT, LOOK_RIDGE, _settle, fit_meaning, lift
+from degense.engine.training.semantic.guided_upsampling import REACH, RIDGE, refined_by_regions
+from degense.engine.training.semantic.patches import BLUR
+from degense.engine.training.semantic.targets import SemanticTargets
 
-from engine.field import FieldConfig, SceneModel
-from engine.language import EmbeddedEncoder
-from engine.language.basis import fit_basis
-from engine.language.teachers import Degradation, DegradedTeacher, LabelTeacher
-from engine.raster import rasterize
-from engine.training.config import TrainConfig
-from engine.training.frames import TrainingFrames
-from engine.training.guided import REACH, RIDGE, refined_by_regions
-from engine.training.initialise import initial_gaussians
-from engine.training.meaning import CONSENT, LOOK_RIDGE, _settle, fit_meaning, lift
-from engine.training.patches import BLUR
-from engine.training.semantics import SemanticTargets
-from engine.training.trust import consent, trust
 from tests.fakes import MemoryClip
 
 CPU = torch.device("cpu")
@@ -202,7 +202,7 @@ def test_a_pixelwise_teacher_is_followed_only_while_it_agrees_with_itself(monkey
     agreed, right, doubted = taught(Fickle(exact))
     assert agreed < CONSENT
     assert doubted
-    monkeypatch.setattr("engine.training.meaning.CONSENT", 0.0)
+    monkeypatch.setattr("degense.engine.training.semantic.distillation.CONSENT", 0.0)
     _, followed, doubted = taught(Fickle(exact))
     assert not doubted
     assert right > 0.5 > followed + 0.05

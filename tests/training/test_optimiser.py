@@ -2,10 +2,9 @@
 
 import pytest
 import torch
-
-from engine.training.config import TrainConfig
-from engine.training.optimiser import DECAYING, SETTLED, set_rates
-from engine.training.plateau import COOLDOWN
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.fitting.early_stopping import COOLDOWN
+from degense.engine.training.optimiser import DECAYING, SETTLED, set_rates
 
 
 def rates(progress, caution=1.0, **changes):

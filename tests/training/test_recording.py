@@ -2,8 +2,7 @@
 
 import pytest
 import torch
-
-from engine.training.recording import recorded
+from degense.engine.training.cuda_graphs import recorded
 
 
 def chain(x, y, scale):

@@ -3,21 +3,21 @@
 import numpy as np
 import pytest
 import torch
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.raster.camera_tensors import view_and_lens
+from degense.engine.semantics import EmbeddedEncoder
+from degense.engine.semantics.masks import superpixels
+from degense.engine.semantics.teachers import LabelTeacher
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.initialise import initial_gaussians
+from degense.engine.training.job import semantic_provenance
+from degense.engine.training.semantic.targets import SemanticTargets
+from degense.engine.training.trainer import Trainer
 
-from engine.clip import UNLABELLED
-from engine.errors import DegenseError
-from engine.field import FieldConfig, SceneModel
-from engine.language import EmbeddedEncoder
-from engine.language.teachers import LabelTeacher
-from engine.masks import superpixels
-from engine.raster.camera_tensors import view_and_lens
-from engine.training.config import TrainConfig
-from engine.training.evidence import MotionEvidence
-from engine.training.frames import TrainingFrames
-from engine.training.initialise import initial_gaussians
-from engine.training.job import semantic_provenance
-from engine.training.semantics import SemanticTargets
-from engine.training.trainer import Trainer
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")

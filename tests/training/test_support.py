@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 import torch
+from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.layers import LAYERS, LayerRequest
+from degense.engine.scene import Scene
+from degense.engine.training import TrainConfig, train
+from degense.engine.training.flow.observability import motion_support
+from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.frames import TrainingFrames
 
-from engine.field import FieldConfig, SceneModel
-from engine.layers import LAYERS, LayerRequest
-from engine.phantom import PhantomOptions, make_phantom
-from engine.readers import open_clip
-from engine.scene import Scene
-from engine.training import TrainConfig, train
-from engine.training.evidence import MotionEvidence
-from engine.training.frames import TrainingFrames
-from engine.training.support import motion_support
 from tests.fakes import MovingWall
 
 HOLE = (slice(10, 34), slice(8, 32))

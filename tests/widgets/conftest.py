@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from degense.engine.camera import Camera
 from PySide6.QtWidgets import QWidget
-
-from engine.camera import Camera
 
 
 @pytest.fixture

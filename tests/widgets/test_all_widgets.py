@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import pytest
+from degense.app.features.inspect.probe_panel import ProbePanel
+from degense.app.features.prompts.panel import PromptBar
+from degense.app.features.train.monitor import TrainingMonitor
+from degense.app.features.viewer.layer_list import LayerList
+from degense.app.shell.history_list import HistoryList
+from degense.widgets.colour_bar import ColourBar
+from degense.widgets.curve_plot import CurvePlot
+from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.theme import THEMES, apply_theme
+from degense.widgets.timeline import Timeline
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar, QWidget
-
-from widgets.colour_bar import ColourBar
-from widgets.curve_plot import CurvePlot
-from widgets.history_list import HistoryList
-from widgets.layer_list import LayerList
-from widgets.probe_panel import ProbePanel
-from widgets.prompt_bar import PromptBar
-from widgets.render_panel import RenderPanel
-from widgets.theme import THEMES, apply_theme
-from widgets.timeline import Timeline
-from widgets.training_monitor import TrainingMonitor
 
 CONTROLS = (QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar)
 

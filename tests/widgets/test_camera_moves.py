@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from widgets.camera_moves import dolly, framing, orbit, pan, splat_at
+from degense.widgets.splats.camera_moves import dolly, framing, orbit, pan, splat_at
 
 
 @pytest.fixture

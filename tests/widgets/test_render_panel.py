@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from degense.widgets.frame import picture_stack
+from degense.widgets.frame.images import to_array, to_qimage
+from degense.widgets.frame.panel_tools import RegionTool
+from degense.widgets.frame.picture_stack import COMPARE_MODES
+from degense.widgets.frame.render_panel import RenderPanel
 from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QColor, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-
-from widgets import picture_stack
-from widgets.images import to_array, to_qimage
-from widgets.panel_tools import RegionTool
-from widgets.picture_stack import COMPARE_MODES
-from widgets.render_panel import RenderPanel
 
 LEFT = Qt.MouseButton.LeftButton
 

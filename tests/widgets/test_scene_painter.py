@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from degense.widgets.splats.camera_moves import letterboxed
+from degense.widgets.splats.scene_painter import as_bytes, draw_offscreen, projection_matrix
 
 from tests.widgets.splatting import psnr, splatted
-from widgets.camera_moves import letterboxed
-from widgets.scene_painter import as_bytes, draw_offscreen, projection_matrix
 
 
 def test_matches_the_oracle(qapp, splats, camera):

@@ -7,16 +7,16 @@ import weakref
 
 import numpy as np
 import pytest
+from degense.engine.colour_maps import colourise
+from degense.widgets.frame.images import to_array
+from degense.widgets.splats.camera_moves import letterboxed
+from degense.widgets.splats.splat_view import SplatView
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QColor, QMouseEvent, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
-from engine.colour_maps import colourise
 from tests.widgets.splatting import psnr, splatted
-from widgets.camera_moves import letterboxed
-from widgets.images import to_array
-from widgets.splat_view import SplatView
 
 LEFT, NONE, SHIFT = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier
 
@@ -213,7 +213,7 @@ def test_without_a_camera_everything_is_framed(show, splats):
 
 
 def test_background_follows_the_theme(show, qapp):
-    from widgets.theme import apply_theme
+    from degense.widgets.theme import apply_theme
 
     view = show(SplatView(), 160, 120)
     brightness: list = []

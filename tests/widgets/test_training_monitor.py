@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from degense.app.features.train.monitor import STATES, TrainingMonitor, duration
+from degense.widgets.curve_plot import CurvePlot
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton
-
-from widgets.curve_plot import CurvePlot
-from widgets.training_monitor import STATES, TrainingMonitor, duration
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.annotation.formats import coco, cvat, indexed, nifti, yolo
-from engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
-from engine.annotation.formats.map_set import MapSet
+from degense.engine.annotation.formats import coco, cvat, indexed, nifti, yolo
+from degense.engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
+from degense.engine.annotation.formats.map_set import MapSet
 
 __all__ = ["LABEL_FORMATS", "LabelFormat", "MapSet"]
 

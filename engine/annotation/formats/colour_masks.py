@@ -8,15 +8,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
-from engine.annotation.classes import LabelClass
-from engine.annotation.formats.map_set import MapSet, frame_of
-from engine.clip import UNLABELLED
-from engine.errors import ClipError, DegenseError
-from engine.files import replacing
-from engine.readers import cholecseg8k, endovis18
-from engine.readers.files import list_files, shown
-from engine.readers.images import check_sizes, checked, read_rgb
+from degense.engine.annotation.classes import LabelClass
+from degense.engine.annotation.formats.map_set import MapSet, frame_of
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.files.images import check_sizes, checked, read_rgb
+from degense.engine.data.files.numbered import list_files, shown
+from degense.engine.data.readers import cholecseg8k, endovis18
+from degense.engine.errors import ClipError, DegenseError
+from degense.engine.files import replacing
 
 
 @dataclass(frozen=True)

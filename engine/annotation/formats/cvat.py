@@ -8,15 +8,14 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-
-from engine.annotation.classes import LabelClass, check_classes, default_colour
-from engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, read_text
-from engine.annotation.formats.run_lengths import from_run_lengths, run_lengths
-from engine.annotation.painting import Region, polygon, region_of
-from engine.clip import UNLABELLED
-from engine.errors import ClipError, DegenseError
-from engine.files import write_text
-from engine.readers.files import shown
+from degense.engine.annotation.classes import LabelClass, check_classes, default_colour
+from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, read_text
+from degense.engine.annotation.formats.run_lengths import from_run_lengths, run_lengths
+from degense.engine.annotation.painting import Region, polygon, region_of
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.files.numbered import shown
+from degense.engine.errors import ClipError, DegenseError
+from degense.engine.files import write_text
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:

@@ -6,13 +6,13 @@ import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from engine.annotation.classes import named_classes
-from engine.annotation.formats.map_set import MapSet
-from engine.annotation.label_png import label_png
-from engine.errors import ClipError
-from engine.files import replacing, write_text
-from engine.readers.files import shown
-from engine.readers.labels import index_maps
+from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.formats.map_set import MapSet
+from degense.engine.annotation.label_png import label_png
+from degense.engine.data.files.labels import index_maps
+from degense.engine.data.files.numbered import shown
+from degense.engine.errors import ClipError
+from degense.engine.files import replacing, write_text
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:

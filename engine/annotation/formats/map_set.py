@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-from engine.annotation.classes import LabelClass
-from engine.errors import ClipError
-from engine.readers.files import last_number, shown
+from degense.engine.annotation.classes import LabelClass
+from degense.engine.data.files.numbered import last_number, shown
+from degense.engine.errors import ClipError
 
 #: Text files larger than this are refused.
 LARGEST_TEXT = 512 << 20

@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-
-from engine.annotation.classes import LabelClass, check_classes, named_classes
-from engine.annotation.formats.map_set import MapSet, check_picture_size
-from engine.clip import UNLABELLED
-from engine.errors import ClipError, DegenseError
-from engine.files import replacing
-from engine.readers.files import shown
+from degense.engine.annotation.classes import LabelClass, check_classes, named_classes
+from degense.engine.annotation.formats.map_set import MapSet, check_picture_size
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.files.numbered import shown
+from degense.engine.errors import ClipError, DegenseError
+from degense.engine.files import replacing
 
 HEADER, COMMENT, LARGEST_COMMENT = 348, 6, 1 << 20
 #: NIfTI's codes of the number types that label volumes come in.

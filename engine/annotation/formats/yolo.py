@@ -12,14 +12,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-
-from engine.annotation.classes import check_classes, named_classes
-from engine.annotation.formats.map_set import MapSet, frame_of, read_text
-from engine.annotation.painting import polygon
-from engine.clip import UNLABELLED
-from engine.errors import ClipError, DegenseError
-from engine.files import write_text
-from engine.readers.files import list_files, regular_file, shown
+from degense.engine.annotation.classes import check_classes, named_classes
+from degense.engine.annotation.formats.map_set import MapSet, frame_of, read_text
+from degense.engine.annotation.painting import polygon
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.files.numbered import list_files, regular_file, shown
+from degense.engine.errors import ClipError, DegenseError
+from degense.engine.files import write_text
 
 _ENTRY = re.compile(r"^\s+(?:(\d+)\s*:|-)\s*(.+?)\s*$")
 

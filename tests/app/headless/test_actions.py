@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-
-from app.actions import Action, ActionRegistry
-from engine.errors import DegenseError
+from degense.app.shell.actions import Action, ActionRegistry
+from degense.engine.errors import DegenseError
 
 
 @pytest.fixture

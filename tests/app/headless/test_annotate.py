@@ -11,22 +11,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from degense.app.cli.main import main
+from degense.app.session.session import Session
+from degense.engine.annotation.folder import INDEX, NAME
+from degense.engine.annotation.painting import brush
+from degense.engine.data.readers import open_clip
+from degense.engine.errors import DegenseError
 from PIL import Image
 
-from app.cli import main
-from app.session import Session
-from engine.annotation.folder import INDEX, NAME
-from engine.annotation.painting import brush
-from engine.errors import DegenseError
-from engine.readers import open_clip
 from tests.app.painting import FakeScene
 
 #: Paints a stroke twenty times a second until it is killed; tells how many are done.
 PAINTER = """
 import sys, time
 from pathlib import Path
-from app.session import Session
-from engine.annotation.painting import brush
+from degense.app.session.session import Session
+from degense.engine.annotation.painting import brush
 from tests.app.painting import FakeScene
 
 session = Session()
@@ -89,7 +89,7 @@ def test_a_full_disk_keeps_the_old_annotations(tmp_path, monkeypatch):
     def full(source, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("engine.files.os.replace", full)
+    monkeypatch.setattr("degense.engine.files.os.replace", full)
     with pytest.raises(DegenseError, match="No space left"):
         session.save()
     monkeypatch.undo()

@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from app.camera_book import CameraBook, CameraPath, Stop, load_path, save_path
-from app.playback import Playback
-from app.undo import UndoStack
-from engine.camera import Camera
-from engine.errors import DegenseError, RunError
-from widgets.camera_moves import dolly, orbit
+from degense.app.features.cameras.state import CameraBook, CameraPath, Stop, load_path, save_path
+from degense.app.session.playback import Playback
+from degense.app.session.undo import UndoStack
+from degense.engine.camera import Camera
+from degense.engine.errors import DegenseError, RunError
+from degense.widgets.splats.camera_moves import dolly, orbit
 
 
 @pytest.fixture

@@ -13,16 +13,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from degense.app.cli.main import build_parser, main
+from degense.app.features.cameras.state import Stop, save_path
+from degense.widgets.splats.camera_moves import orbit
 
-from app.camera_book import Stop, save_path
-from app.cli import build_parser, main
 from tests.app.conftest import RUN_ARGUMENTS
-from widgets.camera_moves import orbit
 
 
 def test_help_loads_nothing_heavy():
     code = (
-        "import sys; from app.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
+        "import sys; from degense.app.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
         "heavy = {'torch', 'numpy', 'cv2', 'PySide6', 'vtk', 'numba'} & set(sys.modules); raise SystemExit(str(heavy) if heavy else 0)"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -171,20 +171,20 @@ def test_info_says_what_was_found(tiny_clip, capsys):
 
 
 def test_doctor_answers(monkeypatch, capsys):
-    import app.doctor
+    import degense.app.diagnostics
 
-    monkeypatch.setattr(app.doctor, "report", lambda: ("no GPU", False))
+    monkeypatch.setattr(degense.app.diagnostics, "report", lambda: ("no GPU", False))
     assert main(["doctor"]) == 1
     assert "no GPU" in capsys.readouterr().out
 
 
 def test_the_demo_draws_its_pictures(run, tiny_clip, tmp_path, monkeypatch, capsys):
-    import app.demo
+    import degense.app.demo
 
     (tmp_path / "assets" / "demo").mkdir(parents=True)
     os.symlink(run, tmp_path / "assets" / "demo" / "run")
     os.symlink(tiny_clip, tmp_path / "assets" / "demo" / "clip")
-    monkeypatch.setattr(app.demo, "ASSETS", tmp_path / "assets")
+    monkeypatch.setattr(degense.app.demo, "ASSETS", tmp_path / "assets")
     assert main(["demo", "--headless", str(tmp_path / "out")]) == 0
     names = ["displacement.png", "mask_gallbladder.png", "rgb.png", "warp.png"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
@@ -196,9 +196,9 @@ def test_the_demo_draws_its_pictures(run, tiny_clip, tmp_path, monkeypatch, caps
 
 
 def test_a_missing_demo_is_one_sentence(monkeypatch, tmp_path, capsys):
-    import app.demo
+    import degense.app.demo
 
-    monkeypatch.setattr(app.demo, "ASSETS", tmp_path)
+    monkeypatch.setattr(degense.app.demo, "ASSETS", tmp_path)
     assert main(["demo", "--headless", str(tmp_path / "out")]) == 2
     assert "sample is missing" in capsys.readouterr().err
 
@@ -206,7 +206,7 @@ def test_a_missing_demo_is_one_sentence(monkeypatch, tmp_path, capsys):
 def start_training(clip: Path, run: Path, *more: str) -> subprocess.Popen[str]:
     arguments = ["train", str(clip), "--out", str(run), *RUN_ARGUMENTS[:2], "--iterations", "100000", "--device", "cpu", *more]
     process = subprocess.Popen(
-        [sys.executable, "-m", "app", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "degense.app", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     deadline = time.monotonic() + 120
     metrics = run / "metrics.jsonl"
@@ -234,11 +234,11 @@ def test_training_stops_in_words_and_is_resumed(tiny_clip, tmp_path):
 
 
 def test_a_stop_before_the_first_step_is_said_and_no_qt_was_loaded(tiny_clip, tmp_path):
-    command = [sys.executable, "-X", "importtime", "-m", "app", "train", tiny_clip, "--out", tmp_path / "run", "--events"]
+    command = [sys.executable, "-X", "importtime", "-m", "degense.app", "train", tiny_clip, "--out", tmp_path / "run", "--events"]
     result = subprocess.run(command, input="stop\n", capture_output=True, text=True)
     assert json.loads(result.stdout.splitlines()[-1]) == {"event": "stopped", "iteration": 0}
     assert not (tmp_path / "run" / "run.json").exists()
-    assert "engine.training.trainer" in result.stderr
+    assert "degense.engine.training.trainer" in result.stderr
     assert not {"PySide6", "vtk", "pyvista"} & {line.rpartition("|")[2].strip() for line in result.stderr.splitlines()}
 
 

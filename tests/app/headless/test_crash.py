@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from degense.app.session import session_file
+from degense.app.session.session import Session
+from degense.app.session.session_file import DamagedSession
+from degense.app.session.store import JOURNAL, waiting
+from degense.engine.annotation.painting import Region
+from degense.engine.errors import DegenseError
 
-from app import session_file
-from app.session import Session
-from app.session_file import DamagedSession
-from app.session_store import JOURNAL, waiting
-from engine.annotation.painting import Region
-from engine.errors import DegenseError
 from tests.app.painting import FakeClip, FakeScene, Strokes, opened
 
 

@@ -6,10 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from degense.app.cli.main import main
+from degense.engine.scene import Scene
 from safetensors.numpy import save_file
-
-from app.cli import main
-from engine.scene import Scene
 
 SHORT = ("--preset", "quick", "--iterations", "60", "--max-gaussians", "1500", "--device", "cpu")
 

@@ -7,13 +7,12 @@ import json
 import cv2
 import numpy as np
 import pytest
+from degense.app.cli.terminal import Bar, run_steps
+from degense.app.features.export.formats import FORMATS, ExportOptions, get_format
+from degense.engine.annotation.formats.run_lengths import run_lengths
+from degense.engine.errors import DegenseError
+from degense.engine.store.ply import load_ply
 from PIL import Image
-
-from app.exports import FORMATS, ExportOptions, get_format
-from app.terminal import Bar, run_steps
-from engine.annotation.formats.run_lengths import run_lengths
-from engine.errors import DegenseError
-from engine.store.ply import load_ply
 
 
 def export(name, scene, out, **options):

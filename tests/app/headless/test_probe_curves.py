@@ -7,16 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from app.answers import Meanings, answers
-from app.areas import AreaBook
-from app.curves import follow, summary, to_csv
-from app.look import Look, Prompt
-from app.probe import probe_maps
-from app.targets import Found, Region, Spot, inside_of, material
-from app.terminal import Bar, run_steps
-from app.view import ViewRequest, draw_view
-from engine.errors import DegenseError, RunError
+from degense.app.cli.terminal import Bar, run_steps
+from degense.app.features.inspect.curves import follow, summary, to_csv
+from degense.app.features.inspect.probe_maps import probe_maps
+from degense.app.features.prompts.area_curves import AreaBook
+from degense.app.features.prompts.statistics import Meanings, answers
+from degense.app.features.viewer.view import ViewRequest, draw_view
+from degense.app.session.targets import Found, Region, Spot, inside_of, material
+from degense.app.session.view_state import Look, Prompt
+from degense.engine.errors import DegenseError, RunError
 
 LOOK = Look(prompts=(Prompt("gallbladder", (230, 159, 0)), Prompt("liver", (86, 180, 233))))
 
@@ -173,7 +172,7 @@ def test_answers_know_area_confidence_and_similarities(scene):
 
 def test_a_negative_takes_its_pixels(scene):
     """ "Tool" without "hook" leaves the other instruments, and nothing of the hook."""
-    from engine.layers import LAYERS, LayerRequest
+    from degense.engine.layers import LAYERS, LayerRequest
 
     plain = LayerRequest(3, prompts=("tool",), decoder="threshold")
     tool, rest = (LAYERS["mask"].image(scene, request).values > 0 for request in (plain, replace(plain, negatives=("hook",))))

@@ -6,10 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-
-from app.settings import RECENT_LIMIT, Settings, SettingsFile
-from engine.errors import DegenseError
-from engine.files import replacing, write_text
+from degense.app.shell.settings import RECENT_LIMIT, Settings, SettingsFile
+from degense.engine.errors import DegenseError
+from degense.engine.files import replacing, write_text
 
 
 def test_settings_come_back(tmp_path):

@@ -8,18 +8,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from degense.app.cli.main import main
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.files.images import read_index
+from degense.engine.data.files.labels import read_classes
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.errors import PromptError, RunError
+from degense.engine.progress import silent
+from degense.engine.scene import Scene
+from degense.engine.semantics import EmbeddedEncoder
+from degense.engine.semantics.teachers import answer_store as store
+from degense.engine.semantics.text.text_vectors import write_vectors
 
-from app.cli import main
-from engine.clip import UNLABELLED
-from engine.errors import PromptError, RunError
-from engine.language import EmbeddedEncoder
-from engine.language.teachers import store
-from engine.language.text_vectors import write_vectors
-from engine.phantom import PhantomOptions, make_phantom
-from engine.progress import silent
-from engine.readers.images import read_index
-from engine.readers.labels import read_classes
-from engine.scene import Scene
 from tests.language import peers
 from tests.language.tiny_models import write_model
 

@@ -7,14 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-from app.runs import list_runs, training_answers
-from app.training_job import TrainingJob, parse_settings
-from app.training_queue import TrainingQueue
-from app.training_words import TEACHER_WORDS, explanations, settings_of
-from engine.errors import DegenseError
-from engine.language.teachers import TEACHERS
-from engine.training import TrainConfig
+from degense.app.features.runs.catalogue import list_runs, training_answers
+from degense.app.features.train.job import TrainingJob, parse_settings
+from degense.app.features.train.queue import TrainingQueue
+from degense.app.features.train.settings_help import TEACHER_WORDS, explanations, settings_of
+from degense.engine.errors import DegenseError
+from degense.engine.semantics.teachers import TEACHERS
+from degense.engine.training import TrainConfig
 
 JOB = TrainingJob(Path("clip"), Path("run"))
 

@@ -1,0 +1,145 @@
+"""`degense render` and `degense segment`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from degense.app.cli.encoding import chosen_encoder
+from degense.app.cli.terminal import Bar, run_steps
+from degense.app.features.cameras.movie import camera_movie
+from degense.app.features.cameras.state import Stop, load_path
+from degense.app.features.export.formats import ExportOptions, write_movie
+from degense.app.features.prompts.segment import write_clip_masks
+from degense.app.features.viewer.pictures import check_decoder, check_frame, get_layer, layer_picture, write_npy, write_png
+from degense.app.features.viewer.view import prompt_masks
+from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Look, Prompt
+from degense.engine.errors import DegenseError
+from degense.engine.progress import Steps
+
+if TYPE_CHECKING:
+    from degense.engine.layers import Layer
+    from degense.engine.scene import Scene
+
+
+def render(options: argparse.Namespace) -> None:
+    """Draw one frame or several. One frame is coloured over its own range; a sequence over the range of all its frames."""
+    from degense.engine.scene import Scene
+
+    layer = get_layer(options.layer)
+    check_decoder(options.decoder)
+    scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
+    wanted = ExportOptions(tuple(options.prompts), options.decoder, options.threshold, layer=options.layer, span=options.range)
+    if options.cameras is not None:
+        print(run_steps(camera_movie(scene, _fitting(scene, load_path(options.cameras)), _look(options), options.out), Bar()))
+    elif options.frames is None:
+        _render_frame(scene, layer, check_frame(scene, options.frame), options.out, wanted)
+    else:
+        first, last = options.frames
+        frames = range(scene.frames)[first:last]
+        if not frames:
+            raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
+        run_steps(_render_frames(scene, layer, frames, options.out, wanted), Bar())
+
+
+def _look(options: argparse.Namespace) -> Look:
+    """What the window would show with these options."""
+    plain = Look()
+    low, high = options.range or (0.0, 1.0)
+    return Look(
+        layer=options.layer,
+        prompts=tuple(Prompt(text, PROMPT_COLOURS[i % len(PROMPT_COLOURS)]) for i, text in enumerate(options.prompts)),
+        threshold=plain.threshold if options.threshold is None else options.threshold,
+        decoder=options.decoder or plain.decoder,
+        ranges=((options.layer, ColourRange("fixed", low, high)),) if options.range else (),
+    )
+
+
+def _fitting(scene: Scene, stops: tuple[Stop, ...]) -> tuple[Stop, ...]:
+    for stop in stops:
+        check_frame(scene, stop.frame)
+    return stops
+
+
+def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: ExportOptions) -> None:
+    from degense.engine.scene import REVEALED
+
+    request = options.layer_request(frame)
+    if out.suffix == ".npy":
+        image = layer.image(scene, request)
+        write_npy(out, image.values)
+        if image.uncertain is not None and image.uncertain.any():
+            print(f"{image.uncertain.mean():.1%} of the pixels hold a guess, kept as it is; where: --layer support, below {REVEALED:g}")
+    elif out.suffix.lower() == ".png":
+        write_png(out, layer_picture(scene, layer, request, options.span))
+    else:
+        raise DegenseError(f"{out} must end in .png or .npy.")
+
+
+def _render_frames(scene: Scene, layer: Layer, frames: Sequence[int], out: Path, options: ExportOptions) -> Steps[None]:
+    suffix = out.suffix.lower()
+    if suffix == ".mp4":
+        yield from write_movie(scene, out, frames, options)
+    elif suffix == ".npy":
+        values = []
+        for done, frame in enumerate(frames):
+            yield done / len(frames), f"frame {frame}"
+            values.append(layer.image(scene, options.layer_request(frame)).values)
+        write_npy(out, np.stack(values))
+    elif suffix == "":
+        from degense.engine.layers import layer_range
+
+        span = options.span
+        if span is None and layer.kind == "scalar":
+            yield 0.0, "finding the range of the whole sequence"
+            span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
+        for done, frame in enumerate(frames):
+            yield done / len(frames), f"frame {frame}"
+            write_png(out / f"{frame:06d}.png", layer_picture(scene, layer, options.layer_request(frame), span))
+    else:
+        raise DegenseError(f"Several frames go into a folder, an .npy or an .mp4 file; {out} is none of them.")
+
+
+def segment(options: argparse.Namespace) -> None:
+    from degense.engine.scene import Scene
+
+    scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
+    check_decoder(options.decoder)
+    if options.frames is not None:
+        _segment_clip(scene, options)
+        return
+    frame = check_frame(scene, options.frame)
+    if options.out.suffix.lower() not in (".png", ".npy"):
+        raise DegenseError(f"{options.out} must end in .png or .npy.")
+    masks = prompt_masks(scene, frame, options.prompts, options.decoder, options.threshold)
+    if options.out.suffix.lower() == ".npy":
+        write_npy(options.out, masks[0] if len(masks) == 1 else np.stack(masks))
+    elif len(masks) == 1:
+        write_png(options.out, masks[0].astype(np.uint8) * 255)
+    else:
+        values = np.zeros(masks[0].shape, np.uint8)
+        for number, mask in enumerate(masks, 1):
+            values[mask] = number
+        write_png(options.out, values)
+    for text, mask in zip(options.prompts, masks, strict=True):
+        print(f"{text}: {mask.mean():.1%} of the picture")
+
+
+def _segment_clip(scene: Scene, options: argparse.Namespace) -> None:
+    from degense.engine.scene.clip_query import ClipQuestion
+
+    first, last = options.frames
+    frames = range(scene.frames)[first:last]
+    if not frames:
+        raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
+    asked = ClipQuestion(tuple(options.prompts))
+    threshold = asked.threshold if options.threshold is None else options.threshold
+    asked = replace(asked, decoder=options.decoder or asked.decoder, threshold=threshold)
+    areas = run_steps(write_clip_masks(scene, asked, frames, options.out), Bar())
+    print(f"{options.out}: masks of {len(frames)} frames")
+    for text, values in areas.items():
+        print(f"{text}: {values.mean():.1%} of the picture on average, from {values.min():.1%} to {values.max():.1%}")

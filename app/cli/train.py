@@ -1,0 +1,211 @@
+"""`degense phantom` and `degense train`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+import traceback
+from dataclasses import fields
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from degense.app.cli.encoding import chosen_encoder
+from degense.app.cli.terminal import Bar
+from degense.engine.errors import DegenseError
+
+if TYPE_CHECKING:
+    from degense.engine.data.readers import ClipOptions
+
+
+def phantom(options: argparse.Namespace) -> None:
+    from degense.engine.data.synthetic import PhantomOptions, make_phantom
+
+    given = {
+        "frames": options.frames,
+        "width": options.size[0] if options.size else None,
+        "height": options.size[1] if options.size else None,
+        "seed": options.seed,
+        "camera_motion": options.camera_motion,
+        "noise": options.noise,
+        "kind": options.kind,
+        "tool_masks": options.tool_masks,
+    }
+    _refuse_non_empty(options.out)
+    bar = Bar()
+    try:
+        make_phantom(options.out, PhantomOptions(**{name: value for name, value in given.items() if value is not None}), bar)
+    finally:
+        bar.close()
+    print(f"{options.out}: a synthetic clip with its truth; reconstruct it with: degense train {options.out} --out RUN")
+
+
+def train(options: argparse.Namespace) -> None:
+    """Train in this process. With `--events`, speak JSON lines; otherwise show a bar."""
+    if ("help", "") in options.settings:
+        return list_settings(options.preset)
+    stop = StopFlag()
+    report: JsonEvents | TerminalEvents = JsonEvents(stop) if options.events else TerminalEvents()
+    if options.events:
+        stop.listen()
+    with stop:
+        try:
+            _train(options, report, stop)
+        except DegenseError as error:
+            report({"event": "error", "message": str(error)})
+            raise
+        except Exception as error:
+            report(
+                {
+                    "event": "error",
+                    "message": f"Training met a defect of the program ({type(error).__name__}: {error}).",
+                }
+            )
+            traceback.print_exc()
+            raise SystemExit(1) from error
+
+
+def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, stop: StopFlag) -> None:
+    if not options.resume:
+        _refuse_non_empty(options.out)
+    from degense.app.features.train.job import parse_settings
+    from degense.engine.data.readers import open_clip
+    from degense.engine.training import TrainConfig
+    from degense.engine.training import train as run_training
+
+    config = TrainConfig.preset_of(
+        options.preset,
+        routing=options.routing,
+        iterations=options.iterations,
+        max_gaussians=options.max_gaussians,
+        device=options.device,
+        seed=options.seed,
+        fit=options.fit,
+        **parse_settings(tuple(options.settings)),
+    )
+    clip = open_clip(options.clip, clip_options(options))
+    said: list[str] = []
+
+    def tell(event: dict[str, Any]) -> None:
+        said.append(event["event"])
+        report(event)
+
+    encoder = chosen_encoder(options)
+    run = run_training(clip, options.out, config, teacher=options.teacher, encoder=encoder, resume=options.resume, events=tell, stop=stop)
+    if run is None and "stopped" not in said:  # it had not come to its first step
+        report({"event": "stopped", "iteration": 0})
+
+
+def list_settings(preset: str) -> None:
+    """What `--set` takes, with the values of a preset."""
+    from degense.app.features.train.settings_help import settings_of
+    from degense.engine.training import TrainConfig
+
+    for setting in settings_of(TrainConfig.preset_of(preset)):
+        value = list(setting.value) if isinstance(setting.value, tuple) else setting.value
+        print(f"{setting.name}={json.dumps(value)}\n    {setting.words}")
+
+
+def clip_options(options: argparse.Namespace) -> ClipOptions:
+    from degense.engine.data.readers import ClipOptions
+
+    return ClipOptions(**{item.name: getattr(options, item.name) for item in fields(ClipOptions)})
+
+
+def _refuse_non_empty(folder: Path) -> None:
+    if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
+        raise DegenseError(f"{folder} is not empty; choose another folder, or remove it first (a run goes on with --resume).")
+
+
+class StopFlag:
+    """Whether the user asked to stop: Ctrl-C, SIGTERM, or `stop` on standard input. Callable, as the trainer wants it.
+
+    As a context it holds the signals; a second Ctrl-C interrupts at once.
+    """
+
+    def __init__(self) -> None:
+        self._set = threading.Event()
+        self._previous: dict[int, Any] = {}
+
+    def __call__(self) -> bool:
+        return self._set.is_set()
+
+    def set(self) -> None:
+        self._set.set()
+
+    def __enter__(self) -> StopFlag:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def listen(self) -> None:
+        """Watch standard input for a line `stop`. The end of the input means nothing: scripts start us without one."""
+        threading.Thread(target=self._read, name="stop listener", daemon=True).start()
+
+    def _read(self) -> None:
+        # os.read, not sys.stdin: a thread that waits inside sys.stdin's lock makes Python abort at exit.
+        line = b""
+        while piece := os.read(0, 4096):
+            *lines, line = (line + piece).split(b"\n")
+            if any(entry.strip() == b"stop" for entry in lines):
+                self.set()
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        if self():
+            raise KeyboardInterrupt
+        self.set()
+
+
+class JsonEvents:
+    """Events as JSON lines on standard output. When nobody reads them any more, training stops and saves."""
+
+    def __init__(self, stop: StopFlag) -> None:
+        self._stop = stop
+
+    def __call__(self, event: dict[str, Any]) -> None:
+        try:
+            print(json.dumps(event, default=str), flush=True)
+        except BrokenPipeError:
+            self._stop.set()
+            sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (for the rest of the process)
+
+
+class TerminalEvents:
+    """Events in words on standard error."""
+
+    def __init__(self) -> None:
+        self._bar = Bar()
+
+    def __call__(self, event: dict[str, Any]) -> None:
+        kind = event["event"]
+        if kind == "progress":
+            words = f"{event['iteration']}/{event['iterations']}"
+            words += f"  {event['psnr']:.1f} dB" if event.get("psnr") is not None else ""
+            words += f"  {event['gaussians']} Gaussians" if event.get("gaussians") else ""
+            words += f"  {event['eta']:.0f} s left" if event.get("eta") is not None else ""
+            self._bar(event["iteration"] / event["iterations"], words)
+        elif kind == "step":
+            self._bar(event["fraction"], event["message"])
+        elif kind == "budget":
+            self._bar.close()
+            print("\n".join(event["words"]), file=sys.stderr, flush=True)
+        elif kind in LINES:
+            self._bar.close()
+            line = "stopped before the first step" if event.get("iteration") == 0 else LINES[kind].format(**event)
+            print(line, file=sys.stderr, flush=True)
+
+
+LINES = {
+    "stage": "{stage} …",
+    "rollback": "went back to iteration {iteration}: {reason}",
+    "done": "done: {run}",
+    "stopped": "stopped at iteration {iteration}; go on with --resume",
+}

@@ -1,0 +1,207 @@
+"""What this machine can do for DeGense, and what is missing, in plain words."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from degense.app.shell.settings import config_folder, log_file
+
+#: Seconds that a check in a child process may take; drawing in software on a busy machine is slow to start.
+PATIENCE = 60
+
+
+@dataclass(frozen=True)
+class Finding:
+    """`ok`: there; `note`: absent or slow, but one can do without; `missing`: DeGense does not work before it is mended."""
+
+    state: Literal["ok", "note", "missing"]
+    text: str
+
+
+def report() -> tuple[str, bool]:
+    """Examine this machine: a text for its user, and whether nothing is missing. Takes a few seconds; compiles and downloads nothing."""
+    findings = {name: check() for name, check in CHECKS.items()}
+    missing = [name for name, finding in findings.items() if finding.state == "missing"]
+    width = max(map(len, findings))
+    lines = [f"DeGense {_version('degense')} on {platform.platform()}", ""]
+    lines += [f"{finding.state:<7}  {name:<{width}}  {finding.text}" for name, finding in findings.items()]
+    lines += ["", f"To be mended: {', '.join(missing)}." if missing else "Nothing is missing.", "For research; not a medical device."]
+    return "\n".join(lines), not missing
+
+
+def qt_problem(version: str, python: tuple[int, int]) -> str | None:
+    """Why this PySide6 must not be used, or None. The window asks too, before it opens."""
+    if version.split(".")[:2] == ["6", "12"] and python < (3, 12):
+        return (
+            f"PySide6 {version} on Python {python[0]}.{python[1]} ends the program after some minutes (it loses references to None); "
+            "install an older one: pip install 'PySide6-Essentials<6.12'"
+        )
+    return None
+
+
+def _python() -> Finding:
+    version = platform.python_version()
+    if not (3, 10) <= sys.version_info[:2] < (3, 15):
+        return Finding("missing", f"{version}; DeGense needs 3.10 to 3.14")
+    return Finding("ok", version)
+
+
+def _processor() -> Finding:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    text = f"{cores} core{'s' if cores != 1 else ''}"
+    if "SC_PHYS_PAGES" in getattr(os, "sysconf_names", {}):
+        text += f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.0f} GiB of memory"
+    return Finding("ok", text)
+
+
+def _torch() -> Finding:
+    import torch
+
+    if torch.cuda.is_available():
+        name, memory = torch.cuda.get_device_name(), torch.cuda.get_device_properties(0).total_memory
+        return Finding("ok", f"{torch.__version__}, CUDA {torch.version.cuda}, {name} with {memory / 2**30:.0f} GiB")
+    if torch.version.cuda:
+        return Finding("note", f"{torch.__version__} for CUDA {torch.version.cuda} finds no GPU that it can use: the processor does all")
+    return Finding("note", f"{torch.__version__} without CUDA: the processor does all; for an NVIDIA GPU install a CUDA build")
+
+
+def _gsplat() -> Finding:
+    import torch
+
+    version = _version("gsplat")
+    # Importing gsplat compiles its kernels wherever there is a CUDA compiler, with or without a GPU: look, do not import.
+    if not torch.cuda.is_available():
+        return Finding("note", f"{version}, not used: there is no CUDA GPU")
+    from torch.utils.cpp_extension import CUDA_HOME, get_default_build_root
+
+    root = Path(os.environ.get("TORCH_EXTENSIONS_DIR") or get_default_build_root())
+    if any(root.glob("**/gsplat_cuda.so")):
+        return Finding("ok", f"{version}, its kernels are compiled")
+    if CUDA_HOME:
+        return Finding("note", f"{version} will compile its kernels at first use, once, with the CUDA toolkit in {CUDA_HOME}")
+    return Finding("note", f"{version} lacks nvcc to compile its kernels: install CUDA toolkit {torch.version.cuda}, or use --device cpu")
+
+
+def _numba() -> Finding:
+    import numba
+
+    return Finding("ok", f"{numba.__version__}, {numba.get_num_threads()} threads")
+
+
+def _opencv() -> Finding:
+    import cv2
+
+    if not hasattr(cv2, "ximgproc"):
+        return Finding(
+            "missing",
+            f"{cv2.__version__} without its contrib modules, another OpenCV package hides them: "
+            "pip uninstall opencv-python opencv-python-headless, then pip install --force-reinstall opencv-contrib-python-headless",
+        )
+    return Finding("ok", f"{cv2.__version__} with guided filter and superpixels")
+
+
+def _video() -> Finding:
+    """Writes eight frames of a movie and reads them again."""
+    import cv2
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "probe.mp4")
+        writer = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"mp4v"), 25.0, (64, 48))
+        for shade in range(8):
+            writer.write(np.full((48, 64, 3), 30 * shade, np.uint8))
+        writer.release()
+        reader, frames = cv2.VideoCapture(path), 0
+        while reader.read()[0]:
+            frames += 1
+        reader.release()
+    if frames != 8:
+        return Finding("note", "OpenCV cannot write and read .mp4 here: use folders of PNG frames")
+    return Finding("ok", ".mp4 is written and read")
+
+
+def _qt() -> Finding:
+    version = _version("PySide6-Essentials")
+    if problem := qt_problem(version, sys.version_info[:2]):
+        return Finding("missing", problem)
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return Finding("note", f"{version}, but there is no display: the command line works, the window does not")
+    done, said = _child("from PySide6.QtGui import QGuiApplication; print(QGuiApplication([]).platformName())")
+    if not done:
+        return Finding("missing", f"{version} cannot open a window here: {said}")
+    return Finding("ok", f"{version} opens windows ({said})")
+
+
+def _opengl() -> Finding:
+    done, said = _child(
+        "from vtkmodules.vtkRenderingCore import vtkRenderWindow; import vtkmodules.vtkRenderingOpenGL2\n"
+        "window = vtkRenderWindow(); window.SetOffScreenRendering(1); window.Render()\n"
+        "print(window.ReportCapabilities().split('OpenGL renderer string:')[1].splitlines()[0].strip())"
+    )
+    if not done:
+        return Finding("note", f"VTK {_version('vtk')} cannot draw here: the 3D view is drawn by the processor, slower ({said})")
+    slow = any(name in said.lower() for name in ("llvmpipe", "softpipe", "swrast", "software"))
+    return Finding("note" if slow else "ok", f"{said}{': drawn by the processor, the 3D view is slower' if slow else ''}")
+
+
+def _models() -> Finding:
+    version = _version("transformers")
+    if version.startswith("("):
+        return Finding("note", "transformers is not installed: the teacher vlm needs it (pip install transformers)")
+    return Finding("ok", f"transformers {version}: CLIP and CLIPSeg models on this machine can teach")
+
+
+def _folders() -> Finding:
+    folders = (config_folder(), log_file().parent)
+    for folder in folders:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            return Finding("missing", f"settings and logs cannot be written: {error}")
+    return Finding("ok", f"settings in {folders[0]}, log in {folders[1]}")
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "(not installed)"
+
+
+def _child(code: str) -> tuple[bool, str]:
+    """Run Python code in a process of its own, for it may crash: whether it ended well, and the line that says most."""
+    try:
+        result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, errors="replace", timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        return False, f"no answer in {PATIENCE} seconds"
+    if result.returncode == 0:
+        return True, result.stdout.strip()
+    lines = result.stderr.strip().splitlines() or [f"it ended with status {result.returncode}"]
+    # An exception of Python stands in the last line; Qt and OpenGL give their reason first and go on from there.
+    return False, lines[-1 if lines[0].startswith("Traceback") else 0]
+
+
+CHECKS: dict[str, Callable[[], Finding]] = {
+    "Python": _python,
+    "Machine": _processor,
+    "PyTorch": _torch,
+    "gsplat": _gsplat,
+    "Numba": _numba,
+    "OpenCV": _opencv,
+    "Movies": _video,
+    "Qt": _qt,
+    "OpenGL": _opengl,
+    "Models": _models,
+    "Folders": _folders,
+}

@@ -1,0 +1,104 @@
+"""The label classes: colour with hatching, key, name; the current one is what tools paint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from degense.widgets.frame.images import to_qimage
+from degense.widgets.theme import CLASS_COLOURS
+from PySide6.QtCore import QPoint, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
+from PySide6.QtWidgets import QAbstractItemView, QColorDialog, QListWidget, QListWidgetItem, QMenu, QWidget
+
+SWATCH = 22
+
+
+class ClassList(QListWidget):
+    """One row a class. A double click renames; the menu of the right button recolours.
+
+    Signals
+    -------
+    chosen(index), renamed(index, name), recoloured(index, colour)
+        By the user.
+    """
+
+    chosen = Signal(int)
+    renamed = Signal(int, str)
+    recoloured = Signal(int, QColor)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("Label classes")
+        self.setToolTip("Keys 1 to 9 choose a class; a double click renames it, the right button changes its colour")
+        self.setIconSize(QSize(SWATCH, SWATCH - 6))
+        self.setEditTriggers(QAbstractItemView.EditTrigger.DoubleClicked | QAbstractItemView.EditTrigger.EditKeyPressed)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.customContextMenuRequested.connect(self._show_menu)
+        self.currentRowChanged.connect(self._row_changed)
+        self.itemChanged.connect(self._item_changed)
+        self._names: list[str] = []
+
+    def set_classes(self, classes: Sequence[tuple[str, np.ndarray]]) -> None:
+        """Show these: names, and swatches uint8 RGBA [h, w, 4]. The current row stays where it can."""
+        row = self.currentRow()
+        self.blockSignals(True)
+        self.clear()
+        self._names = [name for name, _ in classes]
+        for index, (name, swatch) in enumerate(classes):
+            item = QListWidgetItem(_icon(swatch, str(index + 1) if index < 9 else ""), name)
+            item.setFlags(item.flags() | Qt.ItemFlag.ItemIsEditable)
+            self.addItem(item)
+        self.setCurrentRow(min(max(row, 0), len(classes) - 1))
+        self.blockSignals(False)
+
+    def names(self) -> list[str]:
+        return list(self._names)
+
+    def set_current(self, index: int) -> None:
+        self.blockSignals(True)
+        self.setCurrentRow(index)
+        self.blockSignals(False)
+
+    def _row_changed(self, row: int) -> None:
+        if row >= 0:
+            self.chosen.emit(row)
+
+    def _item_changed(self, item: QListWidgetItem) -> None:
+        row, name = self.row(item), " ".join(item.text().split())
+        if name and name != self._names[row]:
+            self.renamed.emit(row, name)  # the answer is `set_classes`, with the old name where the new one will not do
+        else:
+            item.setText(self._names[row])
+
+    def _show_menu(self, position: QPoint) -> None:
+        item = self.itemAt(position)
+        if item is None:
+            return
+        row = self.row(item)
+        menu = QMenu(self)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        for code in CLASS_COLOURS:
+            pixmap = QPixmap(16, 16)
+            pixmap.fill(QColor(code))
+            menu.addAction(QIcon(pixmap), code, lambda code=code: self.recoloured.emit(row, QColor(code)))
+        menu.addSeparator()
+        menu.addAction("Another colour…", lambda: self._ask_colour(row))
+        menu.addAction("Rename", lambda: self.editItem(self.item(row)))
+        menu.popup(self.viewport().mapToGlobal(position))
+
+    def _ask_colour(self, row: int) -> None:
+        dialog = QColorDialog(self)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.colorSelected.connect(lambda colour: self.recoloured.emit(row, colour))
+        dialog.open()
+
+
+def _icon(swatch: np.ndarray, key: str) -> QIcon:
+    """A swatch with the key that chooses it."""
+    picture = QPixmap.fromImage(to_qimage(swatch))
+    with QPainter(picture) as painter:
+        for offset, colour in ((1, QColor(0, 0, 0)), (0, QColor(255, 255, 255))):
+            painter.setPen(colour)
+            painter.drawText(picture.rect().translated(offset, offset), Qt.AlignmentFlag.AlignCenter, key)
+    return QIcon(picture)

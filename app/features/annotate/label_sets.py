@@ -1,0 +1,90 @@
+"""Label maps to hand over, and where they come from: what a run answers, what was annotated, other tools' files. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from degense.app.features.viewer.pictures import check_decoder
+from degense.engine.annotation.annotations import Annotations
+from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.folder import NAME, load
+from degense.engine.annotation.formats import LABEL_FORMATS, LabelFormat, MapSet
+from degense.engine.data.readers import frame_names
+from degense.engine.errors import DegenseError, PromptError
+from degense.engine.progress import Steps
+
+if TYPE_CHECKING:
+    from degense.engine.clip import Clip
+    from degense.engine.scene import Scene
+
+
+def names_of(clip: Clip | None, count: int) -> tuple[str, ...]:
+    """What files of the frames are called; numbers where the recording is missing."""
+    return frame_names(clip) if clip is not None else tuple(f"{index:06d}" for index in range(count))
+
+
+def label_format(name: str) -> LabelFormat:
+    """The format of that name; DegenseError, with those there are, when there is none."""
+    if name not in LABEL_FORMATS:
+        raise DegenseError(f"There is no format {name!r} for labels; choose one of {', '.join(LABEL_FORMATS)}.")
+    return LABEL_FORMATS[name]
+
+
+def label_source(scene: Scene, source: str | None, prompts: Sequence[str], decoder: str | None) -> MapSet:
+    """The label maps of a run: see `ExportOptions.source`. DegenseError when there are none."""
+    if source == "annotations" or (source is None and not prompts):
+        work = saved_annotations(scene)
+        if work is not None:
+            return annotated(work, scene.clip, scene.clip.labelled_frames if scene.clip else [])
+        if source == "annotations":
+            raise DegenseError(f"{scene.name} has no annotations; annotate it in the window, or export the masks of prompts.")
+    return masks_of_run(scene, prompts, decoder)
+
+
+def saved_annotations(scene: Scene) -> Annotations | None:
+    """What was annotated in a run and saved; None when nothing was."""
+    width, height = scene.clip_size
+    return load(scene.run.path / NAME, (height, width), scene.frames, scene.labels)
+
+
+def annotated(work: Annotations, clip: Clip | None, came: Sequence[int] = ()) -> MapSet:
+    """The label maps that were made or accepted, and those of the frames that came with one."""
+    made = {frame for frame, record in work.records.items() if record.labels is not None}
+    return MapSet(work.classes, work.shape, names_of(clip, work.count), tuple(sorted({*made, *came})), work.labels)
+
+
+def masks_of_run(scene: Scene, prompts: Sequence[str], decoder: str | None) -> MapSet:
+    """What a run answers in every frame: the best of the prompts, or of its classes when nothing is prompted."""
+    check_decoder(decoder)
+    classes = tuple(prompts) or tuple(scene.classes)
+    if not classes:
+        raise PromptError(f"{scene.name} has no classes of its own; say which masks to export with prompts.")
+    vectors, (width, height) = scene.vectors(classes), scene.clip_size
+
+    def read(frame: int) -> np.ndarray:
+        return scene.query(frame).label_map(vectors, decoder or "rnse")
+
+    names = tuple(f"{index:06d}" for index in range(scene.frames))
+    return MapSet(named_classes(classes), (height, width), names, tuple(range(scene.frames)), read)
+
+
+def write_labels(name: str, maps: MapSet, out: Path) -> Steps[str]:
+    """Write label maps; returns what was done, in words. DegenseError when they cannot be written."""
+    chosen = label_format(name)
+    if not maps.frames:
+        raise DegenseError("No frame is labelled yet, so there is nothing to export.")
+    if not chosen.suffix:
+        empty_folder(out)
+    for done, frame in enumerate(chosen.write(maps, out), 1):
+        yield min(0.99, done / len(maps.names)), f"frame {frame}"
+    return f"{out}: label maps of {len(maps.frames)} frames, {len(maps.classes)} classes"
+
+
+def empty_folder(folder: Path) -> None:
+    """Make a folder that is to be filled. DegenseError when something is in it."""
+    if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
+        raise DegenseError(f"{folder} is not empty; choose another folder.")
+    folder.mkdir(parents=True, exist_ok=True)

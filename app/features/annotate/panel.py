@@ -1,0 +1,216 @@
+"""What one annotates with: tools, classes, and the review of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import log2
+
+from degense.app.features.annotate.class_list import ClassList
+from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import (
+    QButtonGroup,
+    QComboBox,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QProgressBar,
+    QPushButton,
+    QSlider,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+#: Steps of the size slider an octave of the radius.
+OCTAVE = 12
+SMALLEST = 0.5
+
+
+class AnnotationPanel(QWidget):
+    """Shows the state it is given and tells what the user wants.
+
+    Signals
+    -------
+    tool_chosen(name), radius_chosen(pixels), lock_chosen(value or −1), status_chosen(status), class_added(name)
+    asked(action)
+        A button: the id of the action it stands for.
+    """
+
+    tool_chosen = Signal(str)
+    radius_chosen = Signal(float)
+    lock_chosen = Signal(int)
+    status_chosen = Signal(str)
+    class_added = Signal(str)
+    asked = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("Annotation")
+        self.classes = ClassList(self)
+        self._tools = QButtonGroup(self)
+        self._buttons: dict[str, QPushButton] = {}
+        self._tool_row = QGridLayout()
+        self._tool_row.setSpacing(4)
+        self._slider = QSlider(Qt.Orientation.Horizontal, self)
+        self._slider.setAccessibleName("Size of the brush")
+        self._slider.setToolTip("Size of the brush; keys [ and ]")
+        self._slider.setRange(0, 8 * OCTAVE - 8)
+        self._slider.valueChanged.connect(lambda step: self.radius_chosen.emit(SMALLEST * 2 ** (step / OCTAVE)))
+        keep_keys(self._slider, ARROWS)
+        self._size = QLabel(self)
+        self._size.setMinimumWidth(self.fontMetrics().horizontalAdvance("200 px "))
+        self._new = QLineEdit(self)
+        self._new.setPlaceholderText("Another class…")
+        self._new.setAccessibleName("Name of another class")
+        self._new.returnPressed.connect(self._add_class)
+        keep_keys(self._new, TYPING)
+        self._lock = self._combo("Paint only inside a class, whatever the tool covers")
+        self._lock.activated.connect(lambda row: self.lock_chosen.emit(self._lock.itemData(row)))
+        self._status = self._combo("How far the review of this frame is")
+        self._status.activated.connect(lambda row: self.status_chosen.emit(self._status.itemText(row)))
+        self._frame = QLabel(self)
+        self._frame.setWordWrap(True)
+        self._all = QLabel(self)
+        self._all.setObjectName("secondary")
+        self._all.setWordWrap(True)
+        self._progress = QProgressBar(self)
+        self._progress.setAccessibleName("Progress")
+        self._progress.setTextVisible(False)
+        self._progress.setMaximumHeight(8)
+        self._progress.hide()
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        size, lock, status = QHBoxLayout(), QHBoxLayout(), QHBoxLayout()
+        size.addWidget(QLabel("Size", self))
+        size.addWidget(self._slider, 1)
+        size.addWidget(self._size)
+        lock.addWidget(QLabel("Only inside", self))
+        lock.addWidget(self._lock, 1)
+        status.addWidget(self._frame, 1)
+        status.addWidget(self._status)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(8, 6, 8, 6)
+        column.setSpacing(6)
+        column.addLayout(self._tool_row)
+        column.addLayout(size)
+        column.addWidget(self.classes, 1)
+        column.addWidget(self._new)
+        column.addLayout(lock)
+        column.addLayout(self._row(("annotate.holes", "Fill holes"), ("annotate.largest", "Largest"), ("annotate.prompt", "From prompt")))
+        column.addLayout(status)
+        column.addLayout(self._row(("annotate.accept", "Accept"), ("annotate.reject", "Reject"), ("annotate.next", "Next flagged")))
+        column.addWidget(self._all)
+        column.addLayout(self._row(("annotate.propagate", "Carry to all frames"), ("annotate.stop", "Stop")))
+        column.addWidget(self._progress)
+        column.addLayout(
+            self._row(("annotate.accept-all", "Accept all"), ("annotate.reject-all", "Reject all"), ("annotate.teach", "Train…"))
+        )
+
+    def _row(self, *buttons: tuple[str, str]) -> QHBoxLayout:
+        row = QHBoxLayout()
+        row.setSpacing(4)
+        for action, text in buttons:
+            button = QPushButton(text, self)
+            button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+            button.clicked.connect(lambda _checked=False, action=action: self.asked.emit(action))
+            keep_keys(button, PRESS)
+            self._buttons[action] = button
+            row.addWidget(button)
+        return row
+
+    def _combo(self, tip: str) -> QComboBox:
+        box = QComboBox(self)
+        box.setToolTip(tip)
+        box.setAccessibleName(tip)
+        box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        box.setMinimumContentsLength(9)
+        return box
+
+    # What is offered
+
+    def set_tools(self, tools: Sequence[tuple[str, str, str]]) -> None:
+        """Offer tools: (name, title, description)."""
+        for place, (name, title, description) in enumerate(tools):
+            button = QToolButton(self)
+            button.setText(title)
+            button.setToolTip(description)
+            button.setAccessibleName(title)
+            button.setCheckable(True)
+            button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+            button.setSizePolicy(self.sizePolicy().Policy.Expanding, self.sizePolicy().Policy.Fixed)
+            button.setObjectName(name)
+            button.clicked.connect(lambda _checked=False, name=name: self.tool_chosen.emit(name))
+            keep_keys(button, PRESS)
+            self._tools.addButton(button)
+            self._tool_row.addWidget(button, place // 3, place % 3)
+
+    def set_statuses(self, statuses: Sequence[str]) -> None:
+        self._status.clear()
+        self._status.addItems(list(statuses))
+
+    def set_locks(self, locks: Sequence[tuple[str, int]]) -> None:
+        """Offer what one may paint inside: (words, value); −1 is everywhere."""
+        current = self._lock.currentData()
+        self._lock.clear()
+        for words, value in locks:
+            self._lock.addItem(words, value)
+        self._lock.setCurrentIndex(max(0, self._lock.findData(current)))
+
+    # What is so
+
+    def set_tool(self, name: str, radius: float, lock: int) -> None:
+        for button in self._tools.buttons():
+            button.setChecked(button.objectName() == name)
+        self._slider.blockSignals(True)
+        self._slider.setValue(round(OCTAVE * log2(max(1.0, radius / SMALLEST))))
+        self._slider.blockSignals(False)
+        self._size.setText(f"{2 * radius:.0f} px" if radius >= 1 else "1 px")
+        self._lock.setCurrentIndex(max(0, self._lock.findData(lock)))
+
+    def set_frame(self, words: str, status: str) -> None:
+        """Say what is known of the frame that is shown."""
+        self._frame.setText(words)
+        self._status.setCurrentText(status)
+
+    def set_summary(self, words: str) -> None:
+        """Say how far the whole clip is."""
+        self._all.setText(words)
+
+    def summary(self) -> str:
+        return self._all.text()
+
+    def frame_words(self) -> str:
+        return self._frame.text()
+
+    def follow(self, actions: Mapping[str, QAction]) -> None:
+        """Let each button be pressed when the action that it stands for can be done, and show its keys."""
+        for name, button in self._buttons.items():
+            action = actions[name]
+            keys = action.shortcut().toString()
+            button.setToolTip(f"{action.text()} ({keys})" if keys else action.text())
+            button.setEnabled(action.isEnabled())
+            action.enabledChanged.connect(button.setEnabled)
+
+    def button(self, action: str) -> QPushButton:
+        return self._buttons[action]
+
+    def tool_button(self, name: str) -> QToolButton:
+        return next(button for button in self._tools.buttons() if button.objectName() == name)  # type: ignore[return-value]
+
+    def set_progress(self, fraction: float | None) -> None:
+        """How far the carrying is; None: nothing is being carried."""
+        self._progress.setVisible(fraction is not None)
+        if fraction is not None:
+            self._progress.setRange(0, 1000)
+            self._progress.setValue(round(1000 * fraction))
+
+    def _add_class(self) -> None:
+        name = self._new.text().strip()
+        if name:
+            self._new.clear()
+            self.class_added.emit(name)

@@ -1,0 +1,28 @@
+"""Cameras: keeping them, flying along them, screenshots of the 3D view."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from degense.app.shell.actions import Action, ActionRegistry
+
+if TYPE_CHECKING:
+    from degense.app.shell.main_window import MainWindow
+
+
+def fill(registry: ActionRegistry, window: MainWindow) -> None:
+    cameras, menu = window.cameras, ("View", "Cameras")
+
+    def any_kept() -> bool:
+        return cameras.can_add() and bool(cameras.book.stops)
+
+    registry.add(
+        Action("cameras.add", "Keep this camera", cameras.add, menu, ("Ctrl+B",), cameras.can_add, help="bookmark key frame path"),
+        Action("cameras.next", "Next camera", partial(cameras.go_on, 1), menu, ("Alt+Down",), any_kept, help="bookmark"),
+        Action("cameras.previous", "Previous camera", partial(cameras.go_on, -1), menu, ("Alt+Up",), any_kept, help="bookmark"),
+        Action("cameras.fly", "Fly along the cameras", cameras.fly, menu, ("Shift+Space",), cameras.has_path, group=1, help="path preview"),
+        Action("cameras.movie", "Movie along the cameras…", cameras.ask_for_movie, menu, (), cameras.has_path, group=1, help="export mp4"),
+        Action("cameras.save", "Save the camera path…", cameras.ask_to_save, menu, (), any_kept, group=2, help="json"),
+        Action("cameras.open", "Open a camera path…", cameras.ask_to_open, menu, (), cameras.can_add, group=2, help="json"),
+    )

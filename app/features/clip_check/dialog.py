@@ -1,0 +1,290 @@
+"""Checking a clip on its pictures: what was found, and every choice that can be made before anything is written."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from degense.app.features.clip_check.state import ASPECTS, CheckPicture, check_picture, field_of_view_words
+from degense.app.shell.worker import RenderService
+from degense.engine.data.clip_options import LAYOUTS, ClipOptions
+from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.theme import error_colour
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QDialogButtonBox,
+    QDoubleSpinBox,
+    QFormLayout,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QSlider,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
+
+if TYPE_CHECKING:
+    from degense.engine.clip import Clip
+
+LAYOUT_WORDS = {
+    "endonerf": "EndoNeRF",
+    "cholecseg8k": "CholecSeg8k",
+    "endovis18": "EndoVis 2018",
+    "frames": "Loose frames",
+    "video": "Video file",
+}
+MASK_WORDS = ((None, "as detected"), ("tool", "white = instrument, left out"), ("keep", "white = tissue, kept"))
+POSE_WORDS = (
+    ("auto", "as the clip says, else found out"),
+    ("still", "the camera stands still"),
+    ("estimate", "the camera moves: estimate it"),
+)
+AXES_WORDS = (("llff", "down, right, back (as defined)"), ("opencv", "right, down, forward (some converters)"))
+#: Changes that follow each other this closely are one reading of the clip, milliseconds.
+PATIENCE_MS = 350
+
+
+class CheckDialog(QDialog):
+    """Reads the clip again with each answer, in the worker, and shows what comes of it. Nothing is written.
+
+    `answers` are those that differ from what the reader decides by itself, as `ClipOptions` takes them.
+    """
+
+    def __init__(self, path: Path, clip: Clip, answers: dict[str, Any], service: RenderService, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("check")
+        self.setWindowTitle(f"Check {clip.name}")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.resize(1120, 700)
+        self._path, self._clip, self._service = path, clip, service
+        self.panel = RenderPanel()
+        self.panel.setAccessibleName("Picture of the clip")
+        self.aspect = _combo("What the picture shows", tuple(ASPECTS.items()))
+        self.frame = QSlider(Qt.Orientation.Horizontal)
+        self.frame.setAccessibleName("Frame")
+        self.frame_words = QLabel()
+        self.complaint = QLabel()
+        self.complaint.setAccessibleName("What is wrong")
+        self.complaint.setWordWrap(True)
+        colours = self.complaint.palette()
+        colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
+        self.complaint.setPalette(colours)
+        self.found: dict[str, QLabel] = {}
+        self._asked_by: dict[QObject, str] = {}
+        self.layout_choice = _combo("Layout", ((None, "as detected"), *((name, LAYOUT_WORDS.get(name, name)) for name in LAYOUTS)))
+        self.start, self.stride, self.most = (
+            _whole(*about) for about in (("First frame", 0), ("Each so manyth frame", 1), ("Most frames", 1))
+        )
+        self.mask_means = _combo("Masks", MASK_WORDS)
+        self.focal = QDoubleSpinBox()
+        self.focal.setAccessibleName("Focal length")
+        self.focal.setRange(0, 100_000)
+        self.focal.setDecimals(1)
+        self.focal.setSuffix(" px")
+        self.focal.setSpecialValueText("as detected")
+        self.poses = _combo("Camera", POSE_WORDS)
+        self.pose_axes = _combo("Axes of the poses", AXES_WORDS)
+        self.buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
+        self.use = self.buttons.addButton("Use these answers", QDialogButtonBox.ButtonRole.AcceptRole)
+        self.buttons.accepted.connect(self.accept)
+        self.buttons.rejected.connect(self.reject)
+        self._place()
+        self._timer = QTimer(self, singleShot=True, interval=PATIENCE_MS)
+        self._timer.timeout.connect(self._read)
+        self._fill(replace(ClipOptions(), **answers))
+        self._bind()
+        self._show_clip()
+
+    @property
+    def answers(self) -> dict[str, Any]:
+        """What was chosen, where it is not the reader's own choice."""
+        options = {
+            "layout": self.layout_choice.currentData(),
+            "mask_means": self.mask_means.currentData(),
+            "focal": self.focal.value() or None,
+            "poses": self.poses.currentData(),
+            "pose_axes": self.pose_axes.currentData(),
+            "start": self.start.value(),
+            "stride": self.stride.value(),
+            "max_frames": self.most.value(),
+        }
+        defaults = {item.name: item.default for item in fields(ClipOptions)}
+        return {name: value for name, value in options.items() if value != defaults[name]}
+
+    def _fill(self, options: ClipOptions) -> None:
+        for box, value in (
+            (self.layout_choice, options.layout),
+            (self.mask_means, options.mask_means),
+            (self.poses, options.poses),
+            (self.pose_axes, options.pose_axes),
+        ):
+            box.setCurrentIndex([box.itemData(row) for row in range(box.count())].index(value))
+        self.focal.setValue(options.focal or 0.0)
+        self.start.setValue(options.start)
+        self.stride.setValue(options.stride)
+        self.most.setValue(options.max_frames)
+
+    def _place(self) -> None:
+        left = QWidget()
+        column = QVBoxLayout(left)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.panel, 1)
+        below = QHBoxLayout()
+        below.addWidget(self.aspect)
+        below.addWidget(self.frame, 1)
+        below.addWidget(self.frame_words)
+        column.addLayout(below)
+        inside = QWidget()
+        form = QVBoxLayout(inside)
+        form.setSpacing(2)
+        self._section(form, "Layout and frames", "frames", (("Layout", self.layout_choice),))
+        self.of_video = QWidget()
+        video = QFormLayout(self.of_video)
+        video.setContentsMargins(0, 0, 0, 4)
+        for words, control in (("First frame", self.start), ("Each …th", self.stride), ("At most", self.most)):
+            video.addRow(words, control)
+            self._asked_by[control] = "frames"
+        form.addWidget(self.of_video)
+        self._section(form, "Masks and field of view", "masks", (("White means", self.mask_means),))
+        self._section(form, "Focal length", "focal", (("Focal length", self.focal),))
+        self._section(form, "Camera", "poses", (("It moves", self.poses), ("Axes of given poses", self.pose_axes)))
+        self._section(form, "Depth", "depth", ())
+        self._section(form, "Annotations", "labels", ())
+        form.addStretch(1)
+        area = QScrollArea()
+        area.setWidget(inside)
+        area.setWidgetResizable(True)
+        area.setFrameShape(QFrame.Shape.NoFrame)
+        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        area.setFixedWidth(410)
+        both = QHBoxLayout()
+        both.addWidget(left, 1)
+        both.addWidget(area)
+        whole = QVBoxLayout(self)
+        whole.addLayout(both, 1)
+        whole.addWidget(self.complaint)
+        whole.addWidget(self.buttons)
+
+    def _section(self, column: QVBoxLayout, title: str, aspect: str, rows: tuple[tuple[str, QWidget], ...]) -> None:
+        head = QLabel(f"<b>{title}</b>")
+        found = QLabel()
+        found.setObjectName("secondary")
+        found.setWordWrap(True)
+        found.setAccessibleName(f"{title}: what was found")
+        column.addSpacing(8)
+        column.addWidget(head)
+        column.addWidget(found)
+        self.found[aspect] = found
+        form = QFormLayout()
+        form.setContentsMargins(0, 2, 0, 2)
+        for words, control in rows:
+            form.addRow(words, control)
+            self._asked_by[control] = aspect
+        column.addLayout(form)
+
+    def _bind(self) -> None:
+        for box in (self.layout_choice, self.mask_means, self.poses, self.pose_axes):
+            box.currentIndexChanged.connect(self._changed)
+        for number in (self.start, self.stride, self.most):
+            number.valueChanged.connect(self._changed)
+        self.focal.valueChanged.connect(self._changed)
+        self.aspect.currentIndexChanged.connect(self._draw)
+        self.frame.valueChanged.connect(self._draw)
+        for control in self._asked_by:
+            control.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Show the picture that a control is about as soon as one turns to it."""
+        if event.type() == QEvent.Type.FocusIn and self._asked_by.get(watched) in ASPECTS:
+            self._turn_to(self._asked_by[watched])
+        return False
+
+    def _turn_to(self, aspect: str) -> None:
+        self.aspect.setCurrentIndex(list(ASPECTS).index(aspect))
+
+    def _changed(self) -> None:
+        self.use.setEnabled(False)  # until it is known what comes of it
+        self._timer.start()
+
+    # Reading
+
+    def _read(self) -> None:
+        path, answers = self._path, self.answers
+
+        def read() -> Clip:
+            from degense.engine.data.readers import open_clip
+
+            return open_clip(path, ClipOptions(**answers))
+
+        def done(clip: Clip) -> None:
+            self._clip = clip
+            self.complaint.hide()
+            self.use.setEnabled(True)
+            self._show_clip()
+
+        def failed(message: str) -> None:
+            self.complaint.setText(message)
+            self.complaint.show()
+
+        self._service.submit("check", read, done, failed)
+
+    def _show_clip(self) -> None:
+        clip, provenance = self._clip, self._clip.provenance
+        width, height = clip.size
+        self.complaint.setVisible(False)
+        self.of_video.setVisible(self._path.is_file())
+        words = {
+            "frames": f"{len(clip)} frames of {width} × {height}. {provenance.get('frames', '')}",
+            "masks": provenance.get("masks", ""),
+            "focal": f"{provenance.get('focal', '')}. {field_of_view_words(clip)}",
+            "poses": provenance.get("poses", ""),
+            "depth": provenance.get("depth", ""),
+            "labels": "; ".join(provenance[key] for key in ("labels", "strokes") if key in provenance)
+            + (f". Classes: {', '.join(clip.classes)}" if clip.classes else ""),
+        }
+        for aspect, text in words.items():
+            self.found[aspect].setText(text)
+        self.frame.setRange(0, len(clip) - 1)
+        self._draw()
+
+    def _draw(self) -> None:
+        clip, frame, aspect = self._clip, min(self.frame.value(), len(self._clip) - 1), self.aspect.currentData()
+        self.frame_words.setText(f"frame {frame} of {len(clip)}")
+
+        def show(picture: CheckPicture) -> None:
+            self.panel.set_image(picture.rgb)
+            self.panel.set_overlay(picture.overlay)
+            self.panel.set_legend([(words, QColor(*colour)) for words, colour in picture.legend])
+
+        def failed(message: str) -> None:
+            self.panel.set_image(None)
+            self.panel.set_message(message)
+
+        self._service.submit("check-picture", lambda: check_picture(clip, frame, aspect), show, failed)
+
+    def done(self, result: int) -> None:
+        self._timer.stop()
+        for channel in ("check", "check-picture"):
+            self._service.cancel(channel)
+        super().done(result)
+
+
+def _combo(name: str, entries: tuple[tuple[Any, str], ...]) -> QComboBox:
+    box = QComboBox()
+    box.setAccessibleName(name)
+    for value, words in entries:
+        box.addItem(words, value)
+    return box
+
+
+def _whole(name: str, least: int) -> QSpinBox:
+    box = QSpinBox()
+    box.setAccessibleName(name)
+    box.setRange(least, 1_000_000)
+    return box

@@ -1,0 +1,184 @@
+"""Nothing is lost: autosave, the journal's clock, recovered work, damaged session files."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from degense.app.demo import is_demo
+from degense.app.session import session_file
+from degense.app.session.session import Session
+from degense.app.session.session_file import DamagedSession
+from degense.app.session.store import waiting
+from degense.app.shell.messages import show_error
+from degense.app.shell.parts import Parts
+from degense.app.shell.settings import SettingsFile
+from degense.engine.errors import DegenseError
+from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtWidgets import QApplication, QMessageBox
+
+log = logging.getLogger(__name__)
+
+TICK_MS = 1000
+
+
+class Keeping(QObject):
+    """Saves by itself, and asks what is to become of what a crash or a damaged file left behind."""
+
+    def __init__(self, session: Session, settings: SettingsFile, parts: Parts) -> None:
+        super().__init__(parts)
+        self.session, self.settings, self.parts = session, settings, parts
+        self._dirty_since: float | None = None
+        self._left_unsaved = False
+        session.opened.connect(self._opened)
+        session.dirty_changed.connect(self._dirty_changed)
+        session.store.trouble.connect(lambda text: show_error(parts.window, text))
+        self.timer = QTimer(self)
+        self.timer.timeout.connect(self.tick)
+        self.timer.start(TICK_MS)
+
+    # Saving
+
+    def save(self) -> bool:
+        """Keep what is open; whether it is kept now. The sample stays as it came. What went wrong is shown."""
+        if self.session.scene is None or self.session.store.unsaved:
+            return True
+        try:
+            self.session.save()
+        except DegenseError as error:
+            self._dirty_since = time.monotonic()  # the next try is an interval away
+            show_error(self.parts.window, str(error))
+            return False
+        return True
+
+    def may_leave(self, go_on: Callable[[], object]) -> bool:
+        """Whether what is open may be left now. When it cannot be saved the user is asked, and `go_on` called if they leave it so."""
+        if self._left_unsaved or self.session.scene is None or self.session.store.unsaved:
+            return True
+        try:
+            self.session.save()
+        except DegenseError as error:
+            if not self.session.dirty:
+                log.info("the view was not saved: %s", error)
+                return True
+            self._ask_to_leave(str(error), go_on)
+            return False
+        return True
+
+    def _ask_to_leave(self, problem: str, go_on: Callable[[], object]) -> None:
+        box = QMessageBox(QMessageBox.Icon.Warning, "DeGense", problem, QMessageBox.StandardButton.NoButton, self.parts.window)
+        box.setObjectName("unsaved")
+        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        box.setInformativeText(
+            "What was changed since the last save is offered again when this run is next opened, if it could be written."
+        )
+        leave = box.addButton("Leave without saving", QMessageBox.ButtonRole.DestructiveRole)
+        stay = box.addButton("Stay", QMessageBox.ButtonRole.RejectRole)
+        box.setDefaultButton(stay)
+
+        def answered() -> None:
+            if box.clickedButton() is leave:
+                self._left_unsaved = True
+                go_on()
+
+        box.finished.connect(answered)
+        box.open()
+
+    def tick(self) -> None:
+        """Every second: bring the journal up to date, and save when it is time; not amid a stroke or a drag."""
+        self.session.annotations.tell_stroke()
+        self.session.store.tell_pending()
+        minutes = self.settings.value.autosave
+        due = self._dirty_since is not None and minutes and time.monotonic() - self._dirty_since >= 60 * minutes
+        if due and QApplication.mouseButtons() == Qt.MouseButton.NoButton:
+            self.save()
+
+    def end(self) -> None:
+        """The window closes, and all is well."""
+        self.timer.stop()
+        self.session.store.close()
+        self.settings.update(open_run="")
+
+    def _dirty_changed(self, dirty: bool) -> None:
+        self._dirty_since = time.monotonic() if dirty else None
+
+    # What was left behind
+
+    def left_behind(self) -> Path | None:
+        """The run that was open when the program last ended without being closed, if it holds unsaved work."""
+        path = Path(self.settings.value.open_run)
+        return path if self.settings.value.open_run and waiting(path) else None
+
+    def _opened(self) -> None:
+        scene, store = self.session.scene, self.session.store
+        self._dirty_since, self._left_unsaved = None, False
+        self.settings.update(open_run=str(scene.run.path.resolve()) if scene and not is_demo(scene.run.path) else "")
+        if store.unsaved:
+            self._offer_recovery()
+        elif store.elsewhere:
+            self.parts.say("This run is open in another window or cannot be written: what you do here will not be saved.", 60)
+
+    def _offer_recovery(self) -> None:
+        store = self.session.store
+        assert store.folder is not None
+        areas = ", ".join(sorted({"view" if entry.part == session_file.LOOK else entry.part for entry in store.unsaved}))
+        count = len(store.unsaved)
+        box = QMessageBox(self.parts.window)
+        box.setObjectName("recovery")
+        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        box.setWindowTitle("DeGense")
+        box.setIcon(QMessageBox.Icon.Information)
+        box.setText("Recovered unsaved work")
+        box.setInformativeText(
+            f"The program ended before {count} change{'s' if count > 1 else ''} of {store.folder.name} could be saved ({areas}). "
+            "Restore them, or go on from what was saved last?"
+        )
+        restore = box.addButton("Restore", QMessageBox.ButtonRole.AcceptRole)
+        discard = box.addButton("Discard", QMessageBox.ButtonRole.DestructiveRole)
+        box.setDefaultButton(restore)
+        box.setEscapeButton(restore)
+
+        def answered() -> None:
+            try:
+                store.discard() if box.clickedButton() is discard else self.session.recover()
+            except DegenseError as error:
+                show_error(self.parts.window, str(error))
+            self.parts.say("The recovered work was discarded." if box.clickedButton() is discard else f"Restored {count} changes.")
+
+        box.finished.connect(answered)
+        box.open()
+
+    def offer_backups(self, error: DamagedSession, again: Callable[[], None]) -> None:
+        """A session file is damaged: open a backup or a fresh view, and `again` opens the run. The damaged file is kept."""
+        log.error(str(error))
+        box = QMessageBox(self.parts.window)
+        box.setObjectName("damaged session")
+        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        box.setWindowTitle("DeGense")
+        box.setIcon(QMessageBox.Icon.Warning)
+        box.setText(str(error))
+        box.setInformativeText("Whatever you choose, the damaged file is kept beside it.")
+        choices: dict[object, Callable[[], object]] = {}
+        for backup in error.backups[:3]:
+            button = box.addButton(f"Backup of {session_file.backup_time(backup):%d %b %H:%M}", QMessageBox.ButtonRole.AcceptRole)
+            choices[button] = partial(session_file.restore, backup, error.path)
+        fresh = box.addButton("Fresh view", QMessageBox.ButtonRole.DestructiveRole)
+        choices[fresh] = partial(session_file.set_aside, error.path)
+        box.setEscapeButton(box.addButton(QMessageBox.StandardButton.Cancel))
+
+        def answered() -> None:
+            chosen = choices.get(box.clickedButton())
+            if chosen is None:
+                return
+            try:
+                chosen()
+            except DegenseError as problem:
+                show_error(self.parts.window, str(problem))
+            else:
+                again()
+
+        box.finished.connect(answered)
+        box.open()

@@ -1,0 +1,129 @@
+"""Formats that other tools read. Each is a generator of steps, so that command line and window show its progress and can stop it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from degense.app.features.annotate.label_sets import empty_folder, label_source, write_labels
+from degense.app.features.viewer.pictures import Movie, check_frame, get_layer, layer_picture
+from degense.engine.annotation.formats import LABEL_FORMATS
+from degense.engine.errors import DegenseError
+from degense.engine.progress import Steps
+
+if TYPE_CHECKING:
+    from degense.engine.layers import LayerRequest
+    from degense.engine.scene import Scene
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What to export; None leaves the choice to the format or to the layers.
+
+    Attributes
+    ----------
+    prompts : tuple of str
+        Classes of the masks; empty for the classes of the scene.
+    frame : float or None
+        Instant of a single PLY; None for the reference frame.
+    layer : str
+        Layer of a movie.
+    span : (float, float) or None
+        Values of the first and the last colour of a movie of a scalar layer; None for the range of the whole sequence.
+    source : "masks", "annotations" or None
+        Where label maps come from: what the run answers to prompts, or what was annotated. None: the annotations where there are any and
+        nothing is prompted.
+    """
+
+    prompts: tuple[str, ...] = ()
+    decoder: str | None = None
+    threshold: float | None = None
+    frame: float | None = None
+    layer: str = "rgb"
+    span: tuple[float, float] | None = None
+    source: Literal["masks", "annotations"] | None = None
+
+    def layer_request(self, frame: float) -> LayerRequest:
+        """The request for a layer at a frame with these settings; what is None keeps the layers' default."""
+        from degense.engine.layers import LayerRequest
+
+        request = LayerRequest(frame, prompts=self.prompts)
+        threshold = request.threshold if self.threshold is None else self.threshold
+        return replace(request, decoder=self.decoder or request.decoder, threshold=threshold)
+
+
+def export_ply(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
+    """One instant as a Gaussian PLY."""
+    from degense.engine.store.ply import save_ply
+
+    frame = check_frame(scene, scene.reference_frame if options.frame is None else options.frame)
+    yield 0.0, f"frame {frame}"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    save_ply(out, scene.splats(frame))
+    return f"{out}: {len(scene.splats(frame))} Gaussians at frame {frame}"
+
+
+def export_ply_sequence(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
+    """One PLY for each frame, `NNNNNN.ply`."""
+    from degense.engine.store.ply import save_ply
+
+    empty_folder(out)
+    for frame in range(scene.frames):
+        yield frame / scene.frames, f"frame {frame}"
+        save_ply(out / f"{frame:06d}.ply", scene.splats(frame))
+    return f"{out}: {scene.frames} PLY files"
+
+
+def export_labels(name: str, scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
+    """Label maps in one of the formats of `engine.annotation.formats`."""
+    maps = label_source(scene, options.source, options.prompts, options.decoder)
+    return (yield from write_labels(name, maps, out))
+
+
+def export_movie(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
+    """A layer over the whole sequence as .mp4."""
+    if out.suffix.lower() != ".mp4":
+        raise DegenseError(f"{out} must end in .mp4.")
+    yield from write_movie(scene, out, range(scene.frames), options)
+    return f"{out}: {options.layer}, {scene.frames} frames"
+
+
+def write_movie(scene: Scene, out: Path, frames: Sequence[int], options: ExportOptions) -> Steps[None]:
+    layer = get_layer(options.layer)
+    with Movie(out, scene.fps) as movie:
+        span = options.span
+        if span is None and layer.kind == "scalar":
+            yield 0.0, "finding the range of the whole sequence"
+            from degense.engine.layers import layer_range
+
+            span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
+        for done, frame in enumerate(frames):
+            yield done / len(frames), f"frame {frame}"
+            movie.add(layer_picture(scene, layer, options.layer_request(frame), span))
+
+
+@dataclass(frozen=True)
+class Format:
+    """One way out. `suffix` is empty for a folder."""
+
+    title: str
+    suffix: str
+    export: Callable[[Scene, Path, ExportOptions], Steps[str]]
+
+
+FORMATS = {
+    "ply": Format("Gaussians of one frame (PLY)", ".ply", export_ply),
+    "ply-sequence": Format("Gaussians of every frame (PLY)", "", export_ply_sequence),
+    **{name: Format(f"Masks as {kind.title}", kind.suffix, partial(export_labels, name)) for name, kind in LABEL_FORMATS.items()},
+    "movie": Format("Movie of the layer (MP4)", ".mp4", export_movie),
+}
+
+
+def get_format(name: str) -> Format:
+    """The format of that name; DegenseError, with those there are, when there is none."""
+    if name not in FORMATS:
+        raise DegenseError(f"There is no format {name!r}; choose one of {', '.join(FORMATS)}.")
+    return FORMATS[name]

@@ -1,0 +1,83 @@
+"""What is known of every pixel of one instant."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from degense.app.features.prompts.statistics import Meanings
+from degense.app.features.viewer.pictures import get_layer
+
+if TYPE_CHECKING:
+    from degense.engine.scene import Scene
+
+#: Values that are looked up under the pointer, those that cost little first.
+PROBED = ("depth", "displacement", "speed", "rotation", "scale", "warp")
+
+
+@dataclass(frozen=True)
+class ProbeMaps:
+    """Values of every pixel of one frame, so that hovering only looks them up. What is not drawn yet is None.
+
+    Attributes
+    ----------
+    scalars : dict of str to float [H, W]
+        Of `PROBED`.
+    uncertain : dict of str to bool [H, W]
+        Where one of them is a guess.
+    latent : float32 [H, W, d] or None
+        The semantic latents.
+    meanings : Meanings or None
+        The classes that they are compared with.
+    """
+
+    frame: int
+    rgb: np.ndarray
+    units: dict[str, str]
+    scalars: dict[str, np.ndarray] = field(default_factory=dict)
+    uncertain: dict[str, np.ndarray] = field(default_factory=dict)
+    latent: np.ndarray | None = None
+    meanings: Meanings | None = None
+
+    def colour(self, x: int, y: int) -> tuple[int, int, int]:
+        red, green, blue = (int(channel) for channel in self.rgb[y, x])
+        return red, green, blue
+
+    def rows(self, x: int, y: int) -> list[tuple[str, str]]:
+        """Label and text of each value at a pixel, for the probe panel."""
+        rows = [("position", f"{x}, {y} px"), ("colour", "{} {} {}".format(*self.colour(x, y)))]
+        for name, values in self.scalars.items():
+            value = float(values[y, x])
+            guess = " (a guess)" if name in self.uncertain and self.uncertain[name][y, x] else ""
+            rows.append((name, f"{round(value, 6):.3g} {self.units[name]}".strip() + guess if np.isfinite(value) else "not known here"))
+        for rank, (name, cosine) in enumerate(self.why(x, y), 1):
+            rows.append((f"class {rank}", f"{name}  {cosine:.2f}"))
+        return rows
+
+    def why(self, x: int, y: int) -> list[tuple[str, float]]:
+        """The classes of the scene and its vocabulary that a pixel is most similar to, with their cosines, the best first."""
+        if self.latent is None or self.meanings is None:
+            return []
+        return self.meanings.best(self.latent[y, x])
+
+
+def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps]:
+    """The maps of a frame. Yields what is there as it grows; returns all."""
+    from degense.engine.layers import LayerRequest
+
+    request = LayerRequest(frame=frame)
+    maps = ProbeMaps(frame, scene.picture(frame), {})
+    yield maps
+    for name in PROBED:
+        if get_layer(name).missing(scene, ()):
+            continue
+        image = get_layer(name).image(scene, request)
+        maps = replace(maps, scalars=maps.scalars | {name: image.values}, units=maps.units | {name: image.unit})
+        if image.uncertain is not None:
+            maps = replace(maps, uncertain=maps.uncertain | {name: image.uncertain})
+        yield maps
+    if scene.has_semantics:
+        maps = replace(maps, latent=scene.render(frame, what=("latent",))["latent"], meanings=Meanings(scene))
+    return maps

@@ -1,0 +1,139 @@
+"""The numbers under the cursor, and how they change over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from degense.widgets.curve_plot import CurvePlot
+from degense.widgets.frame.images import to_array
+from degense.widgets.glyphs import GlyphButton
+from degense.widgets.keys import ARROWS, keep_keys
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QColor, QPixmap
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QFrame,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+#: Rows of values that are seen without scrolling however little room there is.
+FEWEST_ROWS = 4
+
+
+class ProbePanel(QWidget):
+    """A table of values and a plot of curves for one place, which follows the pointer or is pinned."""
+
+    frame_clicked = Signal(int)
+    unpin_requested = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("Probe")
+        self._place = QLabel(self)
+        self._place.setTextFormat(Qt.TextFormat.PlainText)
+        self._place.setWordWrap(True)
+        self._swatch = QLabel(self)
+        self._swatch.setAccessibleName("Colour under the cursor")
+        self._unpin = GlyphButton("cross", "Follow the pointer again", self)
+        self._unpin.clicked.connect(self.unpin_requested)
+        self._table = QTableWidget(0, 2, self)
+        self._table.setAccessibleName("Values")
+        self._table.setFrameShape(QFrame.Shape.NoFrame)
+        self._table.setShowGrid(False)
+        self._table.viewport().setAutoFillBackground(False)
+        self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self._table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self._table.verticalHeader().hide()
+        self._table.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 6)
+        self._table.horizontalHeader().hide()
+        self._table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
+        self._table.horizontalHeader().setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
+        self._table.setTabKeyNavigation(False)
+        keep_keys(self._table, ARROWS)
+        self._plot = CurvePlot(self)
+        self._plot.setAccessibleName("Values over time")
+        self._plot.set_message("Click in the picture to follow a place through time")
+        self._plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
+
+        top = QHBoxLayout()
+        top.setSpacing(6)
+        top.addWidget(self._swatch)
+        top.addWidget(self._place, 1)
+        top.addWidget(self._unpin)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 6, 6, 6)
+        layout.setSpacing(6)
+        layout.addLayout(top)
+        layout.addWidget(self._table, 3)
+        layout.addWidget(self._plot, 2)
+        self.clear()
+
+    def set_values(self, rows: Sequence[tuple[str, str]]) -> None:
+        """Show (label, text) pairs in this order. Cells are reused: this is called at every movement of the pointer."""
+        if self._table.rowCount() != len(rows):
+            self._table.setRowCount(len(rows))
+            header = self._table.verticalHeader()
+            self._table.setMinimumHeight(header.defaultSectionSize() * min(max(len(rows), 1), FEWEST_ROWS) + 2)
+            self._table.setMaximumHeight(header.defaultSectionSize() * max(len(rows), 1) + 2)
+        for i, texts in enumerate(rows):
+            for column, text in enumerate(texts):
+                item = self._table.item(i, column)
+                if item is None:
+                    item = QTableWidgetItem()
+                    self._table.setItem(i, column, item)
+                if item.text() != text:
+                    item.setText(text)
+                    item.setToolTip(text)
+
+    def set_colour(self, colour: QColor | None) -> None:
+        """A swatch of the colour there; None hides it."""
+        self._swatch.setVisible(colour is not None)
+        if colour is not None:
+            side = self.fontMetrics().height()
+            pixmap = QPixmap(side, side)
+            pixmap.fill(colour)
+            self._swatch.setPixmap(pixmap)
+
+    def set_pinned(self, text: str) -> None:
+        """Say where the probe is pinned; empty: it follows the pointer."""
+        self._place.setText(text or "Under the pointer")
+        self._unpin.setVisible(bool(text))
+
+    def set_curve(
+        self,
+        name: str,
+        frames: np.ndarray,
+        values: np.ndarray,
+        colour: QColor | None = None,
+        unit: str = "",
+        band: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> None:
+        """Add or replace a curve over the frames; the unit is added to its name. A band (low, high) is shaded behind it."""
+        self._plot.set_series(f"{name} [{unit}]" if unit else name, frames, values, colour, band)
+
+    def plot_image(self) -> np.ndarray:
+        """The plot as it is shown, uint8 [H, W, 3]."""
+        return to_array(self._plot.grab().toImage())
+
+    def curve_names(self) -> list[str]:
+        return self._plot.series_names()
+
+    def clear_curves(self) -> None:
+        self._plot.clear()
+
+    def set_cursor(self, frame: float | None) -> None:
+        """Mark the current frame in the plot."""
+        self._plot.set_cursor(frame)
+
+    def clear(self) -> None:
+        self.set_values([])
+        self.set_colour(None)
+        self.set_pinned("")
+        self.clear_curves()

@@ -1,0 +1,117 @@
+"""A list of findings, the worst first, to jump to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from degense.widgets.keys import ARROWS, PRESS, keep_keys
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QComboBox,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QPushButton,
+    QTableWidget,
+    QTableWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
+
+KINDS = (("frames", "Worst frames"), ("places", "Worst places"))
+
+
+class RankingList(QWidget):
+    """Rows of frame, place and value.
+
+    Signals
+    -------
+    search_requested()
+    kind_changed(kind)
+        `frames` or `places`.
+    chosen(row)
+        The user wants to see the finding of this row.
+    """
+
+    search_requested = Signal()
+    kind_changed = Signal(str)
+    chosen = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("Worst frames and places")
+        self._kinds = QComboBox(self)
+        self._kinds.setAccessibleName("What is listed")
+        for name, title in KINDS:
+            self._kinds.addItem(title, name)
+        self._kinds.activated.connect(lambda: self.kind_changed.emit(self.kind()))
+        keep_keys(self._kinds, ARROWS | PRESS)
+        self._find = QPushButton("Find", self)
+        self._find.setToolTip("Look through all frames of the layer that is shown")
+        self._find.clicked.connect(self.search_requested)
+        keep_keys(self._find, PRESS)
+        self._note = QLabel(self)
+        self._note.setObjectName("secondary")
+        self._note.setWordWrap(True)
+        self._table = QTableWidget(0, 3, self)
+        self._table.setAccessibleName("Findings")
+        self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self._table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self._table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self._table.setShowGrid(False)
+        self._table.verticalHeader().hide()
+        self._table.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 6)
+        self._table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+        self._table.setTabKeyNavigation(False)
+        self._table.currentCellChanged.connect(lambda row, *_: self.chosen.emit(row) if row >= 0 else None)
+        keep_keys(self._table, ARROWS)
+        top = QHBoxLayout()
+        top.setSpacing(6)
+        top.addWidget(self._kinds, 1)
+        top.addWidget(self._find)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 6, 6, 6)
+        layout.setSpacing(6)
+        layout.addLayout(top)
+        layout.addWidget(self._note)
+        layout.addWidget(self._table, 1)
+        self.set_note("")
+
+    def kind(self) -> str:
+        return self._kinds.currentData()
+
+    def set_note(self, text: str) -> None:
+        """What is listed, or why nothing is."""
+        self._note.setText(text)
+        self._note.setVisible(bool(text))
+
+    def set_findings(self, unit: str, rows: Sequence[tuple[int, float, float, float]]) -> None:
+        """List (frame, x, y, value) rows. Nothing is chosen."""
+        self._table.blockSignals(True)
+        self._table.setHorizontalHeaderLabels(["Frame", "Place [px]", f"Value [{unit}]" if unit else "Value"])
+        self._table.clearSelection()
+        self._table.setCurrentCell(-1, -1)
+        self._table.setRowCount(len(rows))
+        for i, (frame, x, y, value) in enumerate(rows):
+            for column, text in enumerate((str(frame), f"{x:.0f}, {y:.0f}", f"{value:.3g}")):
+                item = QTableWidgetItem(text)
+                item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+                self._table.setItem(i, column, item)
+        self._table.blockSignals(False)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """What is written in the list."""
+        columns = range(self._table.columnCount())
+        cells = [[self._table.item(row, column) for column in columns] for row in range(self._table.rowCount())]
+        return [tuple(item.text() for item in row if item is not None) for row in cells]
+
+    def choose(self, step: int) -> None:
+        """Go to the next finding (or back), round and round."""
+        count = self._table.rowCount()
+        if count:
+            row = self._table.currentRow()
+            self._table.setCurrentCell((row + step) % count if row >= 0 else 0, 0)
+
+    def current(self) -> int:
+        return self._table.currentRow()

@@ -1,0 +1,80 @@
+"""How large each prompt's mask is over time: computed once in the background, and saved with the session."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from degense.app.session.persistent_state import Part
+from degense.app.session.view_state import Look
+from degense.engine.errors import RunError
+
+if TYPE_CHECKING:
+    from degense.engine.scene import Scene
+
+#: Curves kept; the oldest go first.
+KEPT = 64
+LONGEST = 1_000_000
+
+Key = tuple[str, str, float, tuple[str, ...]]
+
+
+def key_of(text: str, look: Look) -> Key:
+    """What the area of a prompt depends on: its words, and how masks are decided."""
+    return text.casefold(), look.decoder, round(look.threshold, 4), look.negative_texts
+
+
+class AreaBook(Part):
+    """Curves of area by prompt and way to decide; NaN where a frame has not been looked at."""
+
+    counts = False  # they can be computed anew
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._curves: dict[Key, np.ndarray] = {}
+
+    def curve(self, text: str, look: Look, frames: int) -> np.ndarray:
+        """The curve of a prompt, float [frames]; what is written into it is kept."""
+        key = key_of(text, look)
+        if key not in self._curves or len(self._curves[key]) != frames:
+            self._curves[key] = np.full(frames, np.nan)
+            while len(self._curves) > KEPT:
+                del self._curves[next(iter(self._curves))]
+        return self._curves[key]
+
+    def missing(self, look: Look, frames: int, around: int) -> list[int]:
+        """Frames at which the area of a visible prompt is not known yet, those near `around` first."""
+        unknown = np.zeros(frames, bool)
+        for prompt in look.visible_prompts:
+            unknown |= np.isnan(self.curve(prompt.text, look, frames))
+        return sorted(map(int, np.flatnonzero(unknown)), key=lambda frame: abs(frame - around))
+
+    def clear(self) -> None:
+        self._curves.clear()
+
+    def to_json(self) -> Any:
+        """Only whole curves; a piece is soon computed."""
+        whole = {key: values for key, values in self._curves.items() if np.isfinite(values).all()}
+        return [[*key[:3], list(key[3]), [round(float(value), 6) for value in values]] for key, values in whole.items()]
+
+    def from_json(self, data: Any, source: str) -> None:
+        try:
+            curves = {}
+            for text, decoder, threshold, negatives, values in data[-KEPT:]:
+                curve = np.array(values, float)
+                if curve.ndim != 1 or len(curve) > LONGEST or not np.isfinite(curve).all():
+                    raise ValueError("not a curve")
+                curves[(str(text), str(decoder), float(threshold), tuple(map(str, negatives)))] = curve
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise RunError(f"{source} does not hold areas of masks ({error}).") from error
+        self._curves = curves
+
+
+def areas(scene: Scene, look: Look, frames: list[int]) -> Generator[tuple[int, dict[str, float]], None, None]:
+    """Areas (share of the picture) of the visible prompts' masks in these frames. Yields (frame, {text: area})."""
+    from degense.engine.scene.clip_query import ClipQuestion, query_clip
+
+    texts = tuple(prompt.text for prompt in look.visible_prompts)
+    for found in query_clip(scene, ClipQuestion(texts, look.decoder, look.threshold, look.negative_texts), frames):
+        yield found.frame, dict(zip(texts, found.areas.tolist(), strict=True))

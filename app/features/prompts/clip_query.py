@@ -1,0 +1,123 @@
+"""The prompts asked of every frame at once: areas under the timeline, or masks in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from degense.app.features.prompts.area_curves import areas
+from degense.app.features.prompts.controller import Answering
+from degense.app.features.prompts.segment import write_clip_masks
+from degense.app.session.session import Session
+from degense.app.shell.messages import show_error
+from degense.app.shell.parts import Parts
+from degense.app.shell.worker import RenderService
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtWidgets import QFileDialog
+
+if TYPE_CHECKING:
+    from degense.engine.scene.clip_query import ClipQuestion
+
+CHANNEL = "query"
+
+
+class ClipQuerying(QObject):
+    """Runs in the worker while the window goes on; what was found stays when it is stopped.
+
+    Signals
+    -------
+    changed()
+        Begun or ended.
+    """
+
+    changed = Signal()
+
+    def __init__(self, session: Session, service: RenderService, parts: Parts, answering: Answering) -> None:
+        super().__init__(parts)
+        self.session, self.service, self.parts, self.answering = session, service, parts, answering
+        session.opened.connect(self._opened)
+
+    @property
+    def running(self) -> bool:
+        return self.service.busy(CHANNEL)
+
+    def can_ask(self) -> bool:
+        """Whether there is something to ask, and something to ask it of."""
+        scene = self.session.scene
+        return scene is not None and scene.has_semantics and bool(self.session.look.visible_prompts) and not self.running
+
+    def ask(self) -> None:
+        """Find the area of each visible prompt in every frame that was not looked at yet, from this one outwards."""
+        scene, look = self.session.scene, self.session.look
+        assert scene is not None
+        frames = self.answering.areas.missing(look, scene.frames, self.session.frame)
+        known = scene.frames - len(frames)
+
+        def found(step: tuple[int, dict[str, float]]) -> None:
+            nonlocal known
+            known += 1
+            self.answering.take(scene, look, *step)
+            self.parts.set_busy("Asking the whole clip", known / scene.frames)
+
+        def done(result: object) -> None:
+            curves = {prompt.text: self.answering.areas.curve(prompt.text, look, scene.frames) for prompt in look.visible_prompts}
+            self._end("The whole clip: " + "; ".join(_in_words(text, values) for text, values in curves.items()))
+
+        self.service.cancel("areas")  # it would look at the same frames
+        self._begin()
+        self.service.submit(CHANNEL, lambda: areas(scene, look, frames), done, self._failed, found)
+        self.changed.emit()
+
+    def ask_for_folder(self) -> None:
+        folder = QFileDialog.getExistingDirectory(self.parts.window, "Folder for the masks of the whole clip")
+        if folder:
+            self.save(Path(folder))
+
+    def save(self, folder: Path) -> None:
+        """Write label maps, masks and areas of the visible prompts into a folder, or go on with it (`degense segment --frames all`)."""
+        scene, asked = self.session.scene, self._question()
+        assert scene is not None
+
+        def progress(step: tuple[float, str]) -> None:
+            self.parts.set_busy(f"Writing masks into {folder.name}", step[0])
+
+        def steps() -> Generator[tuple[float, str], None, dict[str, np.ndarray]]:
+            return write_clip_masks(scene, asked, range(scene.frames), folder)
+
+        self._begin()
+        self.service.submit(CHANNEL, steps, lambda areas: self._end(f"{folder}: masks of {scene.frames} frames"), self._failed, progress)
+        self.changed.emit()
+
+    def stop(self) -> None:
+        self.service.cancel(CHANNEL)
+        self._end("Stopped; what was found so far is kept.")
+
+    def _question(self) -> ClipQuestion:
+        from degense.engine.scene.clip_query import ClipQuestion
+
+        look = self.session.look
+        return ClipQuestion(tuple(prompt.text for prompt in look.visible_prompts), look.decoder, look.threshold, look.negative_texts)
+
+    def _opened(self) -> None:
+        if self.running:
+            self.stop()
+
+    def _begin(self) -> None:
+        self.parts.set_busy("Asking the whole clip", 0.0)
+
+    def _end(self, text: str) -> None:
+        self.parts.set_busy()
+        self.parts.say(text)
+        self.changed.emit()
+
+    def _failed(self, message: str) -> None:
+        self.parts.set_busy()
+        self.changed.emit()
+        show_error(self.parts.window, message)
+
+
+def _in_words(text: str, areas: np.ndarray) -> str:
+    """ "liver in 38 of 40 frames, 21.4 % of the picture at most"."""
+    return f"{text} in {int((areas > 0).sum())} of {len(areas)} frames, {areas.max():.1%} of the picture at most"

@@ -1,0 +1,103 @@
+"""What is known of each prompt: area, confidence and similarities now, and its area over time under the timeline."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from degense.app.features.prompts.area_curves import AreaBook, areas
+from degense.app.features.prompts.statistics import Answer, answers
+from degense.app.features.viewer.controller import Drawing
+from degense.app.features.viewer.view import View
+from degense.app.session.session import Session
+from degense.app.session.view_state import Look
+from degense.app.shell.parts import Parts
+from degense.app.shell.worker import RenderService
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtGui import QColor
+
+if TYPE_CHECKING:
+    from degense.engine.scene import Scene
+
+#: The areas of other frames are computed when nothing was drawn for so long, milliseconds: whoever scrubs does not wait for them.
+QUIET_MS = 700
+
+
+class Answering(QObject):
+    """Follows the view: after each one the answers of its frame, and when all is quiet the areas of the other frames."""
+
+    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing) -> None:
+        super().__init__(parts)
+        self.session, self.service, self.parts = session, service, parts
+        self.areas = AreaBook()
+        session.register("areas", self.areas)
+        self._quiet = QTimer(self)
+        self._quiet.setSingleShot(True)
+        self._quiet.setInterval(QUIET_MS)
+        self._quiet.timeout.connect(self._look_further)
+        drawing.shown.connect(self._drawn)
+        session.look_changed.connect(self._look_changed)
+        session.frame_changed.connect(lambda frame: self._wait())
+        session.opened.connect(self._opened)
+
+    def _opened(self) -> None:
+        self.service.cancel("answers")
+        self._wait()
+        self._show_strips()
+        self._show_answers(())
+
+    def _look_changed(self, before: Look, after: Look) -> None:
+        self._wait()
+        self._show_strips()
+
+    def _wait(self) -> None:
+        self.service.cancel("areas")
+        self._quiet.start()
+
+    def _drawn(self, view: View) -> None:
+        scene, look = self.session.scene, self.session.look
+        if scene is None or not scene.has_semantics or self.session.playing or not look.visible_prompts:
+            self._show_answers(())
+            return
+        frame = round(view.frame)
+        self.service.submit("answers", lambda: answers(scene, frame, look), self._show_answers, self.parts.say, self._show_answers)
+
+    def _show_answers(self, known: tuple[Answer, ...]) -> None:
+        bar, look = self.parts.prompts, self.session.look
+        by_text = {answer.text.casefold(): answer for answer in known}
+        for chip in bar.prompts():
+            answer = by_text.get(chip.text.casefold())
+            bar.set_answer(chip.id, *((answer.area, answer.confidence) if answer is not None else (None, None)))
+        shown = [(answer, prompt) for prompt in look.visible_prompts if (answer := by_text.get(prompt.text.casefold())) is not None]
+        bar.set_histograms([(answer.histogram, QColor(*prompt.colour)) for answer, prompt in shown])
+
+    # Over time
+
+    def _look_further(self) -> None:
+        scene, look = self.session.scene, self.session.look
+        if scene is None or not scene.has_semantics or self.session.playing or not look.visible_prompts:
+            return
+        if self.service.busy("query"):  # the whole clip is being asked already
+            self._quiet.start()
+            return
+        wanted = self.areas.missing(look, scene.frames, self.session.frame)
+        if not wanted:
+            return
+
+        def found(step: tuple[int, dict[str, float]]) -> None:
+            self.take(scene, look, *step)
+
+        self.service.submit("areas", lambda: areas(scene, look, wanted), lambda result: self._show_strips(), self.parts.say, found)
+
+    def take(self, scene: Scene, look: Look, frame: int, found: dict[str, float]) -> None:
+        """Keep the areas of a frame, and show them."""
+        for text, area in found.items():
+            self.areas.curve(text, look, scene.frames)[frame] = area
+        self._show_strips()
+
+    def _show_strips(self) -> None:
+        """The areas of the visible prompts under the timeline."""
+        scene, look, timeline = self.session.scene, self.session.look, self.parts.timeline
+        timeline.clear_strips()
+        if scene is not None and scene.has_semantics and timeline.count() == scene.frames:
+            for prompt in look.visible_prompts:
+                timeline.set_strip(prompt.text, self.areas.curve(prompt.text, look, scene.frames), QColor(*prompt.colour))

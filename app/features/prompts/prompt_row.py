@@ -1,0 +1,191 @@
+"""One prompt: its colour, its words, whether it is shown, and what is wrong with it."""
+
+from __future__ import annotations
+
+from degense.widgets.glyphs import GlyphButton
+from degense.widgets.keys import PRESS, keep_keys
+from degense.widgets.theme import CLASS_COLOURS, error_colour
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPaintEvent, QPixmap, QResizeEvent
+from PySide6.QtWidgets import QColorDialog, QFrame, QGridLayout, QLabel, QMenu, QSizePolicy, QToolButton, QWidget
+
+RIGHT_MARGIN = 4
+
+
+class _Swatch(QToolButton):
+    """A button that shows a colour."""
+
+    def __init__(self, colour: QColor, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.colour = colour
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        keep_keys(self, PRESS)
+
+    def sizeHint(self) -> QSize:
+        side = max(20, self.fontMetrics().height() + 4)
+        return QSize(side, side)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
+            self._paint(painter)
+
+    def _paint(self, painter: QPainter) -> None:
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        role = self.palette().ColorRole.Accent if self.hasFocus() else self.palette().ColorRole.Mid
+        painter.setPen(self.palette().color(role))
+        painter.setBrush(self.colour)
+        painter.drawRoundedRect(self.rect().adjusted(2, 2, -3, -3), 4, 4)
+
+
+class _ElidedLabel(QLabel):
+    """Plain text that ends in dots where there is no room, and then says all in its tooltip."""
+
+    def __init__(self, text: str, parent: QWidget) -> None:
+        super().__init__(text, parent)
+        self.setTextFormat(Qt.TextFormat.PlainText)
+        self.setToolTip(text)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        with QPainter(self) as painter:
+            self._paint(painter)
+
+    def _paint(self, painter: QPainter) -> None:
+        text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
+        alignment = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
+        self.style().drawItemText(painter, self.rect(), alignment, self.palette(), self.isEnabled(), text, self.foregroundRole())
+
+
+class PromptRow(QFrame):
+    """A chip with swatch, words, eye and cross. Signals are the user's doing only."""
+
+    toggled = Signal(bool)
+    recoloured = Signal(QColor)
+    removed = Signal()
+    negated = Signal(bool)
+
+    def __init__(self, text: str, colour: QColor, visible: bool, parent: QWidget, negative: bool = False) -> None:
+        super().__init__(parent)
+        self.setObjectName("chip")
+        self.setAccessibleName(f"Prompt {text}")
+        self.text = text
+        self.error = ""
+        self._visible, self.negative = visible, negative
+        self._swatch = _Swatch(colour, self)
+        self._swatch.setAccessibleName(f"Colour of {text}")
+        self._swatch.setToolTip("Change the colour")
+        self._swatch.setMenu(self._colour_menu())
+        self._label = _ElidedLabel(text, self)
+        self._answer = QLabel(self)
+        self._answer.setObjectName("secondary")
+        self._sign = GlyphButton("plus", "", self)
+        self._sign.clicked.connect(lambda: self._negate(not self.negative))
+        self._eye = GlyphButton("eye", "", self)
+        self._eye.clicked.connect(lambda: self._toggle(not self._visible))
+        self._cross = GlyphButton("cross", f"Remove {text}", self)
+        self._cross.clicked.connect(self.removed)
+        self._complaint = QLabel(self)
+        self._complaint.setTextFormat(Qt.TextFormat.PlainText)
+        self._complaint.setWordWrap(True)
+        self._complaint.hide()
+        layout = QGridLayout(self)
+        layout.setContentsMargins(6, 3, RIGHT_MARGIN, 3)
+        layout.setHorizontalSpacing(6)
+        layout.setVerticalSpacing(2)
+        layout.setColumnStretch(1, 1)
+        for column, widget in enumerate((self._swatch, self._label, self._answer, self._sign, self._eye, self._cross)):
+            layout.addWidget(widget, 0, column)
+        layout.addWidget(self._complaint, 1, 1, 1, 5)
+        self._show_eye()
+        self._show_sign()
+
+    @property
+    def colour(self) -> QColor:
+        return QColor(self._swatch.colour)
+
+    def visible_in_view(self) -> bool:
+        """Whether the prompt's mask is to be shown."""
+        return self._visible
+
+    def show_by_hand(self) -> None:
+        self._toggle(True)
+
+    def set_answer(self, area: float | None, confidence: float | None) -> None:
+        """Say how much of the picture the mask covers and how sure that is, both in [0, 1]; None when it is not known."""
+        known = area is not None and confidence is not None and not self.negative
+        self._answer.setText(f"{area:.1%}  sure {confidence:.2f}" if known else "")
+        self._answer.setToolTip(
+            f"The mask covers {area:.1%} of the picture.\nConfidence {confidence:.2f}: the mean similarity in the mask, less that of the "
+            "best rival; 0 a toss-up, 1 certain."
+            if known
+            else ""
+        )
+
+    def answer(self) -> str:
+        return self._answer.text()
+
+    def _negate(self, negative: bool) -> None:
+        self.negative = negative
+        self._show_sign()
+        self.negated.emit(negative)
+
+    def _show_sign(self) -> None:
+        if self.negative:
+            self._sign.set_glyph("minus", f"{self.text} takes pixels from the masks; press to give it a mask of its own")
+        else:
+            self._sign.set_glyph("plus", f"{self.text} has a mask; press to let it take pixels from the others instead")
+        self._label.setText(f"not {self.text}" if self.negative else self.text)
+        self._swatch.setEnabled(not self.negative)
+
+    def set_error(self, message: str) -> None:
+        self.error = message
+        self._complaint.setText(f"⚠ {message}")
+        colours = self._complaint.palette()
+        colours.setColor(colours.ColorRole.WindowText, error_colour(self.palette()))
+        self._complaint.setPalette(colours)
+        self._complaint.setVisible(bool(message))
+        self._eye.setEnabled(not message)
+        self._make_room()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._make_room()
+
+    def _make_room(self) -> None:
+        """Height for all lines of the complaint: a layout asks a wrapped label for its height before it has its width."""
+        width = self.width() - self._label.x() - RIGHT_MARGIN
+        self._complaint.setMinimumHeight(0)  # which `heightForWidth` would count in
+        self._complaint.setMinimumHeight(self._complaint.heightForWidth(width) if self.error else 0)
+
+    def _toggle(self, on: bool) -> None:
+        self._visible = on
+        self._show_eye()
+        self.toggled.emit(on)
+
+    def _show_eye(self) -> None:
+        self._eye.set_glyph("eye" if self._visible else "eye-off", f"{'Hide' if self._visible else 'Show'} {self.text}")
+        self._label.setEnabled(self._visible)
+
+    def _colour_menu(self) -> QMenu:
+        menu = QMenu(self)
+        for code in CLASS_COLOURS:
+            pixmap = QPixmap(16, 16)
+            pixmap.fill(QColor(code))
+            action = QAction(QIcon(pixmap), code, menu)
+            action.triggered.connect(lambda _checked=False, code=code: self._recolour(QColor(code)))
+            menu.addAction(action)
+        menu.addSeparator()
+        menu.addAction("Another colour…", self._ask_colour)
+        return menu
+
+    def _ask_colour(self) -> None:
+        dialog = QColorDialog(self._swatch.colour, self)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        dialog.colorSelected.connect(self._recolour)
+        dialog.open()
+
+    def _recolour(self, colour: QColor) -> None:
+        self._swatch.colour = QColor(colour)
+        self._swatch.update()
+        self.recoloured.emit(colour)

@@ -1,0 +1,118 @@
+"""The masks of prompts over a clip, as a folder that can be gone on with: label maps, one mask for each prompt, areas over time."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from degense.app.features.viewer.pictures import write_png
+from degense.engine.errors import DegenseError
+from degense.engine.files import write_text
+from degense.engine.progress import Steps
+
+if TYPE_CHECKING:
+    from degense.engine.scene import Scene
+    from degense.engine.scene.clip_query import ClipQuestion
+
+ASKED = "query.json"
+
+
+def write_clip_masks(scene: Scene, asked: ClipQuestion, frames: Sequence[int], out: Path) -> Steps[dict[str, np.ndarray]]:
+    """Answer prompts on frames of a clip, into a folder.
+
+    `labels/NNNNNN.png` (8-bit index into `classes.json`, 255 where no mask is; of overlapping masks the most similar), as clips have them;
+    `masks/KK-PROMPT/NNNNNN.png` (255 in the mask); `areas.csv` (share of the picture). A frame whose files are there is not asked again, if
+    `query.json` says that the same was asked of the same run.
+
+    Returns
+    -------
+    dict of prompt to float64 [frames]
+        Areas, in the order of `frames`.
+
+    Raises
+    ------
+    DegenseError
+        If a prompt is not understood, or the folder holds anything else.
+    """
+    from degense.engine.scene.clip_query import query_clip
+
+    if len({text.casefold() for text in asked.prompts}) < len(asked.prompts):
+        raise DegenseError("A prompt is given twice; give each once.")
+    asked.questions(scene)  # what is not understood is said before anything is written
+    _claim(out, _identity(scene, asked))
+    folders = [out / "masks" / f"{number:02d}-{_plain(text)}" for number, text in enumerate(asked.prompts, 1)]
+    write_text(out / "classes.json", json.dumps({"classes": list(asked.prompts)}, ensure_ascii=False))
+    areas = {frame: _areas(folders, frame) for frame in frames if _label_file(out, frame).is_file()}
+    left = [frame for frame in frames if frame not in areas]
+    yield 1 - len(left) / len(frames), "drawing"
+    for found in query_clip(scene, asked, left):
+        for folder, mask in zip(folders, found.masks, strict=True):
+            write_png(folder / _file(found.frame), mask.astype(np.uint8) * 255)
+        write_png(_label_file(out, found.frame), found.labels)  # last: it says that the frame is whole
+        areas[found.frame] = found.areas
+        yield len(areas) / len(frames), f"frame {found.frame}"
+    table = {text: np.array([areas[frame][index] for frame in frames]) for index, text in enumerate(asked.prompts)}
+    _write_areas(out / "areas.csv", frames, table)
+    return table
+
+
+def _file(frame: int) -> str:
+    return f"{frame:06d}.png"
+
+
+def _label_file(out: Path, frame: int) -> Path:
+    return out / "labels" / _file(frame)
+
+
+def _plain(text: str) -> str:
+    """A prompt as a folder's name."""
+    return re.sub(r"\W+", "-", text).strip("-")[:40].lower() or "prompt"
+
+
+def _identity(scene: Scene, asked: ClipQuestion) -> dict[str, Any]:
+    """What must be the same for masks to go together."""
+    digest = hashlib.sha256((scene.run.path / "model.safetensors").read_bytes()).hexdigest()[:16]
+    about = {"prompts": list(asked.prompts), "decoder": asked.decoder, "threshold": asked.threshold, "negatives": list(asked.negatives)}
+    return {"run": scene.name, "model": digest, "size": list(scene.clip_size), **about}
+
+
+def _claim(out: Path, identity: dict[str, Any]) -> None:
+    """Make the folder this query's own. DegenseError when it holds anything else."""
+    if out.is_dir() and any(out.iterdir()):
+        try:
+            found = json.loads((out / ASKED).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise DegenseError(f"{out} is not empty and holds no masks to go on with; choose another folder.") from error
+        if found != identity:
+            raise DegenseError(f"{out} holds masks of other prompts, settings or another run; choose another folder.")
+    elif out.exists() and not out.is_dir():
+        raise DegenseError(f"{out} is a file; masks of several frames go into a folder.")
+    else:
+        write_text(out / ASKED, json.dumps(identity, ensure_ascii=False))
+
+
+def _areas(folders: Sequence[Path], frame: int) -> np.ndarray:
+    """Shares of the picture float64 [n] of the masks that were written before."""
+    shares = []
+    for folder in folders:
+        mask = cv2.imread(str(folder / _file(frame)), cv2.IMREAD_GRAYSCALE)
+        if mask is None:
+            raise DegenseError(f"{folder / _file(frame)} is missing or damaged; delete the label map of frame {frame} to make it anew.")
+        shares.append((mask > 0).mean())
+    return np.array(shares)
+
+
+def _write_areas(path: Path, frames: Sequence[int], areas: dict[str, np.ndarray]) -> None:
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["frame", *areas])
+    table.writerows([frame, *(f"{values[row]:.6f}" for values in areas.values())] for row, frame in enumerate(frames))
+    write_text(path, text.getvalue())

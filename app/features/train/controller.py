@@ -1,0 +1,289 @@
+"""Train ▸ Start, Pause and Cancel: dialog, queue, process and monitor."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from degense.app.features.documents.opening import Opening
+from degense.app.features.train.dialog import TrainDialog
+from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob
+from degense.app.features.train.process import TrainingProcess
+from degense.app.features.train.queue import TrainingQueue
+from degense.app.session.session import Session
+from degense.app.shell.messages import show_error
+from degense.app.shell.parts import Parts
+from degense.app.shell.worker import RenderService
+from degense.engine.errors import DegenseError
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtWidgets import QFileDialog, QMessageBox
+
+log = logging.getLogger(__name__)
+
+STAGES = {
+    "poses": "Finding the camera",
+    "load": "Reading the clip",
+    "teacher": "Asking the teacher what is where",
+    "flow": "Measuring motion",
+    "coarse": "Coarse: still Gaussians",
+    "joint": "Joint: motion, colour and meaning",
+    "meaning": "Meaning: what is where",
+    "bake": "Saving",
+    "done": "Done",
+}
+
+
+class Training(QObject):
+    """One training at a time, beside everything else; others wait in the queue.
+
+    Signals
+    -------
+    changed()
+        What runs, is paused or waits has changed.
+    """
+
+    changed = Signal()
+
+    def __init__(self, session: Session, service: RenderService, parts: Parts, opening: Opening) -> None:
+        super().__init__(parts)
+        self.session, self.service, self.parts, self.opening = session, service, parts, opening
+        self.queue = TrainingQueue()
+        self.process: TrainingProcess | None = None
+        self._pausing = False
+        self._observed: tuple[int, np.ndarray] | None = None
+        self._then: Callable[[], object] | None = None
+        monitor = parts.monitor
+        monitor.cancel_requested.connect(self.cancel)
+        monitor.pause_requested.connect(self.pause)
+        monitor.resume_requested.connect(self.go_on)
+        monitor.queue.removed.connect(self.queue.remove)
+        monitor.queue.raised.connect(self.queue.raise_)
+        parts.facts.train_requested.connect(self.ask)
+        self.queue.changed.connect(self._show_queue)
+
+    @property
+    def running(self) -> bool:
+        return self.process is not None and self.process.running
+
+    def ask(self, labels: Path | None = None) -> None:
+        """Show the dialog, and start or queue what it says; a folder of label maps becomes the teacher."""
+        clip, answers = self.session.clip, self.opening.clip_answers
+        if clip is None:
+            return
+        if labels is not None:
+            from degense.engine.data.readers import with_labels
+
+            clip, answers = with_labels(clip, labels), {**answers, "labels": str(labels)}
+        settings = self.opening.settings
+        busy = self.running or self.queue.paused is not None
+        dialog = TrainDialog(clip, answers, settings.value.training, busy, self.parts.window)
+        dialog.setObjectName("train")
+
+        def start() -> None:
+            job = dialog.job()
+            settings.update(training=job.answers())
+            self.start(job)
+
+        dialog.accepted.connect(start)
+        dialog.finished.connect(dialog.deleteLater)
+        dialog.open()
+
+    def ask_to_resume(self) -> None:
+        """Ask for a run folder whose training was stopped, and go on with it."""
+        folder = QFileDialog.getExistingDirectory(
+            self.parts.window, "Resume the training of a run", self.opening.settings.value.last_folder
+        )
+        if folder:
+            self.resume(Path(folder))
+
+    def resume(self, run: Path) -> None:
+        from degense.engine.store import Run
+
+        try:
+            info = Run.open(run).info
+        except DegenseError as error:
+            show_error(self.parts.window, str(error))
+            return
+        given = info["clip"].get("options") or {}
+        options = {name: given[name] for name in CLIP_OPTIONS if name in given}
+        self.start(TrainingJob(clip=(run / str(info["clip"]["path"])).resolve(), out=run, resume=True, **options))
+
+    def start(self, job: TrainingJob) -> None:
+        """Train as soon as it is this job's turn."""
+        try:
+            self.queue.add(job)
+        except DegenseError as error:
+            show_error(self.parts.window, str(error))
+            return
+        if self.running or self.queue.paused is not None:
+            self.parts.say(f"{job.out.name} waits for its turn.")
+        self._next()
+
+    def pause(self) -> None:
+        """Let the training save, and leave the machine to others until `go_on`."""
+        if self.process is not None and self.process.running:
+            self._pausing = True
+            self.process.stop()
+
+    def go_on(self) -> None:
+        """Go on with what was paused."""
+        self.queue.resume()
+        self._next()
+
+    def cancel(self) -> None:
+        """Ask it to save and stop; one that is paused has done so, and makes room for the next to be paused."""
+        if self.process is not None:
+            self._pausing = False
+            self.process.stop()
+        elif self.queue.paused is not None:
+            self.queue.forget_paused()
+            self.parts.monitor.cancelled("Stopped; the checkpoint can be resumed.")
+            self._show_paused("Waits. Resume starts it; Cancel gives it up.")
+
+    def offer_kept(self) -> None:
+        """Show what an earlier start of the program did not finish. Nothing of it starts by itself."""
+        jobs = []
+        for data in self.opening.settings.value.trainings:
+            try:
+                jobs.append(TrainingJob.from_json(data))
+            except DegenseError as error:
+                log.warning("%s", error)
+                self.parts.say(str(error))
+        self.queue.restore(jobs)
+        self._show_paused("Left from last time. Resume goes on with it; Cancel gives it up.")
+
+    def _show_paused(self, words: str) -> None:
+        """Show the training that waits for the user, if there is one."""
+        job = self.queue.paused
+        if job is not None:
+            self._show_monitor(job)
+            self.parts.monitor.pause(words)
+
+    def _show_monitor(self, job: TrainingJob) -> None:
+        self.parts.monitor_dock.show()
+        self.parts.monitor_dock.raise_()
+        self.parts.window.resizeDocks([self.parts.monitor_dock], [300], Qt.Orientation.Vertical)
+        self.parts.monitor.start(f"{job.clip.name} → {job.out.name}")
+
+    def _next(self) -> None:
+        """Train in a process of its own, if it is anybody's turn."""
+        job = self.queue.next()
+        if job is None:
+            return
+        process = TrainingProcess(job, self)
+        process.told.connect(self._take)
+        process.finished.connect(self._finished)
+        process.stopped.connect(self._stopped)
+        process.failed.connect(self._failed)
+        self.process, self._pausing, self._observed = process, False, None
+        self._show_monitor(job)
+        process.start()
+        self.changed.emit()
+
+    def _show_queue(self) -> None:
+        self.parts.monitor.queue.set_runs([f"{job.out.name} ({job.preset})" for job in self.queue.waiting])
+        self.opening.settings.update(trainings=tuple(job.to_json() for job in self.queue.jobs))
+        self.changed.emit()
+
+    def may_close(self, close: Callable[[], object]) -> bool:
+        """Whether the window may close now. If a training runs, the user is asked, and `close` is called once it has stopped."""
+        if not self.running:
+            return True
+        box = QMessageBox(self.parts.window)
+        box.setObjectName("training runs")
+        box.setWindowTitle("DeGense")
+        waiting = len(self.queue.waiting)
+        others = f", and so is the queue of {waiting}" if waiting else ""
+        box.setText(f"A training is running. Stop it and close? It saves a checkpoint; at the next start it is offered again{others}.")
+        stop = box.addButton("Stop and save", QMessageBox.ButtonRole.AcceptRole)
+        box.addButton("Keep it running", QMessageBox.ButtonRole.RejectRole)
+
+        def answered() -> None:
+            if box.clickedButton() is stop:
+                self._then = close
+                self.pause()
+
+        box.finished.connect(answered)
+        box.finished.connect(box.deleteLater)
+        box.open()
+        return False
+
+    def _take(self, event: dict[str, Any]) -> None:
+        monitor, kind = self.parts.monitor, event["event"]
+        if kind == "stage":
+            monitor.set_stage(STAGES.get(event.get("stage", ""), str(event.get("stage", ""))))
+        elif kind == "step":
+            monitor.set_stage(f"{STAGES.get(event.get('stage', ''), '')}: {event.get('fraction', 0):.0%}")
+        elif kind == "progress" and "iteration" in event and "iterations" in event:
+            names = ("loss", "psnr", "gaussians", "seconds", "eta")
+            monitor.set_progress(event["iteration"], event["iterations"], **{name: event.get(name) for name in names})
+        elif kind == "preview":
+            self._preview(str(event.get("path", "")), int(event.get("frame", 0)))
+        elif kind == "budget":
+            monitor.note("\n".join(event.get("words", ())))
+        elif kind == "rollback":
+            monitor.note(f"went back to iteration {event.get('iteration')}: {event.get('reason')}")
+
+    def _preview(self, path: str, frame: int) -> None:
+        """Show a preview at once, and beside it the recorded frame, which the worker reads the first time."""
+        picture = cv2.imread(path, cv2.IMREAD_COLOR)
+        if picture is None or self.process is None:
+            return
+        job = self.process.job
+        known = self._observed is not None and self._observed[0] == frame
+        self.parts.monitor.set_preview(picture[..., ::-1].copy(), self._observed[1] if known and self._observed else None)
+        if not known and not self.service.busy("observed"):
+
+            def found(rgb: np.ndarray) -> None:
+                if self.process is not None and self.process.job is job:
+                    self._observed = (frame, rgb)
+                    self.parts.monitor.set_preview(picture[..., ::-1].copy(), rgb)
+
+            self.service.submit("observed", lambda: _recorded(job, frame), found, log.warning)
+
+    def _finished(self, run: str) -> None:
+        assert self.process is not None
+        job = self.process.job
+        self.parts.monitor.finish(f"Finished: {Path(run).name}")
+        nothing_waits = not self.queue.waiting
+        still_there = self.session.scene is None and (self.session.clip is None or self.session.clip.path == job.clip)
+        if self._end() and still_there and nothing_waits:
+            self.opening.open_path(Path(run))
+        else:
+            self.parts.say(f"{run} is finished; open it from the File menu or Train ▸ Runs.", 30)
+
+    def _stopped(self) -> None:
+        if self._pausing:
+            self.parts.monitor.pause("Paused. The machine is free; Resume goes on exactly where it was.")
+        else:
+            self.parts.monitor.cancelled("Stopped; the checkpoint can be resumed.")
+        self._end(paused=self._pausing)
+
+    def _failed(self, message: str) -> None:
+        self.parts.monitor.fail(message)
+        if self._end():
+            show_error(self.parts.window, message)
+
+    def _end(self, paused: bool = False) -> bool:
+        """Forget the process and turn to the next. False when the window closes now."""
+        assert self.process is not None
+        self.process.deleteLater()
+        self.process = None
+        self.queue.ended(paused=paused)
+        then, self._then = self._then, None
+        if then is not None:
+            then()
+        else:
+            self._next()
+        return then is None
+
+
+def _recorded(job: TrainingJob, frame: int) -> np.ndarray:
+    """A frame of the clip that a job trains on, as it was recorded."""
+    from degense.engine.data.readers import ClipOptions, open_clip
+
+    return open_clip(job.clip, ClipOptions(**job.clip_options())).frame(frame)

@@ -1,0 +1,255 @@
+"""What to train, and what it will cost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from degense.app.features.train import settings_help as words
+from degense.app.features.train.job import TrainingJob
+from degense.app.features.train.teacher_folder import TeacherFolder
+from degense.app.shell.settings_table import SettingsTable
+from degense.engine.errors import DegenseError
+from degense.engine.semantics.teachers import default_teacher, teacher_choices
+from degense.widgets.theme import error_colour
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QDialog,
+    QDialogButtonBox,
+    QFileDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QPushButton,
+    QSpinBox,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+if TYPE_CHECKING:
+    from degense.engine.clip import Clip
+
+
+class TrainDialog(QDialog):
+    """Asks for a `TrainingJob`. Every choice says what it does, the cost follows each change, and what cannot be is said before the start.
+
+    Parameters
+    ----------
+    answers : dict
+        What the user has said about the clip (`ClipOptions`).
+    last : dict
+        The answers of the last training (`TrainingJob.answers`).
+    queued : bool
+        Whether another training runs, so that this one will wait.
+    """
+
+    def __init__(self, clip: Clip, answers: dict[str, Any], last: dict[str, Any], queued: bool, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setWindowTitle(f"Train {clip.name}")
+        self.resize(880, 640)
+        self._clip, self._answers = clip, answers
+        self.preset = _combo("Quality", words.PRESET_WORDS)
+        self.routing = _combo("Gradient routing", words.ROUTING_WORDS)
+        self._teachers = {choice.name: choice for choice in teacher_choices(clip)}
+        self.teacher = _combo("Meaning from", words.teacher_words(self._teachers.values()))
+        self.folder = TeacherFolder()
+        self.device = _combo("Device", words.DEVICE_WORDS)
+        self.poses = _combo("Camera", words.POSES_WORDS)
+        self.fit = QCheckBox("Fit the budget to the clip")
+        self.iterations = _number("Iterations", 1_000_000, 500, "as the preset")
+        self.gaussians = _number("Gaussians", 5_000_000, 5000, "as the preset")
+        self.seed = _number("Seed", 2**31 - 1, 1, "")
+        self.out = QLineEdit(str(_free_folder(clip.path.parent / f"{clip.path.stem}-run")))
+        self.out.setAccessibleName("Run folder")
+        self.table = SettingsTable()
+        self.cost, self.complaint = QLabel(), QLabel()
+        for label, name in ((self.cost, "Cost"), (self.complaint, "What is wrong")):
+            label.setWordWrap(True)
+            label.setAccessibleName(name)
+        colours = self.complaint.palette()
+        colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
+        self.complaint.setPalette(colours)
+        self.buttons = QDialogButtonBox()
+        self.start = self.buttons.addButton("Add to queue" if queued else "Start", QDialogButtonBox.ButtonRole.AcceptRole)
+        self.buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
+        self.reset = self.buttons.addButton("Defaults", QDialogButtonBox.ButtonRole.ResetRole)
+        self.buttons.accepted.connect(self.accept)
+        self.buttons.rejected.connect(self.reject)
+        self.reset.clicked.connect(lambda: self.fill({}))
+        tabs = QTabWidget()
+        tabs.setDocumentMode(True)
+        tabs.addTab(self._choices(), "Choices")
+        tabs.addTab(self.table, "All settings")
+        tabs.setAccessibleName("Pages")
+        column = QVBoxLayout(self)
+        column.addWidget(tabs, 1)
+        column.addWidget(self.cost)
+        column.addWidget(self.complaint)
+        column.addWidget(self.buttons)
+        self.fill(last)
+        for box in (self.preset, self.routing, self.teacher, self.device, self.poses):
+            box.currentIndexChanged.connect(self._update)
+        self.folder.changed.connect(self._update)
+        for number in (self.iterations, self.gaussians, self.seed):
+            number.valueChanged.connect(self._update)
+        self.fit.toggled.connect(self._update)
+        self.out.textChanged.connect(self._update)
+        self.table.changed.connect(self._update)
+        self._update()
+
+    def job(self) -> TrainingJob:
+        job = TrainingJob(
+            clip=self._clip.path,
+            out=Path(self.out.text()),
+            preset=self.preset.currentData(),
+            routing=self.routing.currentData(),
+            teacher=self.folder.teacher,
+            iterations=self.iterations.value() or None,
+            max_gaussians=self.gaussians.value() or None,
+            device=self.device.currentData(),
+            seed=self.seed.value(),
+            fit=self.fit.isChecked(),
+            settings=self.table.typed,
+        )
+        return replace(job, **(self._answers | {"poses": self.poses.currentData()}))
+
+    def fill(self, answers: dict[str, Any]) -> None:
+        """Show the answers of an earlier training; the rest is as in a fresh dialog, and so is a teacher that this clip lacks."""
+        job = TrainingJob(self._clip.path, Path(), routing="isolated", device="auto", seed=0).with_answers(answers)
+        kind, _, place = (job.teacher or "").partition(":")
+        if kind not in self._teachers or not (place or self._teachers[kind].available):
+            kind, place = default_teacher(self._clip), ""
+        self.folder.line.setText(place)
+        choices = (
+            (self.preset, job.preset),
+            (self.routing, job.routing),
+            (self.teacher, kind),
+            (self.device, job.device),
+            (self.poses, self._answers.get("poses", "auto")),
+        )
+        for box, value in choices:
+            box.setCurrentIndex(max(0, box.findData(value)))
+        self.iterations.setValue(job.iterations or 0)
+        self.gaussians.setValue(job.max_gaussians or 0)
+        self.seed.setValue(job.seed or 0)
+        self.fit.setChecked(job.fit)
+        self.table.set_typed(job.settings)
+        self._update()
+
+    def _choices(self) -> QWidget:
+        page = QWidget()
+        grid = QGridLayout(page)
+        grid.setColumnStretch(2, 1)
+        grid.setHorizontalSpacing(14)
+        grid.setVerticalSpacing(9)
+        browse = QPushButton("Choose…")
+        browse.clicked.connect(self._browse)
+        folder = QWidget()
+        line = QHBoxLayout(folder)
+        line.setContentsMargins(0, 0, 0, 0)
+        line.addWidget(self.out, 1)
+        line.addWidget(browse)
+        rows: tuple[tuple[str, QWidget, dict[str, tuple[str, str]] | str], ...] = (
+            ("Quality", self.preset, words.PRESET_WORDS),
+            ("Meaning from", self.teacher, words.teacher_words(self._teachers.values())),
+            ("Teacher's folder", self.folder, words.TEACHER_FOLDER_WORDS),
+            ("Gradient routing", self.routing, words.ROUTING_WORDS),
+            ("Camera", self.poses, words.POSES_WORDS),
+            ("Device", self.device, words.DEVICE_WORDS),
+            ("Budget", self.fit, words.FIT_WORDS),
+            ("Iterations", self.iterations, words.ITERATION_WORDS),
+            ("Gaussians", self.gaussians, words.GAUSSIAN_WORDS),
+            ("Seed", self.seed, words.SEED_WORDS),
+        )
+        for row, (title, control, said) in enumerate(rows):
+            name = QLabel(title)
+            name.setBuddy(control)
+            control.setMinimumWidth(210)
+            grid.addWidget(name, row, 0)
+            grid.addWidget(control, row, 1)
+            grid.addWidget(_explained(control, said), row, 2)
+        grid.addWidget(QLabel("Run folder"), len(rows), 0)
+        grid.addWidget(folder, len(rows), 1, 1, 2)
+        grid.addWidget(_secondary(words.OUT_WORDS), len(rows) + 1, 1, 1, 2)
+        grid.setRowStretch(len(rows) + 2, 1)
+        return page
+
+    def _update(self) -> None:
+        from degense.engine.training import estimate
+
+        self.folder.follow(self.teacher.currentData())
+        job, problem = self.job(), ""
+        try:
+            config = job.config()
+            self.table.show_config(config)
+            self.cost.setText(f"<b>Cost:</b> {estimate(self._clip, config)['words']}.")
+        except DegenseError as error:
+            self.cost.setText("<b>Cost:</b> –")
+            problem = str(error)
+        if job.teacher in self._teachers and not self._teachers[job.teacher].available:
+            problem = words.sentence(self._teachers[job.teacher].reason)
+        if not self.out.text().strip():
+            problem = "Choose a folder for the run."
+        elif job.out.is_file() or (job.out.is_dir() and any(job.out.iterdir())):
+            problem = f"{job.out} is not empty; choose another folder."
+        self.complaint.setText(problem)
+        self.complaint.setVisible(bool(problem))
+        self.start.setEnabled(not problem)
+
+    def _browse(self) -> None:
+        folder = QFileDialog.getSaveFileName(self, "Folder for the run", self.out.text(), "")[0]
+        if folder:
+            self.out.setText(folder)
+
+
+def _combo(name: str, entries: dict[str, tuple[str, str]]) -> QComboBox:
+    box = QComboBox()
+    box.setAccessibleName(name)
+    for value, (title, said) in entries.items():
+        box.addItem(title, value)
+        box.setItemData(box.count() - 1, said, Qt.ItemDataRole.ToolTipRole)
+    return box
+
+
+def _number(name: str, most: int, step: int, none: str) -> QSpinBox:
+    box = QSpinBox()
+    box.setAccessibleName(name)
+    box.setRange(0, most)
+    box.setSingleStep(step)
+    box.setGroupSeparatorShown(True)
+    box.setSpecialValueText(none)
+    return box
+
+
+def _secondary(text: str) -> QLabel:
+    label = QLabel(text)
+    label.setObjectName("secondary")
+    label.setWordWrap(True)
+    return label
+
+
+def _explained(control: QWidget, said: dict[str, tuple[str, str]] | str) -> QLabel:
+    """What a choice does; it follows the choice."""
+    label = _secondary(said if isinstance(said, str) else "")
+    if isinstance(control, QComboBox) and not isinstance(said, str):
+
+        def show() -> None:
+            label.setText(said[control.currentData()][1])
+
+        control.currentIndexChanged.connect(show)
+        show()
+    return label
+
+
+def _free_folder(path: Path) -> Path:
+    """`path`, or the first of path-2, path-3, … that does not exist."""
+    candidate, number = path, 2
+    while candidate.exists():
+        candidate = path.with_name(f"{path.name}-{number}")
+        number += 1
+    return candidate

@@ -1,0 +1,246 @@
+"""How training goes: stage, numbers, curves, a preview against the recorded frame, and buttons that pause and stop it."""
+
+from __future__ import annotations
+
+import numpy as np
+from degense.app.features.train.queue_list import RunQueue
+from degense.widgets.curve_plot import CurvePlot
+from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.keys import PRESS, keep_keys
+from degense.widgets.theme import error_colour
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QSplitter, QVBoxLayout, QWidget
+
+STATES = ("idle", "running", "paused", "finished", "failed", "cancelled")
+
+COMPARES = (("wipe", "Wipe: model | recorded"), ("off", "Model"), ("blink", "Blink"), ("difference", "Difference"))
+
+_FACTS = ("Iteration", "Loss", "PSNR", "Gaussians", "Elapsed", "Time left")
+
+
+def duration(seconds: float) -> str:
+    """A time span in words one reads at a glance."""
+    seconds = max(round(seconds), 0)
+    if seconds < 60:
+        return f"{seconds} s"
+    minutes, seconds = divmod(seconds, 60)
+    if minutes < 60:
+        return f"{minutes} min {seconds:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+class TrainingMonitor(QWidget):
+    """Shows what it is told. The buttons only ask (`cancel_requested`, …); the state changes when the end is reported."""
+
+    cancel_requested = Signal()
+    pause_requested = Signal()
+    resume_requested = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("Training")
+        self._state = "idle"
+        self._heading = QLabel(self)
+        font = self._heading.font()
+        font.setBold(True)
+        self._heading.setFont(font)
+        self._heading.setTextFormat(Qt.TextFormat.PlainText)
+        self._stage = QLabel(self)
+        self._stage.setAccessibleName("State")
+        self._stage.setTextFormat(Qt.TextFormat.PlainText)
+        self._stage.setWordWrap(True)
+        self._bar = QProgressBar(self)
+        self._bar.setAccessibleName("Progress")
+        self._bar.setTextVisible(True)
+        self._cancel = QPushButton("Cancel", self)
+        self._cancel.setToolTip("Stop training; what is learnt so far is kept as a checkpoint")
+        self._cancel.clicked.connect(self._ask_to_stop)
+        keep_keys(self._cancel, PRESS)
+        self._pause = QPushButton("Pause", self)
+        self._pause.clicked.connect(self._ask_to_pause)
+        keep_keys(self._pause, PRESS)
+        self._facts: dict[str, QLabel] = {}
+        facts = QGridLayout()
+        facts.setHorizontalSpacing(10)
+        facts.setVerticalSpacing(2)
+        for i, name in enumerate(_FACTS):
+            label, value = QLabel(name, self), QLabel("–", self)
+            label.setObjectName("secondary")
+            value.setAccessibleName(name)
+            row, column = i // 3, 2 * (i % 3)
+            facts.addWidget(label, row, column)
+            facts.addWidget(value, row, column + 1)
+            facts.setColumnStretch(column + 1, 1)
+            self._facts[name] = value
+        self._note = QLabel(self)
+        self._note.setObjectName("secondary")
+        self._note.setTextFormat(Qt.TextFormat.PlainText)
+        self._note.setWordWrap(True)
+        self._note.hide()
+        self._plot = CurvePlot(self)
+        self._plot.setAccessibleName("Loss")
+        self._plot.set_labels("iteration", "loss")
+        self._plot.set_log_y(True)
+        self._plot.set_message("The loss curve appears here")
+        self._scores = CurvePlot(self)
+        self._scores.setAccessibleName("PSNR")
+        self._scores.set_labels("iteration", "PSNR [dB]")
+        self._scores.set_message("The PSNR of the training frames appears here")
+        self._preview = RenderPanel(self)
+        self._preview.setAccessibleName("Preview")
+        self._preview.set_message("A preview appears here during training")
+        self._compare = QComboBox(self)
+        self._compare.setAccessibleName("Compare the preview with the recorded frame")
+        for mode, words in COMPARES:
+            self._compare.addItem(words, mode)
+        self._compare.currentIndexChanged.connect(lambda: self._preview.set_compare_mode(self._compare.currentData()))
+        self._preview.set_compare_mode("wipe")
+        shown = QWidget(self)
+        below = QVBoxLayout(shown)
+        below.setContentsMargins(0, 0, 0, 0)
+        below.setSpacing(4)
+        below.addWidget(self._preview, 1)
+        below.addWidget(self._compare)
+        self.queue = RunQueue(self)
+        split = QSplitter(Qt.Orientation.Horizontal, self)
+        split.setChildrenCollapsible(False)
+        for part in (self._plot, self._scores, shown, self.queue):
+            split.addWidget(part)
+        split.setSizes([300, 300, 300, 160])
+
+        top = QHBoxLayout()
+        top.addWidget(self._heading, 1)
+        top.addWidget(self._pause)
+        top.addWidget(self._cancel)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(8, 8, 8, 8)
+        layout.setSpacing(6)
+        layout.addLayout(top)
+        layout.addWidget(self._stage)
+        layout.addWidget(self._bar)
+        layout.addLayout(facts)
+        layout.addWidget(self._note)
+        layout.addWidget(split, 1)
+        self.reset()
+
+    def state(self) -> str:
+        return self._state
+
+    def reset(self) -> None:
+        """As if nothing had been trained."""
+        self._clear()
+        self._enter("idle", "No training is running")
+        self._heading.setText("Training")
+
+    def start(self, title: str = "") -> None:
+        """A run begins: empty curves, unknown progress."""
+        self._clear()
+        self._heading.setText(title or "Training")
+        self._bar.setRange(0, 0)
+        self._enter("running", "Starting…")
+
+    def set_stage(self, text: str) -> None:
+        self._stage.setText(text)
+
+    def set_progress(
+        self,
+        iteration: int,
+        iterations: int,
+        loss: float | None = None,
+        psnr: float | None = None,
+        gaussians: int | None = None,
+        seconds: float | None = None,
+        eta: float | None = None,
+    ) -> None:
+        """Numbers as they come; None leaves what is shown. PSNR in dB, times in seconds."""
+        self._bar.setRange(0, max(iterations, 1))
+        self._bar.setValue(iteration)
+        texts = {
+            "Iteration": f"{iteration:,} / {iterations:,}",
+            "Loss": None if loss is None else f"{loss:.4g}",
+            "PSNR": None if psnr is None else f"{psnr:.2f} dB",
+            "Gaussians": None if gaussians is None else f"{gaussians:,}",
+            "Elapsed": None if seconds is None else duration(seconds),
+            "Time left": None if eta is None else duration(eta),
+        }
+        for name, text in texts.items():
+            if text is not None:
+                self._facts[name].setText(text)
+        if loss is not None:
+            self._plot.append("loss", iteration, loss)
+        if psnr is not None:
+            self._scores.append("PSNR", iteration, psnr)
+
+    def set_preview(self, rgb: np.ndarray | None, observed: np.ndarray | None = None) -> None:
+        """Show a frame as the model draws it, uint8 [H, W, 3], and as it was recorded."""
+        self._preview.set_image(rgb)
+        if observed is not None:
+            self._preview.set_observed(observed)
+
+    def note(self, text: str) -> None:
+        """A remark that stays until the next, such as a rollback; empty takes it away."""
+        self._note.setText(text)
+        self._note.setVisible(bool(text))
+
+    def finish(self, message: str) -> None:
+        self._bar.setRange(0, 1)
+        self._bar.setValue(1)
+        self._facts["Time left"].setText("–")
+        self._enter("finished", message)
+
+    def fail(self, message: str) -> None:
+        self._stop_bar()
+        self._enter("failed", message)
+
+    def pause(self, message: str) -> None:
+        """It has made room and can go on."""
+        self._stop_bar()
+        self._enter("paused", message)
+
+    def cancelled(self, message: str = "") -> None:
+        self._stop_bar()
+        self._enter("cancelled", message or "Stopped")
+
+    def _enter(self, state: str, message: str) -> None:
+        self._state = state
+        self._stage.setText(f"⚠ {message}" if state == "failed" else message)
+        colours = self.palette()
+        if state == "failed":
+            colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
+        self._stage.setPalette(colours)
+        self._cancel.setText("Cancel")
+        self._cancel.setEnabled(state in ("running", "paused"))
+        self._pause.setText("Resume" if state == "paused" else "Pause")
+        self._pause.setToolTip("Go on where it was paused" if state == "paused" else "Save and make room; it goes on exactly where it was")
+        self._pause.setEnabled(state in ("running", "paused"))
+
+    def _clear(self) -> None:
+        self._bar.setRange(0, 1)
+        self._bar.reset()
+        self._plot.clear()
+        self._scores.clear()
+        self._preview.set_image(None)
+        self._preview.set_observed(None)
+        self.note("")
+        for value in self._facts.values():
+            value.setText("–")
+
+    def _stop_bar(self) -> None:
+        if self._bar.maximum() == 0:
+            self._bar.setRange(0, 1)
+            self._bar.reset()
+        self._facts["Time left"].setText("–")
+
+    def _ask_to_stop(self) -> None:
+        self._cancel.setEnabled(False)
+        self._pause.setEnabled(False)
+        self._cancel.setText("Stopping…")
+        self.cancel_requested.emit()
+
+    def _ask_to_pause(self) -> None:
+        self._pause.setEnabled(False)
+        if self._state == "paused":
+            self.resume_requested.emit()
+        else:
+            self._pause.setText("Pausing…")
+            self.pause_requested.emit()

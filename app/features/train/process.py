@@ -1,0 +1,171 @@
+"""Training in a process of its own, seen from the window: JSON lines in, `stop` out."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from degense.app.features.train.job import TrainingJob
+from PySide6.QtCore import QObject, QProcess, QTimer, Signal
+
+log = logging.getLogger(__name__)
+
+SAVE_SECONDS, TERMINATE_SECONDS = 15.0, 5.0
+MAX_LINE = 1 << 20
+
+
+class EventLines:
+    """Turns pieces of output into events. Lines that are no event are handed back as text; overlong lines are dropped, not gathered."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def feed(self, piece: bytes) -> tuple[list[dict[str, Any]], list[str]]:
+        """Events and other lines that are complete now."""
+        *lines, self._rest = (self._rest + piece).split(b"\n")
+        if len(self._rest) > MAX_LINE:
+            self._rest = b""
+        events, others = [], []
+        for line in lines:
+            text = line.decode("utf-8", "replace").strip()
+            try:
+                event = json.loads(text)
+            except ValueError:
+                event = None
+            if isinstance(event, dict) and isinstance(event.get("event"), str):
+                events.append(event)
+            elif text:
+                others.append(text)
+        return events, others
+
+
+class TrainingProcess(QObject):
+    """A running training.
+
+    Signals
+    -------
+    told(event)
+        Each event (docs/architecture.md) as it comes.
+    finished(run path)
+        Training is complete.
+    stopped()
+        It was stopped on request; a checkpoint is kept when it had got that far.
+    failed(message)
+        In words for the user.
+
+    Exactly one of the last three is emitted.
+    """
+
+    told = Signal(dict)
+    finished = Signal(str)
+    stopped = Signal()
+    failed = Signal(str)
+
+    def __init__(self, job: TrainingJob, parent: QObject | None = None, command: Sequence[str] | None = None) -> None:
+        super().__init__(parent)
+        self.job = job
+        self._command = list(command or [sys.executable, "-m", "degense.app", *job.arguments()])
+        self._lines = EventLines()
+        self._complaints: deque[str] = deque(maxlen=30)
+        self._message: str | None = None
+        self._run: str | None = None
+        self._stopping = self._ended = False
+        self._process = QProcess(self)
+        self._process.setWorkingDirectory(str(Path.cwd()))
+        self._process.readyReadStandardOutput.connect(self._read)
+        self._process.readyReadStandardError.connect(self._read_complaints)
+        self._process.finished.connect(self._on_finished)
+        self._process.errorOccurred.connect(self._on_error)
+        self._terminated = False
+        self._patience = QTimer(self, singleShot=True)
+        self._patience.timeout.connect(self._insist)
+
+    @property
+    def running(self) -> bool:
+        return not self._ended
+
+    @property
+    def stopping(self) -> bool:
+        return self._stopping
+
+    def start(self) -> None:
+        log.info("starting %s", " ".join(self._command))
+        self._process.start(self._command[0], self._command[1:])
+
+    def stop(self) -> None:
+        """Ask it to save and leave; if it does not, terminate it, and at last kill it. Returns at once."""
+        if self._ended or self._stopping:
+            return
+        self._stopping = True
+        self._process.write(b"stop\n")
+        self._patience.start(round(SAVE_SECONDS * 1000))
+
+    def wait(self, seconds: float) -> bool:
+        """Block until it has ended; False when it has not after `seconds`. For closing the window."""
+        return self._ended or self._process.waitForFinished(round(seconds * 1000))
+
+    def _insist(self) -> None:
+        if self._process.state() == QProcess.ProcessState.NotRunning:
+            return
+        if self._terminated:
+            self._process.kill()
+        else:
+            self._process.terminate()
+            self._terminated = True
+            self._patience.start(round(TERMINATE_SECONDS * 1000))
+
+    def _read(self) -> None:
+        events, others = self._lines.feed(bytes(self._process.readAllStandardOutput().data()))
+        for text in others:
+            log.info("training says: %s", text[:500])
+        for event in events:
+            self._take(event)
+
+    def _take(self, event: dict[str, Any]) -> None:
+        kind = event["event"]
+        if kind == "done":
+            self._run = str(event.get("run", self.job.out))
+        elif kind == "error":
+            self._message = str(event.get("message", "Training failed."))
+        elif kind == "stopped":
+            self._stopping = True
+        self.told.emit(event)
+
+    def _read_complaints(self) -> None:
+        for text in bytes(self._process.readAllStandardError().data()).decode("utf-8", "replace").splitlines():
+            if text.strip():
+                self._complaints.append(text.strip())
+                log.warning("training: %s", text[:500])
+
+    def _on_error(self, error: QProcess.ProcessError) -> None:
+        if error == QProcess.ProcessError.FailedToStart:
+            self._end()
+            self.failed.emit(f"The training process could not be started ({self._process.errorString()}).")
+
+    def _on_finished(self, code: int, status: QProcess.ExitStatus) -> None:
+        if self._ended:
+            return
+        self._read()
+        self._read_complaints()
+        self._end()
+        if self._message is not None:
+            self.failed.emit(self._message)
+        elif self._run is not None:
+            self.finished.emit(self._run)
+        elif self._stopping:
+            self.stopped.emit()
+        elif self._complaints and self._complaints[-1].startswith("degense: "):
+            self.failed.emit(self._complaints[-1].removeprefix("degense: "))
+        elif status == QProcess.ExitStatus.CrashExit:
+            self.failed.emit("The training process was ended by the system, often for want of memory. Try a smaller preset, or resume.")
+        else:
+            self.failed.emit(f"The training process ended with status {code}; the log has the details.")
+
+    def _end(self) -> None:
+        self._ended = True
+        self._patience.stop()

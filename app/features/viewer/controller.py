@@ -1,0 +1,243 @@
+"""From the session to both views: one request at a time, the latest only, and both views in the same moment."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from degense.app.features.viewer.pictures import get_layer
+from degense.app.features.viewer.view import EXCLUDED, SplatArrays, View, ViewRequest, draw_clip, draw_still, draw_view, layer_request
+from degense.app.session.session import Session
+from degense.app.session.view_state import Look
+from degense.app.shell.parts import WELCOME, Parts
+from degense.app.shell.worker import RenderService
+from degense.engine.camera import Camera
+from degense.engine.colour_maps import UNKNOWN
+from degense.engine.progress import Steps
+from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.splats.camera_moves import letterboxed
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QColor
+
+if TYPE_CHECKING:
+    from degense.engine.scene import Scene
+
+
+class Drawing(QObject):
+    """Asks the render service for what the session shows, and hands the answer to the widgets.
+
+    Signals
+    -------
+    shown(View)
+        After both views show it.
+
+    Attributes
+    ----------
+    from_free_camera : bool
+        Whether the picture is drawn from where the 3D view has been turned to, and not from the surgeon's camera.
+    recorded : bool
+        Whether the picture is the recorded frame: labels belong to that.
+    """
+
+    shown = Signal(object)
+
+    def __init__(self, session: Session, service: RenderService, parts: Parts) -> None:
+        super().__init__(parts)
+        self.session, self.service, self.parts = session, service, parts
+        self.view: View | None = None
+        self._splats: SplatArrays | None = None  # that the 3D view has
+        self.milliseconds: deque[float] = deque(maxlen=200)
+        self._spans: dict[tuple[str, tuple[str, ...], float], tuple[float, float]] = {}
+        self._camera: Camera | None = None
+        self._asked = 0.0
+        self.from_free_camera = False
+        self.recorded = False
+        session.opened.connect(self._opened)
+        session.frame_changed.connect(lambda frame: self.request())
+        session.look_changed.connect(lambda before, after: self.request())
+        session.playing_changed.connect(self._playing_changed)
+        session.camera_mode_changed.connect(lambda mode: self._aim(force=True))
+
+    def use_splat_view(self) -> None:
+        """The 3D view is there now."""
+        assert self.parts.splats is not None
+        self.parts.splats.locked_changed.connect(self._locked_changed)
+        self.parts.splats.camera_moved.connect(self._camera_moved)
+        self.parts.splats.still_wanted.connect(self._draw_still)
+        self.parts.splats.setVisible(self.session.scene is not None)
+        self.request()
+
+    def request(self) -> None:
+        """Draw what the session shows now."""
+        session = self.session
+        self._asked = time.perf_counter()
+        if session.scene is not None:
+            scene, look = session.scene, session.look
+            splats = self.parts.splats is not None and not self.parts.splats.isHidden()
+            wanted = ViewRequest(session.frame, look, self._span(scene, look), splats, session.playing, self.free_camera(), self.recorded)
+            self.service.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
+        elif session.clip is not None:
+            clip, frame = session.clip, session.frame
+            self.service.submit("view", lambda: draw_clip(clip, frame), self._show, self._failed)
+
+    def _playing_changed(self, playing: bool) -> None:
+        if not playing:
+            self.request()  # with the exact masks
+
+    def _opened(self) -> None:
+        self._spans.clear()
+        self.view = self._camera = self._splats = None
+        self.service.cancel("range")
+        self.parts.panel.set_overlay(None)
+        self.parts.panel.set_observed(None)
+        self.parts.panel.clear_marker()
+        if self.parts.splats is not None:
+            self.parts.splats.setVisible(self.session.scene is not None)
+        if self.session.frames == 0:
+            self.parts.panel.set_image(None)
+            self.parts.panel.set_message(WELCOME)
+        self.request()
+
+    # Ranges
+
+    def _span(self, scene: Scene, look: Look) -> tuple[float, float] | None:
+        chosen = look.range(look.layer)
+        if chosen.mode == "fixed":
+            return chosen.low, chosen.high
+        if chosen.mode == "frame" or get_layer(look.layer).kind != "scalar":
+            return None
+        texts = tuple(prompt.text for prompt in look.visible_prompts) if get_layer(look.layer).needs_prompt else ()
+        key = (look.layer, texts, chosen.clip)
+        if key not in self._spans and not get_layer(look.layer).missing(scene, texts):
+
+            def found(span: tuple[float, float]) -> None:
+                self._spans[key] = span
+                self.parts.set_busy()
+                self.request()
+
+            def failed(message: str) -> None:
+                self.parts.set_busy()
+                self._failed(message)
+
+            def progress(step: tuple[float, str]) -> None:
+                self.parts.set_busy("Range of the whole sequence", step[0])
+
+            self.service.submit("range", lambda: _sequence_range(scene, look), found, failed, progress)
+        return self._spans.get(key)
+
+    # Answers
+
+    def _show(self, view: View) -> None:
+        same_frame = self.view is not None and self.view.frame == view.frame
+        if self.view is not None and same_frame and not view.complete and np.array_equal(view.rgb, self.view.rgb):
+            return  # nothing new before the masks
+        self.view = view
+        parts = self.parts
+        self.fill(parts.panel, view, keep_overlay=same_frame)
+        if view.span is not None:
+            parts.colour_bar.set_range(*view.span)
+            parts.colour_bar.set_unit(view.unit)
+            parts.colour_bar.set_cmap(view.cmap)
+        parts.colour_bar.setVisible(view.span is not None)
+        self._show_bars(view)
+        if view.complete:
+            parts.panel.repaint()  # the answer first: all that follows from it can wait
+        # A changed look waits for its masks: the 3D view would be drawn twice, and the worker would do it before them.
+        arrays = view.splats if view.complete or not same_frame else None
+        if arrays is not None and arrays is not self._splats and parts.splats is not None:
+            self._splats = arrays
+            parts.splats.set_splats(arrays.means, arrays.quats, arrays.scales, arrays.opacities, arrays.colours)
+            self._aim()
+        if view.complete:
+            parts.timeline.frame_drawn()
+            self.milliseconds.append(1000 * (time.perf_counter() - self._asked))
+            self.shown.emit(view)
+
+    def fill(self, panel: RenderPanel, view: View, keep_overlay: bool = False) -> None:
+        """Show a view in a panel: picture, masks, what was observed, and what the colours mean.
+
+        With `keep_overlay` the masks that lie there stay until the new ones are known.
+        """
+        look = self.session.look
+        panel.set_image(view.rgb)
+        if view.complete or not keep_overlay:
+            panel.set_overlay(view.masks)
+        panel.set_overlay_opacity(look.overlay_opacity)
+        panel.set_observed(view.observed)
+        panel.set_compare_mode(look.compare)
+        shown = look.visible_prompts if view.masks is not None or look.layer == "mask" else ()
+        legend = [(prompt.text, QColor(*prompt.colour)) for prompt in shown]
+        if self.session.scene is None and view.masks is not None:
+            legend = [("left out: instrument or outside the field of view", QColor(*EXCLUDED))]
+        if view.uncertain:
+            legend.append((view.uncertain, QColor(*UNKNOWN)))
+        panel.set_legend(legend)
+
+    def _show_bars(self, view: View) -> None:
+        """The colour bar in both views."""
+        title = get_layer(self.session.look.layer).title
+        for bar in self.parts.bars:
+            if view.span is None:
+                bar.hide()
+            else:
+                bar.show_range(f"{title} [{view.unit}]" if view.unit else title, *view.span, view.cmap)
+
+    def _failed(self, message: str) -> None:
+        self.view = None
+        for bar in self.parts.bars:
+            bar.hide()
+        self.parts.panel.set_image(None)
+        self.parts.panel.set_overlay(None)
+        self.parts.panel.set_message(message)
+        self.parts.timeline.frame_drawn()
+
+    # The 3D camera
+
+    def _aim(self, force: bool = False) -> None:
+        """Put the 3D view where the session wants it: at the surgeon's camera of this frame, or where the user has turned it."""
+        splats, scene = self.parts.splats, self.session.scene
+        if splats is None or scene is None:
+            return
+        camera = scene.camera(self.session.frame)
+        if self.session.camera_mode == "surgeon":
+            if camera is not self._camera or force or not splats.is_locked():
+                splats.set_camera(camera)
+                self._camera = camera
+        elif splats.is_locked():
+            splats.set_free_camera(splats.camera())
+
+    def free_camera(self) -> Camera | None:
+        """Where the 3D view has been turned to, as a camera of the clip's size, when the pictures are to be drawn from there too."""
+        splats, scene = self.parts.splats, self.session.scene
+        if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.is_locked():
+            return None
+        return letterboxed(splats.camera(), *scene.clip_size)
+
+    def _camera_moved(self, camera: Camera) -> None:
+        if self.from_free_camera:
+            self.request()
+
+    def _draw_still(self) -> None:
+        """Draw the 3D view in the worker, where there is no GPU."""
+        splats = self.parts.splats
+        request = splats.still_request() if splats is not None else None
+        if splats is not None and request is not None:
+            self.service.submit("still", lambda: draw_still(request), splats.set_still, self.parts.say)
+
+    def _locked_changed(self, locked: bool) -> None:
+        self.session.camera_mode = "surgeon" if locked else "free"
+
+
+def _sequence_range(scene: Scene, look: Look) -> Steps[tuple[float, float]]:
+    """The range of a layer over the whole sequence. Its frames are drawn one a step, and kept by the scene, so that nobody waits long."""
+    from degense.engine.layers.ranges import SEQUENCE_SAMPLES, layer_range
+
+    layer, request = get_layer(look.layer), layer_request(look, 0)
+    frames = [round(index * (scene.frames - 1) / max(1, SEQUENCE_SAMPLES - 1)) for index in range(SEQUENCE_SAMPLES)]
+    for done, frame in enumerate(frames):
+        yield done / len(frames), "range"
+        layer.image(scene, replace(request, frame=float(frame)))
+    return layer_range(scene, layer, request, "sequence", look.range(look.layer).clip)

@@ -1,0 +1,131 @@
+"""Pictures put together without a window: a layer in colours, masks over it, a colour bar beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from degense.engine.colour_maps import colour_table, mask_overlay
+from degense.engine.errors import DegenseError
+from degense.engine.files import replacing
+
+if TYPE_CHECKING:
+    from degense.engine.layers import Layer, LayerRequest
+    from degense.engine.scene import Scene
+
+BACKGROUND, INK = 24, 230
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+def get_layer(name: str) -> Layer:
+    """The layer of that name.
+
+    Raises
+    ------
+    DegenseError
+        When there is none; the sentence lists those there are.
+    """
+    from degense.engine.layers import LAYERS
+
+    if name not in LAYERS:
+        raise DegenseError(f"There is no layer {name!r}; choose one of {', '.join(LAYERS)}.")
+    return LAYERS[name]
+
+
+def check_decoder(name: str | None) -> None:
+    """DegenseError when a decoder is asked for that there is not."""
+    from degense.engine.semantics.masks import DECODERS
+
+    if name is not None and name not in DECODERS:
+        raise DegenseError(f"There is no decoder {name!r}; choose one of {', '.join(DECODERS)}.")
+
+
+def check_frame(scene: Scene, frame: float) -> float:
+    """`frame`, when the scene has it; DegenseError otherwise."""
+    if not 0 <= frame <= scene.frames - 1:
+        raise DegenseError(f"There is no frame {frame:g} in {scene.name}; its frames are 0 to {scene.frames - 1}.")
+    return int(frame) if float(frame).is_integer() else frame
+
+
+def layer_picture(scene: Scene, layer: Layer, request: LayerRequest, span: tuple[float, float] | None = None) -> np.ndarray:
+    """A layer in colours, uint8 [H, W, 3]. Scalars are coloured from `span[0]` to `span[1]`, by default over this frame's own range."""
+    from degense.engine.layers import layer_range
+    from degense.engine.layers.colour import colourise
+
+    low, high = span or (layer_range(scene, layer, request, "frame") if layer.kind == "scalar" else (0.0, 1.0))
+    return colourise(layer.image(scene, request), low, high, layer.cmap)
+
+
+def overlaid(rgb: np.ndarray, masks: Sequence[tuple[np.ndarray, tuple[int, int, int]]], opacity: float = 0.5) -> np.ndarray:
+    """`rgb` uint8 [H, W, 3] with each mask (bool [H, W]) laid over it in its colour, and outlined."""
+    over = mask_overlay(masks, fill=opacity)
+    alpha = over[..., 3:].astype(np.float32) / 255
+    return (rgb * (1 - alpha) + over[..., :3] * alpha + 0.5).astype(np.uint8)
+
+
+def with_colour_bar(picture: np.ndarray, title: str, unit: str, low: float, high: float, cmap: str, *, hatched: bool = False) -> np.ndarray:
+    """The picture with a labelled colour bar at its right, uint8 [H, W + bar, 3]; with a line for hatched pixels when there are any."""
+    height = picture.shape[0]
+    scale = max(0.4, min(0.8, height / 640))
+    line = round(30 * scale)
+    labels = [f"{high:.3g} {unit}".strip(), f"{(low + high) / 2:.3g}", f"{low:.3g} {unit}".strip()]
+    note = "hatched: a guess" if hatched else ""
+    text_width = max(cv2.getTextSize(text, FONT, scale, 1)[0][0] for text in [*labels, title, note])
+    bar = np.full((height, round(40 * scale) + text_width + 2 * line, 3), BACKGROUND, np.uint8)
+    top, bottom, left, right = 2 * line, height - line * (2 if hatched else 1), line // 2, line // 2 + round(24 * scale)
+    steps = np.linspace(255, 0, bottom - top).round().astype(int)
+    bar[top:bottom, left:right] = colour_table(cmap)[steps][:, None]
+    cv2.putText(bar, title, (left, line), FONT, scale, (INK,) * 3, 1, cv2.LINE_AA)
+    cv2.putText(bar, note, (left, height - line // 2), FONT, scale, (INK,) * 3, 1, cv2.LINE_AA)
+    for text, y in zip(labels, (top, (top + bottom) // 2, bottom), strict=True):
+        cv2.line(bar, (right, min(y, bottom - 1)), (right + line // 4, min(y, bottom - 1)), (INK,) * 3)
+        cv2.putText(bar, text, (right + line // 2, y + line // 4), FONT, scale, (INK,) * 3, 1, cv2.LINE_AA)
+    return np.hstack([picture, bar])
+
+
+def write_png(path: Path, image: np.ndarray) -> None:
+    """Write uint8 [H, W] or RGB [H, W, 3], atomically."""
+    ok, data = cv2.imencode(".png", image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    if not ok:
+        raise DegenseError(f"{path} cannot be written as PNG.")
+    with replacing(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+
+
+def write_npy(path: Path, values: np.ndarray) -> None:
+    """Write an array, atomically."""
+    with replacing(path) as temporary:
+        np.save(temporary, values, allow_pickle=False)
+
+
+class Movie:
+    """An .mp4 written frame by frame; it appears at its path when the block ends well."""
+
+    def __init__(self, path: Path, fps: float) -> None:
+        self._fps = fps
+        self._place = replacing(path)
+        self._path = path
+        self._writer: cv2.VideoWriter | None = None
+
+    def __enter__(self) -> Movie:
+        self._temporary = self._place.__enter__()
+        return self
+
+    def add(self, rgb: np.ndarray) -> None:
+        """Append a frame, uint8 [H, W, 3]; odd sides are padded by one pixel, which the codec needs."""
+        rgb = np.pad(rgb, ((0, rgb.shape[0] % 2), (0, rgb.shape[1] % 2), (0, 0)), mode="edge")
+        if self._writer is None:
+            size = (rgb.shape[1], rgb.shape[0])
+            self._writer = cv2.VideoWriter(str(self._temporary), cv2.VideoWriter_fourcc(*"mp4v"), self._fps, size)
+            if not self._writer.isOpened():
+                raise DegenseError(f"{self._path}: this build of OpenCV cannot write .mp4 files; export PNG frames instead.")
+        self._writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if self._writer is not None:
+            self._writer.release()
+        self._place.__exit__(kind, error, trace)

@@ -1,0 +1,213 @@
+"""What both views show at one instant, drawn without a window."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from degense.app.features.viewer.pictures import get_layer
+from degense.app.session.view_state import Look
+from degense.engine.colour_maps import colourise, greyed, mask_overlay
+from degense.engine.errors import DegenseError
+
+if TYPE_CHECKING:
+    from degense.engine.camera import Camera
+    from degense.engine.clip import Clip
+    from degense.engine.layers import Layer, LayerRequest
+    from degense.engine.scene import Scene
+    from degense.widgets.splats.rendered_surface import StillRequest
+
+#: Layers that show the answer to prompts.
+PROMPTED = ("similarity", "mask")
+#: Pixels of a clip that are not reconstructed. Blue: nothing in a body is.
+EXCLUDED = (86, 180, 233)
+NO_MASK = 40
+#: Opacity of the inside of a mask against its outline, before the user's opacity.
+MASK_FILL = 0.6
+
+
+@dataclass(frozen=True)
+class ViewRequest:
+    """One instant to draw.
+
+    Attributes
+    ----------
+    span : (float, float) or None
+        Values of the first and last colour; None for the range of this frame.
+    splats : bool
+        Whether the Gaussians are wanted too, for the 3D view.
+    quick : bool
+        While time runs or is scrubbed: masks are decoded by threshold, which needs no superpixels. The exact ones follow in the end.
+    camera : Camera or None
+        Where the picture is seen from; None for the surgeon's camera.
+    recorded : bool
+        Show the recorded frame instead of the layer, where it is there: what one labels.
+    """
+
+    frame: float
+    look: Look
+    span: tuple[float, float] | None = None
+    splats: bool = True
+    quick: bool = False
+    camera: Camera | None = None
+    recorded: bool = False
+
+
+@dataclass(frozen=True)
+class SplatArrays:
+    """Gaussians as the 3D view wants them: float32 means [N, 3], quats [N, 4] wxyz, scales [N, 3], opacities [N]; uint8 colours [N, 3]."""
+
+    means: np.ndarray
+    quats: np.ndarray
+    scales: np.ndarray
+    opacities: np.ndarray
+    colours: np.ndarray
+
+
+@dataclass(frozen=True)
+class View:
+    """One instant, drawn.
+
+    Attributes
+    ----------
+    rgb : uint8 [H, W, 3]
+    span, unit, cmap
+        Of the colour bar; `span` is None for layers that are colours already.
+    masks : uint8 [H, W, 4] or None
+        Masks of the visible prompts; None when there are none, or not yet (`complete` is False then).
+    observed : uint8 [H, W, 3] or None
+        The clip's own frame, when it is compared and still there.
+    uncertain : str
+        What the hatched pixels mean; empty when there are none.
+    """
+
+    frame: float
+    camera: Camera
+    rgb: np.ndarray
+    span: tuple[float, float] | None
+    unit: str
+    cmap: str
+    observed: np.ndarray | None
+    splats: SplatArrays | None
+    masks: np.ndarray | None = None
+    complete: bool = True
+    uncertain: str = ""
+
+
+def layer_request(look: Look, frame: float) -> LayerRequest:
+    """What the layers need to know of a look."""
+    from degense.engine.layers import LayerRequest
+
+    texts = tuple(prompt.text for prompt in look.visible_prompts)
+    return LayerRequest(frame=frame, prompts=texts, threshold=look.threshold, decoder=look.decoder, negatives=look.negative_texts)
+
+
+def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
+    """Draw an instant. Yields the view without masks as soon as it is there; returns it with them."""
+    from degense.engine.layers import layer_range
+    from degense.engine.layers.colour import colourise as layer_colours
+
+    look, frame = request.look, request.frame
+    layer = get_layer(look.layer)
+    masked = look.visible_prompts if look.masks_shown and layer.name not in PROMPTED else ()
+    if missing := layer.missing(scene, tuple(prompt.text for prompt in look.visible_prompts)):
+        raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
+    if masked:
+        scene.splats(frame, semantics=True)  # picture and masks from one look at the field
+    if request.quick:
+        look = replace(look, decoder="threshold")
+    query = replace(layer_request(look, frame), camera=request.camera)
+    image = layer.image(scene, query)
+    scalar = image.kind == "scalar"
+    cmap = look.range(layer.name).cmap or layer.cmap
+    span = (request.span or layer_range(scene, layer, query, "frame", look.range(layer.name).clip)) if scalar else None
+    rgb = mask_colours(look)[image.values] if image.kind == "mask" else layer_colours(image, *(span or (0.0, 1.0)), cmap)
+    view = View(
+        frame=frame,
+        camera=request.camera or scene.camera(frame),
+        rgb=rgb,
+        span=span,
+        unit=image.unit,
+        cmap=cmap,
+        observed=scene.observed(round(frame)) if look.compare != "off" and request.camera is None else None,
+        splats=splat_arrays(scene, layer, query, look, span, cmap) if request.splats else None,
+        uncertain=layer.uncertain_words if image.uncertain is not None and image.uncertain.any() else "",
+    )
+    if request.recorded and (recorded := scene.observed(round(frame))) is not None:
+        view = replace(view, rgb=recorded, span=None, uncertain="")
+    if not masked:
+        return view
+    yield replace(view, complete=False)
+    masks = masks_of(scene, query, [prompt.text for prompt in masked])
+    fill = 0.0 if scalar or look.compare == "difference" else MASK_FILL  # numbers and differences keep their colours: outlines only
+    return replace(view, masks=mask_overlay([(mask, prompt.colour) for mask, prompt in zip(masks, masked, strict=True)], fill))
+
+
+def splat_arrays(scene: Scene, layer: Layer, query: LayerRequest, look: Look, span: tuple[float, float] | None, cmap: str) -> SplatArrays:
+    """The Gaussians of an instant in the layer's colours, tinted where a visible prompt finds them."""
+    splats = scene.splats(query.frame)
+    values = layer.splats(scene, query)
+    if layer.kind == "colour":
+        if query.prompts and look.masks_shown:
+            values = tinted(values, get_layer("mask").splats(scene, query), look)
+        colours = (values.clip(0, 1) * 255 + 0.5).astype(np.uint8)
+    elif layer.kind == "mask":
+        colours = mask_colours(look)[values]
+    else:
+        colours = colourise(values, cmap, *(span or (0.0, 1.0)))
+        if (uncertain := layer.uncertain_splats(scene, query)) is not None:
+            colours = greyed(colours, uncertain)
+    means, quats, scales, opacities = (tensor.cpu().numpy() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
+    return SplatArrays(means, quats, scales, opacities, colours)
+
+
+def tinted(colours: np.ndarray, found: np.ndarray, look: Look) -> np.ndarray:
+    """Colours [N, 3] in [0, 1] mixed with those of the prompts that found each Gaussian (`found` [N]: 0 none, k the k-th)."""
+    share = np.where(found > 0, MASK_FILL * look.overlay_opacity, 0.0)[:, None]
+    return colours * (1 - share) + mask_colours(look)[found] / 255 * share
+
+
+def mask_colours(look: Look) -> np.ndarray:
+    """Colours of the mask layer's values, uint8 [256, 3]: dark grey for nothing, then the visible prompts in their order."""
+    table = np.full((256, 3), NO_MASK, np.uint8)
+    for index, prompt in enumerate(look.visible_prompts, 1):
+        table[index] = prompt.colour
+    return table
+
+
+def prompt_masks(scene: Scene, frame: float, texts: Sequence[str], decoder: str | None, threshold: float | None) -> list[np.ndarray]:
+    """The mask of each text, bool [H, W]. None leaves decoder and threshold to the layers."""
+    from degense.engine.layers import LayerRequest
+
+    request = LayerRequest(frame)
+    request = replace(request, decoder=decoder or request.decoder, threshold=request.threshold if threshold is None else threshold)
+    return masks_of(scene, request, texts)
+
+
+def masks_of(scene: Scene, request: LayerRequest, texts: Sequence[str]) -> list[np.ndarray]:
+    """The mask of each text, bool [H, W], decoded as the request says; all in one pass."""
+    from degense.engine.scene.clip_query import ClipQuestion, masks_at
+
+    asked = ClipQuestion(tuple(texts), request.decoder, request.threshold, request.negatives)
+    return list(masks_at(scene, asked, request.frame, request.camera)) if texts else []
+
+
+def draw_clip(clip: Clip, frame: int) -> View:
+    """A frame of a clip that has no run, with the pixels that will not be reconstructed laid over it."""
+    invalid = ~clip.valid(frame)
+    masks = mask_overlay([(invalid, EXCLUDED)], MASK_FILL) if invalid.any() else None
+    return View(frame, clip.cameras[frame], clip.frame(frame), None, "", "", None, None, masks)
+
+
+def draw_still(request: StillRequest) -> np.ndarray:
+    """Splats as the 3D view wants them, drawn by the rasterizer, uint8 [H, W, 3]."""
+    import torch
+    from degense.engine.raster import rasterize
+
+    values = (*request.gaussians, request.colours.astype(np.float32) / 255)
+    means, quats, scales, opacities, colours = (torch.from_numpy(np.ascontiguousarray(array)) for array in values)
+    background = torch.tensor(request.background, dtype=torch.float32) / 255
+    drawn = rasterize(means, quats, scales, opacities, colours, request.camera, background=background)
+    return (drawn.image.clamp(0, 1) * 255 + 0.5).byte().numpy()

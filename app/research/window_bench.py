@@ -1,0 +1,315 @@
+"""How instant the window is: times of what hands do, and the longest stalls of its event loop. `degense bench window` prints them.
+
+Everything goes through the real window on the present display, with real events where there are any; every time ends when the picture that
+answers has been painted.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from degense.app.session.view_state import Prompt
+from degense.app.shell.settings import SettingsFile
+from degense.engine.errors import DegenseError
+from degense.engine.progress import Progress
+from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.table import Cell, Column, Table
+from degense.engine.research.bench.timing import percentile
+from PySide6.QtCore import QEvent, QEventLoop, QObject, QPointF, Qt, QTimer
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
+
+if TYPE_CHECKING:
+    from degense.app.shell.main_window import MainWindow
+
+GAUSSIANS, QUICK_GAUSSIANS = 30_000, 2_000
+WARM, STARTS, STALL_SECONDS, BEAT_MS, PATIENCE = 4, 5, 12.0, 4, 60.0
+#: What is measured: title and bar, milliseconds.
+BARS = {
+    "start": ("from the start of the program to the first frame", 5000.0),
+    "scrub": ("scrub step", 60.0),
+    "prompt": ("warm prompt: from its words to its mask", 50.0),
+    "dab": ("brush dab", 16.0),
+    "still": ("longest stalls of the event loop: at rest", 60.0),
+    "playing": ("longest stalls: playing", 60.0),
+    "training": ("longest stalls: while a training runs", 60.0),
+    "both": ("longest stalls: playing while a training runs", 60.0),
+}
+
+
+def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
+    """The table of the window. DegenseError without a display."""
+    count = QUICK_GAUSSIANS if options.quick else GAUSSIANS
+    folder, clip = prepared(options, count, lambda fraction, message: progress(0.5 * fraction, message))
+    table = Table(
+        "window",
+        "Working in the window",
+        f"A phantom scene brought to {count:,} Gaussians, in the real window, 1440 × 900, with both views shown. Times end when the "
+        "picture that answers is painted. Stalls: the gaps between beats of a timer that should beat every "
+        f"{BEAT_MS} ms, over {STALL_SECONDS:g} s each; the median and 95th percentile of the gaps, and the longest.",
+        [
+            Column("what", "what"),
+            Column("median", "median, ms", 1),
+            Column("late", "95th percentile, ms", 1),
+            Column("longest", "longest, ms", 1),
+            Column("bar", "bar, ms", 0),
+            Column("held", "held"),
+        ],
+    )
+    measured = {"start": [first_frame(folder) for _ in range(1 if options.quick else STARTS)]}
+    progress(0.6, "the window")
+    app = QApplication.instance() or QApplication(["degense"])
+    measured |= in_window(folder, clip, options, lambda fraction, message: progress(0.6 + 0.4 * fraction, message))
+    for name, times in measured.items():
+        title, bar = BARS[name]
+        worst = max(times)
+        met = percentile(times, 95) <= bar if "stalls" not in title else worst <= bar
+        row: dict[str, Cell] = {"what": title, "median": percentile(times, 50), "late": percentile(times, 95), "longest": worst}
+        table.rows.append(row | {"bar": bar, "held": "yes" if met else "no"})
+    app.processEvents()
+    yield table
+
+
+def prepared(options: BenchOptions, count: int, progress: Progress) -> tuple[Path, Path]:
+    """A run folder with exactly `count` Gaussians, and its clip."""
+    import shutil
+
+    from degense.engine.research.bench.scenes import trained_scene, with_count
+
+    scene, _ = trained_scene(options, progress)
+    folder = options.scratch / "window-run"
+    if not folder.exists():
+        shutil.copytree(scene.run.path, folder)
+        (folder / "support.safetensors").unlink(missing_ok=True)  # it is of another number of Gaussians
+        larger = with_count(scene, count)
+        from degense.engine.store import Run
+
+        Run.open(folder).save_model(larger.model)
+    return folder, options.scratch / "phantom"
+
+
+# -- one program ---------------------------------------------------------------------------------------------------------------------------
+def first_frame(folder: Path) -> float:
+    """Milliseconds from the start of a program of its own to its first painted frame."""
+    module = "degense.app.research.window_bench"
+    code = f"import sys; from {module} import show_and_tell; show_and_tell(sys.argv[1], float(sys.argv[2]))"
+    result = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code, str(folder), repr(time.time())], capture_output=True, text=True, timeout=120
+    )
+    if result.returncode != 0:
+        raise DegenseError(
+            f"The window could not be started: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else 'no word'}"
+        )
+    return float(json.loads(result.stdout.splitlines()[-1]))
+
+
+def show_and_tell(folder: str, started: float) -> None:
+    """Open a run as `degense RUN` does, print the milliseconds since `started` (Unix time) at the first painted frame, and leave."""
+    with window_on(Path(folder)) as window:
+        painted(window, lambda: window.drawing.view is not None)
+        print(json.dumps(1000 * (time.time() - started)))
+
+
+@contextmanager
+def window_on(folder: Path) -> Iterator[MainWindow]:
+    """The window with a run being opened in it, and settings of its own."""
+    import tempfile
+
+    from degense.app.shell.main_window import MainWindow
+    from degense.widgets.theme import apply_theme
+
+    app = QApplication.instance() or QApplication(["degense"])
+    assert isinstance(app, QApplication)
+    with tempfile.TemporaryDirectory(prefix="degense-bench-") as scratch:
+        apply_theme(app, "dark")
+        window = MainWindow(SettingsFile(Path(scratch) / "settings.json"))
+        window.resize(1440, 900)
+        window.show()
+        window.opening.open_path(folder)
+        try:
+            yield window
+        finally:
+            window.close()
+            window.deleteLater()
+            app.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+
+
+# -- in one window -------------------------------------------------------------------------------------------------------------------------
+def in_window(folder: Path, clip: Path, options: BenchOptions, progress: Progress) -> dict[str, list[float]]:
+    seconds = 2.0 if options.quick else STALL_SECONDS
+    with window_on(folder) as window:
+        wait(lambda: window.parts.splats is not None and window.drawing.view is not None)
+        scene, session = window.session.scene, window.session
+        assert scene is not None
+        for frame in range(scene.frames):  # what is baked once
+            scene.splats(frame, semantics=True)
+        rest(window)
+        measured = {}
+        progress(0.1, "scrubbing")
+        order = [(1 + 7 * i) % scene.frames for i in range(options.repeats + WARM)]
+        measured["scrub"] = [timed(window, partial(session.go_to, frame)) for frame in order][WARM:]
+        rest(window)
+        progress(0.3, "asking")
+        measured["prompt"] = prompts(window, options.repeats)
+        progress(0.4, "painting")
+        measured["dab"] = dabs(window, options.repeats)
+        progress(0.5, "at rest")
+        measured["still"] = beats(seconds)
+        session.play()
+        measured["playing"] = beats(seconds)
+        session.pause()
+        progress(0.7, "beside a training")
+        with training(clip, options.scratch / "beside"):
+            measured["training"] = beats(seconds)
+            session.play()
+            measured["both"] = beats(seconds)
+            session.pause()
+        return measured
+
+
+def prompts(window: MainWindow, repeats: int) -> list[float]:
+    """New prompts on a frame that has been asked before: each of the scene's classes in turn."""
+    session = window.session
+    assert session.scene is not None
+    classes = session.scene.classes
+    empty = session.look
+    times = []
+    for i in range(repeats + WARM):
+        prompt = Prompt(classes[i % len(classes)], (230, 159, 0))
+
+        def ask(prompt: Prompt = prompt) -> None:
+            from dataclasses import replace
+
+            session.edit("Prompt", replace(empty, prompts=(prompt,)))
+
+        times.append(timed(window, ask))
+        rest(window)
+    session.edit("No prompt", empty)
+    rest(window)
+    return times[WARM:]
+
+
+def dabs(window: MainWindow, repeats: int) -> list[float]:
+    """Dabs of the brush, from the press of the button to the painted pixels."""
+    registry, panel = window.registry, window.parts.panel
+    registry.run("annotate.mode")
+    registry.run("annotate.brush")
+    rest(window)
+    watch, times = Painted(panel, lambda: True), []
+    for i in range(repeats + WARM):
+        at = QPointF(panel.width() / 2 + 40 * ((i % 5) - 2), panel.height() / 2 + 30 * ((i % 3) - 1)).toPoint()
+        watch.count, start = 0, time.perf_counter()
+        QTest.mousePress(panel, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, at)
+        wait(lambda: watch.count > 0)
+        times.append(1000 * (time.perf_counter() - start))
+        QTest.mouseRelease(panel, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, at)
+        rest(window)
+    while window.session.undo.undo_name:
+        window.session.undo.undo()
+    if window.menus.actions["annotate.mode"].isChecked():
+        registry.run("annotate.mode")
+    rest(window)
+    return times[WARM:]
+
+
+class Painted(QObject):
+    """Counts the paintings of a widget that show what is awaited."""
+
+    def __init__(self, widget: QWidget, there: Callable[[], bool]) -> None:
+        super().__init__(widget)
+        self.there, self.count = there, 0
+        widget.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Paint and self.there():
+            QTimer.singleShot(0, self, self._painted)  # after the painting itself
+        return False
+
+    def _painted(self) -> None:
+        self.count += 1
+
+
+def timed(window: MainWindow, act: Callable[[], object]) -> float:
+    """Milliseconds from `act` until the complete view that answers it is painted."""
+    drawing = window.drawing
+    before = drawing.view
+    start = time.perf_counter()
+    act()
+    painted(window, lambda: drawing.view is not None and drawing.view is not before and drawing.view.complete)
+    return 1000 * (time.perf_counter() - start)
+
+
+def painted(window: MainWindow, there: Callable[[], bool]) -> None:
+    """Wait until the picture has been painted with something there."""
+    watch = Painted(window.parts.panel, there)
+    wait(lambda: watch.count > 0)
+    watch.deleteLater()
+
+
+def rest(window: MainWindow) -> None:
+    """Wait until the worker has nothing to do and all is painted."""
+    wait(window.service.idle)
+    run_events(0.03)
+
+
+def wait(until: Callable[[], bool]) -> None:
+    """Run the event loop until something is so; DegenseError when it is not within a minute."""
+    end = time.perf_counter() + PATIENCE
+    while not until():
+        if time.perf_counter() > end:
+            raise DegenseError("The window did not answer within a minute, so it cannot be measured.")
+        QApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 5)
+        time.sleep(0.0005)
+
+
+def run_events(seconds: float) -> None:
+    """Run the event loop as the program does. `QTest.qWait` would keep the interpreter to itself, and the worker from working."""
+    loop = QEventLoop()
+    QTimer.singleShot(round(1000 * seconds), loop.quit)
+    loop.exec()
+
+
+def beats(seconds: float) -> list[float]:
+    """Gaps between the beats of a timer, less its interval, milliseconds."""
+    gaps: list[float] = []
+    last = time.perf_counter()
+
+    def beat() -> None:
+        nonlocal last
+        now = time.perf_counter()
+        gaps.append(max(0.0, 1000 * (now - last) - BEAT_MS))
+        last = now
+
+    timer = QTimer()
+    timer.setTimerType(Qt.TimerType.PreciseTimer)
+    timer.timeout.connect(beat)
+    timer.start(BEAT_MS)
+    run_events(seconds)
+    timer.stop()
+    return gaps
+
+
+@contextmanager
+def training(clip: Path, out: Path) -> Iterator[None]:
+    """A training in a process of its own, as the window starts them, past its loading."""
+    words = ["train", str(clip), "--out", str(out), "--preset", "quick", "--events", "--device", "cpu"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "degense.app", *words], stdout=subprocess.PIPE, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    assert process.stdout is not None
+    try:
+        for line in process.stdout:
+            if b'"progress"' in line:
+                break
+        yield
+    finally:
+        process.kill()
+        process.communicate()

@@ -1,0 +1,128 @@
+"""What was done since the last save, told to a file as it happens: a crash loses nothing that was told."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from degense.engine.errors import DegenseError
+
+#: A journal larger than this is not ours: saving empties it every few minutes.
+LARGEST = 256 << 20
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A change of a part, as `Part.replay` takes it."""
+
+    part: str
+    record: Any
+
+
+class Journal:
+    """An append-only file of small records: a header, then one JSON line each.
+
+    The header names the session file that the records continue, by its id. A crash between saving and emptying the journal leaves records
+    that are in the session file already; their journal names another file and is not read, so nothing is told twice.
+    Records are handed to the system at once, without waiting for the disk: they survive any end of the program, but no power cut.
+
+    Parameters
+    ----------
+    after : str
+        The id of the session file; empty for none.
+    """
+
+    def __init__(self, path: Path, after: str) -> None:
+        self.path = path
+        fresh = not continues(path, after)
+        try:
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | (os.O_TRUNC if fresh else 0) | getattr(os, "O_BINARY", 0), 0o666)
+        except OSError as error:
+            raise DegenseError(f"{path} cannot be written ({error.strerror}): a crash would lose what is not saved.") from error
+        self._end = 0
+        if fresh:
+            self._append({"journal": 1, "after": after})
+        else:
+            self._end = _whole(path)
+            os.ftruncate(self._file, self._end)  # what a crash left half written
+
+    def tell(self, part: str, record: Any) -> None:
+        """Add a record.
+
+        Raises
+        ------
+        DegenseError
+            When it cannot be written whole; the journal ends before it then, and later records may succeed.
+        """
+        self._append({"part": part, "record": record})
+
+    def close(self) -> None:
+        os.close(self._file)
+
+    def _append(self, line: dict[str, Any]) -> None:
+        data = json.dumps(line, separators=(",", ":")).encode() + b"\n"
+        try:
+            os.lseek(self._file, self._end, os.SEEK_SET)
+            written = os.write(self._file, data)
+        except OSError as error:
+            written, reason = 0, error.strerror or str(error)
+        else:
+            reason = "the disk is full"
+        if written == len(data):
+            self._end += written
+            return
+        os.ftruncate(self._file, self._end)
+        raise DegenseError(f"{self.path} cannot be written ({reason}): a crash would lose what is not saved.")
+
+
+def continues(path: Path, after: str) -> bool:
+    """Whether the journal at `path` goes on from the session file with this id."""
+    header = next(iter(_lines(path)), None)
+    return header == {"journal": 1, "after": after}
+
+
+def entries(path: Path, after: str) -> list[Entry]:
+    """What the journal tells beyond the session file with the id `after`, up to the first line that a crash left half written."""
+    if not continues(path, after):
+        return []
+    return [Entry(str(line["part"]), line["record"]) for line in _lines(path)[1:] if set(line) == {"part", "record"}]
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    return [line for line, _ in _read(path)]
+
+
+def _whole(path: Path) -> int:
+    """Where the last whole line ends, in bytes."""
+    return sum(size for _, size in _read(path))
+
+
+def _read(path: Path) -> list[tuple[dict[str, Any], int]]:
+    """The whole lines of a file with their sizes. None where there is no file.
+
+    Raises
+    ------
+    DegenseError
+        When there is a file that cannot be read.
+    """
+    try:
+        if path.stat().st_size > LARGEST:
+            raise DegenseError(f"{path} is larger than {LARGEST >> 20} MiB, so it is no journal; move it away.")
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise DegenseError(f"{path} cannot be read: {error.strerror}.") from error
+    lines: list[tuple[dict[str, Any], int]] = []
+    for raw in data.splitlines(keepends=True):
+        try:
+            line = json.loads(raw) if raw.endswith(b"\n") else None
+        except (ValueError, RecursionError):
+            line = None
+        if not isinstance(line, dict):
+            break
+        lines.append((line, len(raw)))
+    return lines

@@ -1,0 +1,124 @@
+"""The file in a run folder that holds what the window showed and what was done in it: named parts as JSON, and its backups."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import shutil
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from degense.engine.errors import DegenseError, RunError
+from degense.engine.files import replacing, write_text
+
+NAME, BACKUPS = "session.json", "backups"
+#: The name of the look among the parts.
+LOOK = "look"
+LARGEST = 64 << 20
+#: Backups kept, and the seconds that lie between them at least.
+KEPT, SPACING = 8, 300
+
+
+class DamagedSession(RunError):
+    """A session file that cannot be used. Nothing was opened; `backups` are there to go on from, the newest first."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        self.path, self.backups = path, backups(path.parent)
+        count = len(self.backups)
+        offer = f"open one of its {count} backups" if count > 1 else "open its backup" if count else "there is no backup"
+        super().__init__(f"{path} is damaged ({reason}): {offer}, or set it aside and start with a fresh view.")
+
+
+@dataclass(frozen=True)
+class SavedSession:
+    """What a session file holds: parts by name, and the id that a journal refers to (empty when there is no file)."""
+
+    parts: dict[str, Any] = field(default_factory=dict)
+    id: str = ""
+
+
+def read(path: Path) -> SavedSession:
+    """The parts by name; nothing when there is no file.
+
+    Raises
+    ------
+    DamagedSession
+        When the file cannot be read or is no session file.
+    """
+    try:
+        if path.stat().st_size > LARGEST:
+            raise ValueError(f"more than {LARGEST >> 20} MiB")
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return SavedSession()
+    except (OSError, ValueError, RecursionError) as error:
+        raise DamagedSession(path, str(error)) from error
+    match data:
+        case {"id": str(id), "parts": dict(parts)}:
+            return SavedSession(parts, id)
+        case {"layer": _}:  # as written before there were parts: the look alone
+            return SavedSession({LOOK: data})
+    raise DamagedSession(path, "not the fields of a session")
+
+
+def write(path: Path, parts: dict[str, Any]) -> SavedSession:
+    """Replace the file, and keep the one before as a backup now and then.
+
+    Raises
+    ------
+    DegenseError
+        When it cannot be written whole; the old file stays.
+    """
+    saved = SavedSession(parts, secrets.token_hex(8))
+    text = json.dumps({"id": saved.id, "parts": parts}, indent=1)
+    _back_up(path)
+    write_text(path, text)
+    return saved
+
+
+def backups(folder: Path) -> list[Path]:
+    """The backups in a run folder, the newest first."""
+    return sorted((folder / BACKUPS).glob("session-*.json"), reverse=True)
+
+
+def backup_time(path: Path) -> datetime:
+    """When what a backup holds was saved, in local time."""
+    return datetime.fromtimestamp(path.stat().st_mtime)
+
+
+def set_aside(path: Path) -> Path:
+    """Rename a damaged file, so that it is kept but not opened again; the new path. An absent one is nothing to do."""
+    aside, number = path.with_name(f"{path.name}.bad"), 2
+    while aside.exists():
+        aside, number = path.with_name(f"{path.name}.bad-{number}"), number + 1
+    try:
+        if path.exists():
+            path.replace(aside)
+    except OSError as error:
+        raise DegenseError(f"{path} cannot be set aside: {error.strerror}.") from error
+    return aside
+
+
+def restore(backup: Path, path: Path) -> None:
+    """Make a backup the session file; the file in its place is set aside."""
+    set_aside(path)
+    _copy(backup, path)
+
+
+def _back_up(path: Path) -> None:
+    if not path.is_file():
+        return
+    kept, saved = backups(path.parent), path.stat().st_mtime
+    if kept and saved - kept[0].stat().st_mtime < SPACING:
+        return
+    _copy(path, path.parent / BACKUPS / f"session-{datetime.fromtimestamp(saved):%Y%m%d-%H%M%S}.json")
+    for old in backups(path.parent)[KEPT:]:
+        old.unlink(missing_ok=True)
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file with its time, whole or not at all."""
+    with replacing(target) as temporary:
+        shutil.copy2(source, temporary)

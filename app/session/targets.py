@@ -1,0 +1,125 @@
+"""What can be followed through time: a spot, a region, or everything that a prompt finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from degense.engine.errors import DegenseError
+
+if TYPE_CHECKING:
+    from degense.engine.scene import Scene
+
+#: Gaussians that a spot is followed by, and how far (pixels) their centres may lie from it.
+FOLLOWED, REACH = 32, 12.0
+#: Corners of an outline, at most; a hand draws some hundreds.
+MOST_CORNERS = 100_000
+#: How far (share of the depth) a Gaussian may lie from the visible surface and still be part of it.
+THICKNESS = 0.1
+
+
+@dataclass(frozen=True)
+class Spot:
+    """The tissue seen at pixel position (x, y) of a frame."""
+
+    frame: int
+    x: float
+    y: float
+
+    def __str__(self) -> str:
+        return f"spot at ({self.x:.0f}, {self.y:.0f}) of frame {self.frame}"
+
+
+@dataclass(frozen=True)
+class Region:
+    """The tissue seen inside an outline of a frame; corners (x, y) in pixels."""
+
+    frame: int
+    outline: tuple[tuple[float, float], ...]
+
+    def __str__(self) -> str:
+        xs, ys = zip(*self.outline, strict=True)
+        size = f"{max(xs) - min(xs):.0f} × {max(ys) - min(ys):.0f} px"
+        return f"region of {size} at ({np.mean(xs):.0f}, {np.mean(ys):.0f}) of frame {self.frame}"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a prompt finds, in each frame anew."""
+
+    prompt: str
+
+    def __str__(self) -> str:
+        return f"mask of {self.prompt}"
+
+
+Target = Spot | Region | Found
+
+
+def target_to_json(target: Target | None) -> Any:
+    """JSON values from which `target_from_json` makes the target again."""
+    match target:
+        case Spot():
+            return {"frame": target.frame, "spot": [target.x, target.y]}
+        case Region():
+            return {"frame": target.frame, "outline": [list(corner) for corner in target.outline]}
+        case Found():
+            return {"prompt": target.prompt}
+    return None
+
+
+def target_from_json(data: Any) -> Target | None:
+    """The target that `target_to_json` wrote. ValueError, KeyError or TypeError for anything else."""
+    if data is None:
+        return None
+    if "prompt" in data:
+        return Found(str(data["prompt"])[:200])
+    corners = tuple((float(x), float(y)) for x, y in ([data["spot"]] if "spot" in data else data["outline"]))
+    if not np.isfinite(corners).all() or len(corners) == 2 or len(corners) > MOST_CORNERS:
+        raise ValueError("what was followed is nowhere")
+    frame = max(0, int(data["frame"]))
+    return Spot(frame, *corners[0]) if len(corners) == 1 else Region(frame, corners)
+
+
+def material(scene: Scene, place: Spot | Region) -> tuple[np.ndarray, np.ndarray]:
+    """Indices [k] and weights [k] (sum 1) of the Gaussians that make the visible surface at a place.
+
+    Gaussians keep their identity in time, so whoever follows them follows the material, not the pixel. The weights are opacities; at a
+    spot they also fall off with the distance from it.
+
+    Raises
+    ------
+    DegenseError
+        When nothing is reconstructed there.
+    """
+    width, height = scene.clip_size
+    splats = scene.splats(place.frame)
+    pixels, depth = scene.camera(place.frame).project(splats.means.cpu().numpy().astype(np.float64))
+    surface = scene.render(place.frame, what=("depth",))["depth"]  # NaN where nothing is drawn: then nothing is near
+    opacities = splats.opacities.cpu().numpy().astype(np.float64)
+    if isinstance(place, Spot):
+        distance = np.hypot(pixels[:, 0] - place.x, pixels[:, 1] - place.y)
+        here = surface[int(place.y), int(place.x)]
+        near = np.flatnonzero((distance < REACH) & (np.abs(depth - here) < THICKNESS * here))
+        weights = opacities[near] * np.exp(-((distance[near] / (REACH / 3)) ** 2) / 2)
+        best = np.argsort(weights)[-FOLLOWED:]
+        near, weights = near[best], weights[best]
+    else:
+        column, row = np.floor(pixels).astype(np.int64).T
+        seen = (depth > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        column, row = np.where(seen, column, 0), np.where(seen, row, 0)
+        inside = seen & inside_of(place.outline, width, height)[row, column]
+        near = np.flatnonzero(inside & (np.abs(depth - surface[row, column]) < THICKNESS * depth))
+        weights = opacities[near]
+    if weights.sum() < 1e-6:
+        raise DegenseError("Nothing is reconstructed here; choose a place on tissue.")
+    return near, weights / weights.sum()
+
+
+def inside_of(outline: tuple[tuple[float, float], ...], width: int, height: int) -> np.ndarray:
+    """Pixels whose middle lies inside a closed outline, bool [height, width]."""
+    from skimage.draw import polygon2mask
+
+    corners = np.asarray(outline, float)[:, ::-1] - 0.5
+    return polygon2mask((height, width), corners)

@@ -1,0 +1,150 @@
+"""One stack of named, undoable edits of everything that the user changes: views, prompts, masks, labels."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+from degense.app.session.signal import Signal
+
+State = TypeVar("State")
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One step between two states of one place.
+
+    Attributes
+    ----------
+    restore : callable
+        Puts a state back where it came from: the setter of a look, of the patch of a mask, of a class table.
+    before, after
+        The two states; nobody changes them later.
+    key : str or None
+        Edits of one place with the same key that follow each other closely are one step (a slider drag).
+    size : int
+        Bytes that the two states hold.
+    """
+
+    name: str
+    restore: Callable[[Any], object]
+    before: Any
+    after: Any
+    key: str | None = None
+    size: int = 0
+    made: float = 0.0
+
+
+class UndoStack:
+    """A list of edits with a cursor. It keeps states, not callbacks: undoing is restoring, so an edit cannot undo only half of itself.
+
+    Parameters
+    ----------
+    limit : int
+        Edits kept; the oldest go first.
+    memory : int
+        Bytes that all kept edits together may hold. The last edit stays whatever its size: what was just done can be taken back.
+    merge_seconds : float
+        Pause after which an edit with the same key starts a new step.
+
+    Signals
+    -------
+    changed()
+        The entries or the cursor.
+    """
+
+    def __init__(
+        self, limit: int = 500, memory: int = 256 << 20, merge_seconds: float = 1.0, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.changed: Signal[[]] = Signal()
+        self._limit, self._memory, self._merge_seconds, self._clock = limit, memory, merge_seconds, clock
+        self._edits: list[Edit] = []
+        self._cursor = 0
+
+    @property
+    def entries(self) -> tuple[str, ...]:
+        """The names of all edits, the oldest first; those from `position` on are undone."""
+        return tuple(edit.name for edit in self._edits)
+
+    @property
+    def position(self) -> int:
+        """How many of the entries are done."""
+        return self._cursor
+
+    @property
+    def size(self) -> int:
+        """Bytes that the edits hold."""
+        return sum(edit.size for edit in self._edits)
+
+    def set_memory(self, memory: int) -> None:
+        """Hold at most so many bytes from now on."""
+        self._memory = memory
+        self._forget()
+
+    @property
+    def undo_name(self) -> str | None:
+        """What undo would take back; None when there is nothing."""
+        return self._edits[self._cursor - 1].name if self._cursor else None
+
+    @property
+    def redo_name(self) -> str | None:
+        """What redo would bring again; None when there is nothing."""
+        return self._edits[self._cursor].name if self._cursor < len(self._edits) else None
+
+    def push(
+        self, name: str, restore: Callable[[State], object], before: State, after: State, key: str | None = None, size: int = 0
+    ) -> None:
+        """Record an edit that has been made; what had been undone is forgotten. `size` is in bytes, see `Edit`."""
+        now = self._clock()
+        del self._edits[self._cursor :]
+        last = self._edits[-1] if self._edits else None
+        if last and key is not None and (last.key, last.restore) == (key, restore) and now - last.made <= self._merge_seconds:
+            self._edits[-1] = replace(last, name=name, after=after, size=max(last.size, size), made=now)
+        else:
+            self._edits.append(Edit(name, restore, before, after, key, size, now))
+        self._cursor = len(self._edits)
+        self._forget()
+        self.changed.emit()
+
+    def _forget(self) -> None:
+        """Let the oldest edits go until the rest fits. Edits that are undone stay: they are the newest."""
+        while len(self._edits) > self._limit or (self.size > self._memory and len(self._edits) > 1):
+            if not self._cursor:
+                break
+            del self._edits[0]
+            self._cursor -= 1
+
+    def undo(self) -> str | None:
+        """Take the last edit back; its name, or None when there was none."""
+        if not self._cursor:
+            return None
+        edit = self._edits[self._cursor - 1]
+        edit.restore(edit.before)
+        self._cursor -= 1
+        self.changed.emit()
+        return edit.name
+
+    def redo(self) -> str | None:
+        """Bring the next undone edit again; its name, or None when there was none."""
+        if self._cursor == len(self._edits):
+            return None
+        edit = self._edits[self._cursor]
+        edit.restore(edit.after)
+        self._cursor += 1
+        self.changed.emit()
+        return edit.name
+
+    def go_to(self, position: int) -> None:
+        """Undo or redo until `position` entries are done; numbers beyond the ends are clamped."""
+        position = min(max(0, position), len(self._edits))
+        while self._cursor > position:
+            self.undo()
+        while self._cursor < position:
+            self.redo()
+
+    def clear(self) -> None:
+        self._edits.clear()
+        self._cursor = 0
+        self.changed.emit()

@@ -1,0 +1,147 @@
+"""Everything the user can do, in one table: menus, shortcuts, the command palette and the cheat sheet all read it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from degense.engine.errors import DegenseError
+
+
+def _always() -> bool:
+    return True
+
+
+@dataclass(frozen=True)
+class Action:
+    """One thing to do.
+
+    Attributes
+    ----------
+    id : str
+        Unique, dotted: `file.open-run`.
+    title : str
+        As in the menu, starting with a verb or a name.
+    menu : tuple of str
+        Where it hangs: `("File", "Export")`. Empty: only in the palette and by shortcut.
+    shortcuts : tuple of str
+        Keys in Qt's portable text form; the first is shown.
+    enabled : callable
+        Whether it can be done now.
+    checked : callable or None
+        For switches: whether it is on now.
+    group : int
+        A separator stands between neighbours of different groups.
+    """
+
+    id: str
+    title: str
+    run: Callable[[], object]
+    menu: tuple[str, ...] = ()
+    shortcuts: tuple[str, ...] = ()
+    enabled: Callable[[], bool] = _always
+    checked: Callable[[], bool] | None = None
+    group: int = 0
+    help: str = ""
+
+
+class ActionRegistry:
+    """The actions in the order they were added. Ids and shortcuts are unique."""
+
+    def __init__(self) -> None:
+        self._actions: dict[str, Action] = {}
+        self._keys: dict[str, str] = {}
+        self._given: dict[str, tuple[str, ...]] = {}
+
+    def add(self, *actions: Action) -> None:
+        """Register actions.
+
+        Raises
+        ------
+        ValueError
+            When an id or a shortcut is taken, a title is empty, or nobody could find the action: it has neither a menu nor a shortcut.
+        """
+        for action in actions:
+            if not action.title or action.id in self._actions:
+                raise ValueError(f"action {action.id!r} is registered twice or has no title")
+            if not (action.menu or action.shortcuts):
+                raise ValueError(f"action {action.id!r} has neither a place in a menu nor a shortcut")
+            for key in action.shortcuts:
+                if key in self._keys:
+                    raise ValueError(f"{key} is already the shortcut of {self._keys[key]!r}, so {action.id!r} cannot have it")
+            self._actions[action.id] = action
+            self._keys |= dict.fromkeys(action.shortcuts, action.id)
+
+    def keys(self, action_id: str) -> tuple[str, ...]:
+        """The shortcuts in force: the user's own, else those of the action."""
+        return self._given.get(action_id, self._actions[action_id].shortcuts)
+
+    @property
+    def given(self) -> dict[str, tuple[str, ...]]:
+        """The shortcuts that the user has changed, by action."""
+        return dict(self._given)
+
+    def rebind(self, given: Mapping[str, Sequence[str]]) -> list[str]:
+        """Give actions other shortcuts; those not named have their own again. An id that is not known (of another version) is kept aside.
+
+        Returns
+        -------
+        list of str
+            A sentence for each key that two actions have. The one that comes first in the table keeps it.
+        """
+        known = {action_id: tuple(keys) for action_id, keys in given.items() if action_id in self._actions}
+        self._given = {action_id: keys for action_id, keys in known.items() if keys != self._actions[action_id].shortcuts}
+        owners: dict[str, str] = {}
+        clashes = []
+        for action_id in self._actions:
+            free = []
+            for key in self.keys(action_id):
+                if key in owners:
+                    first, second = self._actions[owners[key]].title, self._actions[action_id].title
+                    clashes.append(f"{key} is the shortcut of “{first}”, so “{second}” cannot have it.")
+                else:
+                    owners[key] = action_id
+                    free.append(key)
+            if len(free) < len(self.keys(action_id)):
+                self._given[action_id] = tuple(free)
+        return clashes
+
+    def __iter__(self) -> Iterator[Action]:
+        return iter(self._actions.values())
+
+    def __getitem__(self, action_id: str) -> Action:
+        return self._actions[action_id]
+
+    def run(self, action_id: str) -> None:
+        """Do it.
+
+        Raises
+        ------
+        DegenseError
+            When it cannot be done now.
+        """
+        action = self._actions[action_id]
+        if not action.enabled():
+            raise DegenseError(f"“{action.title}” is not possible now.")
+        action.run()
+
+    def search(self, text: str) -> list[Action]:
+        """Actions that can be done now and whose title or menu holds every word of `text`, word starts and titles first."""
+        words = text.casefold().split()
+        ranked = []
+        for order, action in enumerate(self):
+            title = action.title.casefold()
+            place = f"{' '.join(action.menu)} {action.help}".casefold()
+            if action.enabled() and all(word in title or word in place for word in words):
+                starts = sum(any(part.startswith(word) for part in title.split()) for word in words)
+                inside = sum(word in title for word in words)
+                ranked.append((-starts, -inside, order, action))
+        return [action for *_, action in sorted(ranked, key=lambda entry: entry[:3])]
+
+    def cheat_sheet(self) -> dict[str, list[tuple[str, str]]]:
+        """Shortcuts by menu: {"View": [("Ctrl+K", "Command palette"), …], …}."""
+        sheet: dict[str, list[tuple[str, str]]] = {}
+        for action in self:
+            if keys := self.keys(action.id):
+                sheet.setdefault(action.menu[0] if action.menu else "Everywhere", []).append((" or ".join(keys), action.title))
+        return sheet

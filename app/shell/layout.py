@@ -1,0 +1,76 @@
+"""How the window is arranged for a run: panels, the share of the views, where the free camera stands, and what is seen of the picture."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+from degense.app.features.cameras.state import camera_from_json, camera_to_json
+from degense.app.features.viewer.controller import Drawing
+from degense.app.session.persistent_state import Part
+from degense.app.session.session import Session
+from degense.app.shell.parts import Parts
+from degense.engine.camera import Camera
+from degense.engine.errors import RunError
+from PySide6.QtCore import QByteArray
+
+LONGEST = 1 << 16
+
+
+class WindowLayout(Part):
+    """Saved with each run; a run without one leaves the window as it is."""
+
+    counts = False
+
+    def __init__(self, session: Session, parts: Parts, drawing: Drawing) -> None:
+        super().__init__()
+        self.session, self.parts = session, parts
+        self._camera: Camera | None = None
+        self._picture: tuple[float, float, float] | Literal["whole"] | None = None
+        drawing.shown.connect(self._look)
+
+    def clear(self) -> None:
+        self._camera = self._picture = None
+
+    def to_json(self) -> Any:
+        splats = self.parts.splats
+        free = splats is not None and self.session.camera_mode == "free" and not splats.is_locked()
+        return {
+            "docks": bytes(self.parts.window.saveState().toBase64().data()).decode("ascii"),
+            "views": self.parts.views.sizes(),
+            "camera": camera_to_json(splats.camera()) if free and splats is not None else None,
+            "picture": "whole" if self.parts.panel.is_whole() else self.parts.panel.view(),
+        }
+
+    def from_json(self, data: Any, source: str) -> None:
+        try:
+            docks, views = str(data["docks"]).encode("ascii")[:LONGEST], [min(1 << 15, max(0, int(size))) for size in data["views"]]
+            self._camera = None if data["camera"] is None else camera_from_json(data["camera"])
+            self._picture = "whole" if data.get("picture", "whole") == "whole" else _view(*data["picture"])
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise RunError(f"{source} does not hold the layout of a window ({error}).") from error
+        self.parts.window.restoreState(QByteArray.fromBase64(docks))
+        if self.parts.views.count() == len(views):
+            self.parts.views.setSizes(views)
+
+    def _look(self) -> None:
+        """Zoom and pan as soon as there is a picture, and set the free camera as soon as there are splats to see."""
+        splats, panel = self.parts.splats, self.parts.panel
+        if self._picture == "whole":
+            panel.fit()
+        elif self._picture is not None:
+            panel.set_view(*self._picture)
+            panel.set_zoom(panel.zoom())  # moves it into sight
+        self._picture = None
+        if self._camera is None or splats is None or splats.isHidden():
+            return
+        if self.session.camera_mode == "free":
+            splats.set_free_camera(self._camera)
+        self._camera = None
+
+
+def _view(scale: float, x: float, y: float) -> tuple[float, float, float]:
+    """A view as `RenderPanel.view` gives it. ValueError when it is none."""
+    if not (0 < scale < math.inf and math.isfinite(x) and math.isfinite(y)):
+        raise ValueError("no place in a picture")
+    return float(scale), float(x), float(y)

@@ -1,0 +1,60 @@
+"""The command palette: type a few letters of what you want to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from degense.app.shell.actions import ActionRegistry
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+
+
+class Palette(QDialog):
+    """Finds an action by its words and runs it. Arrows choose, Enter runs, Escape leaves."""
+
+    def __init__(self, registry: ActionRegistry, run: Callable[[str], None], parent: QWidget) -> None:
+        super().__init__(parent, Qt.WindowType.Popup)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self._registry, self._run_action = registry, run
+        self.input = QLineEdit(placeholderText="What do you want to do?")
+        self.list = QListWidget()
+        self.input.setAccessibleName("What do you want to do?")
+        self.list.setAccessibleName("Actions that fit")
+        self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(6, 6, 6, 6)
+        column.addWidget(self.input)
+        column.addWidget(self.list)
+        self.input.textChanged.connect(self._fill)
+        self.input.returnPressed.connect(self._run)
+        self.input.installEventFilter(self)
+        self.list.itemClicked.connect(lambda item: self._run())
+        self._fill("")
+        self.resize(480, 360)
+        self.move(parent.mapToGlobal(parent.rect().center()).x() - 240, parent.mapToGlobal(parent.rect().topLeft()).y() + 80)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent):
+            step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()))
+            if step:
+                self.list.setCurrentRow((self.list.currentRow() + step) % max(1, self.list.count()))
+                return True
+        return False
+
+    def _fill(self, text: str) -> None:
+        self.list.clear()
+        for action in self._registry.search(text):
+            if action.id != "help.palette":
+                place = " ▸ ".join((*action.menu, action.title))
+                keys = self._registry.keys(action.id)
+                item = QListWidgetItem(f"{place}    {keys[0]}" if keys else place)
+                item.setData(Qt.ItemDataRole.UserRole, action.id)
+                self.list.addItem(item)
+        self.list.setCurrentRow(0)
+
+    def _run(self) -> None:
+        item = self.list.currentItem()
+        if item is not None:
+            self.close()
+            self._run_action(item.data(Qt.ItemDataRole.UserRole))

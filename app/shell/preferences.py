@@ -1,0 +1,178 @@
+"""Edit ▸ Preferences, themes and shortcuts: what the user has settled, in force at once."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from degense.app.session.session import Session
+from degense.app.shell.actions import ActionRegistry
+from degense.app.shell.parts import Parts
+from degense.app.shell.settings import LIMITS, SettingsFile, Theme, log_file
+from degense.app.shell.shortcut_table import ShortcutTable
+from degense.widgets.theme import apply_theme
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtWidgets import (
+    QApplication,
+    QComboBox,
+    QDialog,
+    QDialogButtonBox,
+    QDoubleSpinBox,
+    QFormLayout,
+    QLabel,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+log = logging.getLogger(__name__)
+
+THEME_WORDS: tuple[tuple[Theme, str], ...] = (("dark", "Dark, for operating rooms"), ("light", "Light"), ("system", "As the desktop"))
+
+
+class Preferring(QObject):
+    """Applies settings when the window starts and whenever they change.
+
+    Signals
+    -------
+    changed()
+        Anything.
+    shortcuts_changed()
+        The registry has other shortcuts.
+    """
+
+    changed = Signal()
+    shortcuts_changed = Signal()
+
+    def __init__(self, registry: ActionRegistry, session: Session, settings: SettingsFile, parts: Parts) -> None:
+        super().__init__(parts)
+        self.registry, self.session, self.settings, self.parts = registry, session, settings, parts
+        self._use_memory()
+        QApplication.styleHints().colorSchemeChanged.connect(self._desktop_changed)
+
+    def take_shortcuts(self) -> None:
+        """Give the actions the user's keys. Keys that clash, with those of a newer version, are left out and logged."""
+        for sentence in self.registry.rebind(self.settings.value.shortcuts):
+            log.warning(sentence)
+
+    def set_theme(self, theme: Theme) -> None:
+        self._change("Theme", theme=theme)
+
+    def set_autosave(self, minutes: float) -> None:
+        self._change("Autosave", autosave=minutes)
+
+    def set_undo_memory(self, megabytes: float) -> None:
+        self._change("Undo memory", undo_memory=megabytes)
+
+    def show(self) -> None:
+        """The dialog. Everything in it takes effect at once, so that it has nothing to confirm."""
+        PreferencesDialog(self, self.parts.window).open()
+
+    def keep_shortcuts(self) -> None:
+        """Remember the registry's shortcuts and use them."""
+        self._change("Shortcuts", shortcuts={action_id: list(keys) for action_id, keys in self.registry.given.items()})
+
+    def _change(self, name: str, **values: Any) -> None:
+        """Settle something, as a step that can be undone."""
+        before = {key: getattr(self.settings.value, key) for key in values}
+        if before != values:
+            self._put(values)
+            self.session.undo.push(name, self._put, before, values, key=f"preference {name}")
+
+    def _put(self, values: dict[str, Any]) -> None:
+        self.settings.update(**values)
+        if "theme" in values:
+            self._dress()
+        if "undo_memory" in values:
+            self._use_memory()
+        if "shortcuts" in values:
+            self.take_shortcuts()
+            self.shortcuts_changed.emit()
+        self.changed.emit()
+
+    def _use_memory(self) -> None:
+        self.session.undo.set_memory(round(self.settings.value.undo_memory * (1 << 20)))
+
+    def _desktop_changed(self, scheme: Qt.ColorScheme) -> None:
+        if self.settings.value.theme == "system":
+            self._dress()
+
+    def _dress(self) -> None:
+        app = QApplication.instance()
+        assert isinstance(app, QApplication)
+        apply_theme(app, self.settings.value.theme)
+
+
+class PreferencesDialog(QDialog):
+    """What can be settled, and the keys."""
+
+    def __init__(self, preferring: Preferring, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("preferences")
+        self.setWindowTitle("Preferences")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.resize(680, 560)
+        settings = preferring.settings.value
+        self.theme = QComboBox()
+        self.theme.setAccessibleName("Theme")
+        for name, words in THEME_WORDS:
+            self.theme.addItem(words, name)
+        self.theme.setCurrentIndex([name for name, _ in THEME_WORDS].index(settings.theme))
+        self.autosave = _number("Autosave", "autosave", settings.autosave, " min", "only when asked", 0.5)
+        self.undo = _number("Undo memory", "undo_memory", settings.undo_memory, " MB", "", 64)
+        self.shortcuts = ShortcutTable(preferring.registry)
+        page = QWidget()
+        form = QFormLayout(page)
+        form.setVerticalSpacing(14)
+        for title, control, words in (
+            ("Theme", self.theme, "Colours of the window."),
+            ("Autosave", self.autosave, "How long after a change it is saved. A journal keeps every change in between, also over a crash."),
+            ("Undo memory", self.undo, "What undo may hold; beyond it the oldest steps are forgotten."),
+        ):
+            both = QVBoxLayout()
+            both.setSpacing(3)
+            both.addWidget(control)
+            both.addWidget(_secondary(words))
+            form.addRow(title, both)
+        form.addRow("Settings", _path(str(preferring.settings.path)))
+        form.addRow("Log", _path(str(log_file())))
+        tabs = QTabWidget()
+        tabs.setDocumentMode(True)
+        tabs.setAccessibleName("Pages")
+        tabs.addTab(page, "General")
+        tabs.addTab(self.shortcuts, "Shortcuts")
+        self.tabs = tabs
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        buttons.rejected.connect(self.reject)
+        column = QVBoxLayout(self)
+        column.addWidget(tabs, 1)
+        column.addWidget(buttons)
+        self.theme.currentIndexChanged.connect(lambda: preferring.set_theme(self.theme.currentData()))
+        self.autosave.valueChanged.connect(preferring.set_autosave)
+        self.undo.valueChanged.connect(preferring.set_undo_memory)
+        self.shortcuts.changed.connect(preferring.keep_shortcuts)
+
+
+def _number(name: str, key: str, value: float, suffix: str, none: str, step: float) -> QDoubleSpinBox:
+    box = QDoubleSpinBox()
+    box.setAccessibleName(name)
+    box.setRange(*LIMITS[key])
+    box.setDecimals(1 if step < 1 else 0)
+    box.setSingleStep(step)
+    box.setSuffix(suffix)
+    box.setSpecialValueText(none)
+    box.setValue(value)
+    return box
+
+
+def _secondary(words: str) -> QLabel:
+    label = QLabel(words)
+    label.setObjectName("secondary")
+    label.setWordWrap(True)
+    return label
+
+
+def _path(text: str) -> QLabel:
+    label = _secondary(text)
+    label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+    return label

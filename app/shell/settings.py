@@ -1,0 +1,165 @@
+"""What the program remembers between starts: a typed JSON file in the user's configuration folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import platformdirs
+from degense.engine.files import write_text
+
+RECENT_LIMIT = 10
+Theme = Literal["dark", "light", "system"]
+
+
+def config_folder() -> Path:
+    return Path(platformdirs.user_config_dir("degense", appauthor=False))
+
+
+def log_file() -> Path:
+    return Path(platformdirs.user_log_dir("degense", appauthor=False)) / "degense.log"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Preferences and places.
+
+    Attributes
+    ----------
+    recent : tuple of str
+        Clips and runs opened last, newest first.
+    open_run : str
+        The run that is open now; still there at the next start when the program was not closed.
+    speed : float
+        Playback speed, 1 = as recorded.
+    autosave : float
+        Minutes after a change until it is saved; 0 saves only when asked and at the end.
+    undo_memory : float
+        Megabytes that undo may hold.
+    shortcuts : dict of str to list of str
+        Keys that the user gave to actions, by action id; actions that are not named have their own.
+    training : dict
+        What the training dialog was last started with.
+    trainings : tuple of dict
+        Trainings that run, are paused or wait, the first first (`TrainingJob.to_json`); offered again at the next start.
+    geometry, state : str
+        The window's size and docks, as Qt saves them, base64.
+    """
+
+    theme: Theme = "dark"
+    recent: tuple[str, ...] = field(default=())
+    last_folder: str = ""
+    open_run: str = ""
+    speed: float = 1.0
+    autosave: float = 1.0
+    undo_memory: float = 256.0
+    shortcuts: dict[str, list[str]] = field(default_factory=dict)
+    training: dict[str, Any] = field(default_factory=dict)
+    trainings: tuple[dict[str, Any], ...] = ()
+    geometry: str = ""
+    state: str = ""
+
+    def opened(self, path: Path) -> Settings:
+        """The settings after `path` was opened: it leads the recent files."""
+        entry = str(path.resolve())
+        recent = (entry, *(other for other in self.recent if other != entry))[:RECENT_LIMIT]
+        return replace(self, recent=recent, last_folder=str(path.resolve().parent))
+
+    def forgotten(self, path: str) -> Settings:
+        return replace(self, recent=tuple(other for other in self.recent if other != path))
+
+
+class SettingsFile:
+    """Settings on disk. Every change is written at once and atomically.
+
+    A file that cannot be read is kept as `settings.json.bad`, the defaults are used, and `complaint` says so once.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path or config_folder() / "settings.json"
+        self.complaint: str | None = None
+        self._settings = self._read()
+
+    @property
+    def value(self) -> Settings:
+        return self._settings
+
+    def update(self, **changes: Any) -> None:
+        self.store(replace(self._settings, **changes))
+
+    def store(self, settings: Settings) -> None:
+        """Make these the settings and write them; nothing is written when nothing changed.
+
+        Raises
+        ------
+        DegenseError
+            When the file cannot be written.
+        """
+        if settings != self._settings:
+            self._settings = settings
+            write_text(self.path, json.dumps(asdict(settings), indent=2))
+
+    def _read(self) -> Settings:
+        try:
+            text = self.path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return Settings()
+        except (OSError, UnicodeDecodeError) as error:
+            return self._give_up(str(error))
+        try:
+            return _parse(json.loads(text))
+        except (ValueError, TypeError) as error:
+            return self._give_up(str(error))
+
+    def _give_up(self, reason: str) -> Settings:
+        backup = self.path.with_name(self.path.name + ".bad")
+        self.path.replace(backup)
+        self.complaint = f"The settings in {self.path} are unreadable ({reason}); they are kept as {backup.name} and the defaults are used."
+        return Settings()
+
+
+#: What numbers may be.
+LIMITS = {"speed": (0.05, 16.0), "autosave": (0.0, 60.0), "undo_memory": (16.0, 8192.0)}
+
+
+def _parse(data: Any) -> Settings:
+    """Settings from JSON. Unknown keys (of a newer version) are dropped; a known key of the wrong type is an error."""
+    if not isinstance(data, dict):
+        raise ValueError("not a JSON object")
+    return Settings(**{item.name: _checked(item.name, data[item.name]) for item in fields(Settings) if item.name in data})
+
+
+def _checked(name: str, value: Any) -> Any:
+    if name in LIMITS:
+        low, high = LIMITS[name]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise ValueError(f"{name} is no number between {low:g} and {high:g}")
+        return float(value)
+    match name:
+        case "recent":
+            if not _texts(value):
+                raise ValueError("recent is not a list of paths")
+            return tuple(value[:RECENT_LIMIT])
+        case "shortcuts":
+            if not isinstance(value, dict) or not all(map(_texts, value.values())):
+                raise ValueError("shortcuts are not lists of keys")
+        case "training":
+            if not isinstance(value, dict):
+                raise ValueError("training is not a JSON object")
+        case "trainings":
+            if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+                raise ValueError("trainings are not a list of JSON objects")
+            return tuple(value)
+        case "theme":
+            if value not in get_args(Theme):
+                raise ValueError(f"theme is none of {', '.join(get_args(Theme))}")
+        case _:
+            if not isinstance(value, str):
+                raise ValueError(f"{name} is not a text")
+    return value
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)

@@ -1,0 +1,109 @@
+"""Every setting of a training with its value and what it does; values may be changed."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from degense.app.features.train.job import NAMED
+from degense.app.features.train.settings_help import settings_of
+from degense.engine.training import TrainConfig
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableWidget, QTableWidgetItem, QVBoxLayout, QWidget
+
+
+class SettingsTable(QWidget):
+    """The values that a preset leads to, and those the user has typed over them (bold).
+
+    Signals
+    -------
+    changed()
+        The user has typed a value, or emptied a cell to have the preset's again.
+    """
+
+    changed = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("All settings")
+        self.search = QLineEdit(placeholderText="Find a setting by its name or its words")
+        self.search.setAccessibleName("Find a setting")
+        self.search.setClearButtonEnabled(True)
+        self.search.textChanged.connect(self._filter)
+        self.table = QTableWidget(0, 3)
+        self.table.setAccessibleName("Settings, their values and what they do")
+        self.table.setHorizontalHeaderLabels(["Setting", "Value", "What it does"])
+        self.table.verticalHeader().hide()
+        self.table.setWordWrap(True)
+        header = self.table.horizontalHeader()
+        header.setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
+        header.setSectionResizeMode(1, QHeaderView.ResizeMode.Interactive)
+        header.setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
+        header.resizeSection(1, 110)
+        self.table.itemChanged.connect(self._edited)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.search)
+        column.addWidget(self.table, 1)
+        self._typed: dict[str, str] = {}
+
+    @property
+    def typed(self) -> tuple[tuple[str, str], ...]:
+        """What the user has typed, by setting."""
+        return tuple(sorted(self._typed.items()))
+
+    def set_typed(self, pairs: tuple[tuple[str, str], ...]) -> None:
+        """Take values as if they were typed; `show_config` shows them."""
+        self._typed = dict(pairs)
+
+    def show_config(self, config: TrainConfig) -> None:
+        """Show the settings of a configuration."""
+        self.table.blockSignals(True)
+        settings = settings_of(config)
+        first = self.table.rowCount() == 0
+        self.table.setRowCount(len(settings))
+        for row, setting in enumerate(settings):
+            fixed = setting.name in NAMED
+            text = _text(setting.value)
+            for column, words in enumerate((setting.name, text, setting.words.replace("`", ""))):
+                item = self.table.item(row, column)
+                if item is None:
+                    item = QTableWidgetItem()
+                    self.table.setItem(row, column, item)
+                item.setText(words)
+                font = item.font()
+                font.setBold(setting.changed and column < 2)
+                item.setFont(font)
+                flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
+                item.setFlags(flags | Qt.ItemFlag.ItemIsEditable if column == 1 and not fixed else flags)
+                if column == 1:
+                    item.setToolTip("Set on the first page" if fixed else "Double-click to change; empty it for the preset's value")
+        self.table.blockSignals(False)
+        if first:
+            self.table.resizeRowsToContents()
+
+    def _edited(self, item: QTableWidgetItem) -> None:
+        if item.column() == 1:
+            name, text = self._said(item.row(), 0), item.text().strip()
+            if text:
+                self._typed[name] = text
+            else:
+                self._typed.pop(name, None)
+            self.changed.emit()
+
+    def _filter(self, text: str) -> None:
+        words = text.casefold().split()
+        for row in range(self.table.rowCount()):
+            said = f"{self._said(row, 0)} {self._said(row, 2)}".casefold()
+            self.table.setRowHidden(row, not all(word in said for word in words))
+
+    def _said(self, row: int, column: int) -> str:
+        return str(self.table.model().index(row, column).data())
+
+    def resizeEvent(self, event: Any) -> None:
+        super().resizeEvent(event)
+        self.table.resizeRowsToContents()
+
+
+def _text(value: Any) -> str:
+    return json.dumps(list(value) if isinstance(value, tuple) else value).strip('"')

@@ -1,0 +1,186 @@
+"""One worker thread for everything that takes longer than a blink: drawing, curves, ranges, opening, exporting."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from degense.engine.errors import Cancelled, DegenseError
+from PySide6.QtCore import QMutex, QObject, QThread, QWaitCondition, Signal
+
+log = logging.getLogger(__name__)
+
+Job = Callable[[], Any]
+
+
+@dataclass
+class _Task:
+    serial: int
+    job: Job
+    steps: Any = None
+
+
+@dataclass
+class _Listener:
+    serial: int
+    done: Callable[[Any], None]
+    failed: Callable[[str], None]
+    progress: Callable[[Any], None] | None
+
+
+class RenderService(QObject):
+    """Runs jobs in one thread, the latest of each channel only, and hands their results to the thread that asked.
+
+    A job is a function without arguments. If it returns a generator, the generator is run step by step: what it yields goes to `progress`,
+    and between two steps the worker turns to more urgent channels; a newer job on the same channel closes it there. Results of replaced or
+    cancelled jobs are dropped, so what arrives always answers the last question. A DegenseError arrives at `failed` in its own words; any
+    other exception is logged with its traceback and arrives as a short sentence.
+
+    Parameters
+    ----------
+    channels : sequence of str
+        The names of the channels, the most urgent first.
+    """
+
+    def __init__(self, channels: Sequence[str], parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._channels = tuple(channels)
+        self._listeners: dict[str, _Listener] = {}
+        self._serial = 0
+        self._worker = _Worker(self._channels)
+        self._worker.reported.connect(self._deliver)
+        self._worker.start()
+
+    def submit(
+        self,
+        channel: str,
+        job: Job,
+        done: Callable[[Any], None],
+        failed: Callable[[str], None],
+        progress: Callable[[Any], None] | None = None,
+    ) -> None:
+        """Run `job` as soon as nothing more urgent waits; it replaces what is waiting or running on its channel."""
+        self._serial += 1
+        self._listeners[channel] = _Listener(self._serial, done, failed, progress)
+        self._worker.put(channel, _Task(self._serial, job))
+
+    def cancel(self, channel: str) -> None:
+        """Forget the job of a channel: it stops at its next step and its result is dropped."""
+        self._listeners.pop(channel, None)
+        self._worker.put(channel, None)
+
+    def busy(self, channel: str) -> bool:
+        """Whether an answer is still to come on a channel."""
+        return channel in self._listeners
+
+    def idle(self) -> bool:
+        """Whether no answer is to come on any channel."""
+        return not self._listeners
+
+    def close(self) -> None:
+        """Stop the worker after its present step; nothing is delivered afterwards."""
+        self._listeners.clear()
+        self._worker.stop()
+        self._worker.wait()
+
+    def _deliver(self, channel: str, serial: int, kind: str, payload: object) -> None:
+        listener = self._listeners.get(channel)
+        if listener is None or listener.serial != serial:
+            return
+        if kind == "progress":
+            if listener.progress is not None:
+                listener.progress(payload)
+            return
+        del self._listeners[channel]
+        if kind == "done":
+            listener.done(payload)
+        elif kind == "failed":
+            listener.failed(str(payload))
+
+
+class _Worker(QThread):
+    reported = Signal(str, int, str, object)
+
+    def __init__(self, channels: tuple[str, ...]) -> None:
+        super().__init__()
+        self.setObjectName("render service")
+        self._lock, self._wake = QMutex(), QWaitCondition()
+        self._tasks: dict[str, _Task | None] = dict.fromkeys(channels)
+        self._replaced: list[_Task] = []
+        self._stopping = False
+
+    def put(self, channel: str, task: _Task | None) -> None:
+        self._lock.lock()
+        try:
+            old = self._tasks[channel]
+            if old is not None:
+                self._replaced.append(old)
+            self._tasks[channel] = task
+            self._wake.wakeAll()
+        finally:
+            self._lock.unlock()
+
+    def stop(self) -> None:
+        self._lock.lock()
+        self._stopping = True
+        self._wake.wakeAll()
+        self._lock.unlock()
+
+    def run(self) -> None:
+        while True:
+            channel, task = self._next()
+            if task is None:
+                return
+            self._step(channel, task)
+
+    def _next(self) -> tuple[str, _Task | None]:
+        """The most urgent task, waiting for one; None to end. Replaced generators are closed here, in the thread that runs them."""
+        self._lock.lock()
+        try:
+            while True:
+                replaced, self._replaced = self._replaced, []
+                ending = [*replaced, *self._tasks.values()] if self._stopping else replaced
+                for old in ending:
+                    self._close(old)
+                if self._stopping:
+                    return "", None
+                for channel, task in self._tasks.items():
+                    if task is not None:
+                        return channel, task
+                self._wake.wait(self._lock)
+        finally:
+            self._lock.unlock()
+
+    @staticmethod
+    def _close(task: _Task | None) -> None:
+        if task is not None and task.steps is not None:
+            task.steps.close()
+
+    def _step(self, channel: str, task: _Task) -> None:
+        try:
+            if task.steps is None:
+                result = task.job()
+                if not inspect.isgenerator(result):
+                    self._finish(channel, task, "done", result)
+                    return
+                task.steps = result
+            self.reported.emit(channel, task.serial, "progress", next(task.steps))
+        except StopIteration as stop:
+            self._finish(channel, task, "done", stop.value)
+        except Cancelled:
+            self._finish(channel, task, "cancelled", None)
+        except DegenseError as error:
+            self._finish(channel, task, "failed", str(error))
+        except Exception as error:
+            log.exception("a job on channel %s failed", channel)
+            self._finish(channel, task, "failed", f"The program made a mistake ({type(error).__name__}: {error}); the log has the details.")
+
+    def _finish(self, channel: str, task: _Task, kind: str, payload: object) -> None:
+        self._lock.lock()
+        if self._tasks[channel] is task:
+            self._tasks[channel] = None
+        self._lock.unlock()
+        self.reported.emit(channel, task.serial, kind, payload)

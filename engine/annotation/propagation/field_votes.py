@@ -1,0 +1,73 @@
+"""Labels through the 4D field: what corrected pixels say of each Gaussian, and what the Gaussians then say of other frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from degense.engine.annotation.propagation.nearness import nearness
+from degense.engine.raster import rasterize
+from degense.engine.scene import Scene
+from torch import Tensor
+
+#: Share of a pixel below which what was seen of a Gaussian counts little.
+LEAST_SEEN = 0.1
+#: Mean difference in colour (0 to 1) between the drawn and the recorded pixel at which a vote counts 1/e: there the scene shows
+#: something else than the recording, and its labels are of something else too.
+UNLIKE = 0.15
+
+
+class FieldVotes:
+    """The Gaussians' votes.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of the same frames and size as the label maps.
+    labels : mapping of frame to int64 [H, W]
+        Values 0 … count − 1.
+    valid : mapping of frame to bool [H, W]
+        Pixels that the scene reconstructs.
+    count : int
+    """
+
+    def __init__(self, scene: Scene, labels: Mapping[int, np.ndarray], valid: Mapping[int, np.ndarray], count: int):
+        self._scene = scene
+        self._seen = {frame: self._lift(frame, labels[frame], valid[frame], count) for frame in labels}
+
+    def _lift(self, frame: int, labels: np.ndarray, valid: np.ndarray, count: int) -> Tensor:
+        """Σ_p a_ip [L(p) = k] over the valid pixels of a frame, [N, count]; a_ip is the share of Gaussian i in pixel p.
+
+        A picture is linear in the features that it blends, so the sum is the gradient of Σ_p ⟨F(p), e_L(p)⟩ by the features: one
+        backward pass, as in `engine.training.semantic.distillation.lift`.
+        """
+        splats = self._scene.splats(frame)
+        features = torch.zeros(len(splats), count, device=splats.means.device, requires_grad=True)
+        with torch.enable_grad():
+            picture = rasterize(
+                splats.means, splats.quats, splats.scales, splats.opacities, features, self._scene.camera(frame), clean=True
+            ).image
+            named = torch.nn.functional.one_hot(torch.from_numpy(labels), count) * torch.from_numpy(valid)[..., None]
+            return torch.autograd.grad((picture * named.to(picture)).sum(), features)[0]
+
+    @torch.no_grad()
+    def at(self, frame: int, observed: np.ndarray) -> np.ndarray:
+        """Shares of the labels in each pixel, float32 [H, W, count]; their sum is below 1 where little is known.
+
+        Parameters
+        ----------
+        frame : int
+        observed : uint8 [H, W, 3]
+            The recorded frame.
+        """
+        weights = nearness(frame, list(self._seen))
+        said = sum(weight * seen for weight, seen in zip(weights, self._seen.values(), strict=True))
+        assert isinstance(said, Tensor)
+        shares = said / (said.sum(1, keepdim=True) + LEAST_SEEN)
+        splats = self._scene.splats(frame)
+        features = torch.cat([shares, splats.colors], 1)
+        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, self._scene.camera(frame), clean=True)
+        image = drawn.image.cpu().numpy()
+        unlike = np.abs(image[..., -3:].clip(0, 1) - observed.astype(np.float32) / 255).mean(-1)
+        return image[..., :-3] * np.exp(-((unlike / UNLIKE) ** 2))[..., None]

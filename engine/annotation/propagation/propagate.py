@@ -1,0 +1,147 @@
+"""Corrected label maps of a few frames, carried through time to all others.
+
+Three witnesses speak in every pixel: the Gaussians, labelled by the corrected pixels that they show and drawn at the other instant
+(`FieldVotes`; needs a run); the optical flow of the recording (`FlowVotes`); and the looks of the classes (`Looks`). With F, B and A
+their shares of class k,
+
+    s_k(p) = log(F_k + ε) + log(B_k + ε) + 2 log(A_k + ε)
+
+The greatest wins. The field keeps large tissue where it is, hidden or not; flow follows what is thin and fast; looks decide where a thing
+enters, leaves, or changes in place. Islands too small to be any of the class's parts go to the next best class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping, Sequence
+
+import cv2
+import numpy as np
+from degense.engine.annotation.packed import pack
+from degense.engine.annotation.propagation.appearance import Looks
+from degense.engine.annotation.propagation.field_votes import FieldVotes
+from degense.engine.annotation.propagation.flow_votes import FlowVotes
+from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.clip import UNLABELLED, Clip
+from degense.engine.errors import DegenseError
+from degense.engine.scene import Scene
+
+FLOOR = 0.02  # ε
+LOOKS_COUNT = 2.0
+#: Scores are divided by this before they are taken for log-probabilities: the witnesses do not err independently.
+SOFTENED = 2.0
+#: An island is dropped below this share of what the class covers in the corrected frames, and of the picture; a class that covers less
+#: than the first in a frame altogether is not there.
+LEAST_SHARE, SPECK = 0.08, 1e-3
+ROUNDS = 4  # of dropping: a dropped island may make another
+
+
+def propagate(
+    clip: Clip, corrected: Mapping[int, np.ndarray], scene: Scene | None = None, frames: Sequence[int] | None = None
+) -> Generator[tuple[float, str], None, dict[int, Carried]]:
+    """Carry label maps to other frames.
+
+    Parameters
+    ----------
+    clip : Clip
+    corrected : mapping of frame to uint8 [H, W]
+        `UNLABELLED` is carried like a class: what belongs to nothing in a corrected frame belongs to nothing elsewhere.
+    scene : Scene, optional
+        A run of the clip. Without one, flow and looks have to do.
+    frames : sequence of int, optional
+        Where to, ascending without gaps; default: the whole clip.
+
+    Yields
+    ------
+    (fraction, words)
+
+    Returns
+    -------
+    dict of frame to Carried
+        For all `frames` but the corrected ones.
+
+    Raises
+    ------
+    DegenseError
+        When nothing is corrected, or a map has another size than the clip.
+    """
+    wanted = list(frames if frames is not None else range(len(clip)))
+    values, indices = _indexed(clip, corrected)
+    count = len(values)
+    yield 0.0, "learning what the classes look like"
+    looks = Looks([clip.frame(i) for i in indices], list(indices.values()), count)
+    field = None
+    if scene is not None:
+        yield 0.01, "labelling the Gaussians"
+        field = FieldVotes(scene, indices, {i: clip.valid(i) for i in indices}, count)
+    flow = FlowVotes(clip, indices, count, [min(wanted[0], *indices), max(wanted[-1], *indices)])
+    for done, frame in enumerate(flow.measure()):
+        yield 0.02 + 0.48 * done / max(1, flow.steps), f"following the motion to frame {frame}"
+    usual = _usual_areas(list(indices.values()), count)
+    result = {}
+    for done, frame in enumerate(wanted):
+        if frame in indices:
+            continue
+        yield 0.5 + 0.5 * done / len(wanted), f"carrying labels to frame {frame}"
+        rgb = clip.frame(frame)
+        scores = np.log(flow.at(frame) + FLOOR) + LOOKS_COUNT * np.log(looks.at(rgb) + FLOOR)
+        if field is not None:
+            scores += np.log(field.at(frame, rgb) * clip.valid(frame)[..., None] + FLOOR)
+        winners = without_islands(scores, usual)
+        result[frame] = Carried(pack(values[winners]), winners.shape, expected_iou(scores, winners))
+    return result
+
+
+def _indexed(clip: Clip, corrected: Mapping[int, np.ndarray]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """The values that occur, uint8 [count], and for each corrected frame which of them each pixel has, int64 [H, W]."""
+    if not corrected:
+        raise DegenseError("No frame is labelled yet; label one, and its labels can be carried to the others.")
+    width, height = clip.size
+    for frame, labels in corrected.items():
+        if labels.shape != (height, width):
+            found = f"{labels.shape[1]} × {labels.shape[0]}"
+            raise DegenseError(f"The label map of frame {frame} is {found} pixels, but the clip is {width} × {height}; scale it first.")
+    values = np.unique(np.concatenate([np.unique(labels) for labels in corrected.values()]))
+    if values.tolist() == [UNLABELLED]:
+        raise DegenseError("The corrected frames hold no label; paint one, and it can be carried to the others.")
+    return values, {frame: np.searchsorted(values, corrected[frame]).astype(np.int64) for frame in sorted(corrected)}
+
+
+def _usual_areas(indices: Sequence[np.ndarray], count: int) -> np.ndarray:
+    """Pixels of each class in a corrected frame that has it, float [count]."""
+    areas = np.stack([np.bincount(index.ravel(), minlength=count) for index in indices])
+    return areas.sum(0) / np.maximum((areas > 0).sum(0), 1)
+
+
+def without_islands(scores: np.ndarray, usual: np.ndarray) -> np.ndarray:
+    """The class of greatest score in each pixel, int64 [H, W], of scores [H, W, count], where it makes more than a speck."""
+    scores = scores.copy()
+    for _ in range(ROUNDS):
+        winners = scores.argmax(-1)
+        dropped = np.zeros(winners.shape, bool)
+        for index, area in enumerate(usual):
+            mask = (winners == index).astype(np.uint8)
+            total = np.count_nonzero(mask)
+            if not total:
+                continue
+            _, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+            small = stats[:, cv2.CC_STAT_AREA] < (np.inf if total < LEAST_SHARE * area else min(LEAST_SHARE * area, SPECK * mask.size))
+            small[0] = False
+            here = small[parts]
+            scores[here, index] = -np.inf
+            dropped |= here
+        if not dropped.any():
+            break
+    return scores.argmax(-1)
+
+
+def expected_iou(scores: np.ndarray, winners: np.ndarray) -> float:
+    """Mean over the classes in `winners` of Σ_{won} P / (|won| + Σ_{not won} P), with P the softmax of the softened scores."""
+    softened = scores / SOFTENED
+    chances = np.exp(softened - softened.max(-1, keepdims=True))
+    chances /= chances.sum(-1, keepdims=True)
+    each = []
+    for index in np.unique(winners):
+        won, chance = winners == index, chances[..., index]
+        right = chance[won].sum()
+        each.append(right / (np.count_nonzero(won) + chance.sum() - right))
+    return float(np.mean(each))

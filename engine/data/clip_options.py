@@ -1,0 +1,65 @@
+"""What a user may say about a clip that its files do not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from degense.engine.errors import ClipError
+
+LAYOUTS = ("endonerf", "cholecseg8k", "endovis18", "frames", "video")
+
+
+@dataclass(frozen=True)
+class ClipOptions:
+    """Answers that overrule what the reader would decide by itself. What was decided stands in `Clip.provenance`.
+
+    Attributes
+    ----------
+    layout : str, optional
+        One of `LAYOUTS`; None: `detect` chooses.
+    mask_means : "tool" or "keep", optional
+        What the high value of a mask marks: pixels to leave out, or pixels to reconstruct. None: decided by evidence.
+    focal : float, optional
+        Focal length in pixels; None: from the clip's cameras, else 70° across the field of view.
+    pose_axes : "llff" or "opencv"
+        What the three rotation columns of a moving camera's `poses_bounds.npy` are: (down, right, back), as the format defines them, or
+        (right, down, forward), as some converters write them. The numbers alone cannot tell.
+    poses : "auto", "still" or "estimate"
+        Whether the camera moves. "auto": as the clip says, else training finds out; "still": it does not; "estimate": it does, and its
+        poses are estimated from the frames even where the clip brings some.
+    labels : str, optional
+        A folder with `labels/` and `classes.json` that is read instead of the clip's own label maps.
+    start, stride, max_frames : int
+        Which frames of a video file are used: from `start` on, each `stride`-th one, at most `max_frames`.
+
+    Raises
+    ------
+    ClipError
+        When a value is not allowed.
+    """
+
+    layout: str | None = None
+    mask_means: Literal["tool", "keep"] | None = None
+    focal: float | None = None
+    pose_axes: Literal["llff", "opencv"] = "llff"
+    poses: Literal["auto", "still", "estimate"] = "auto"
+    labels: str | None = None
+    start: int = 0
+    stride: int = 1
+    max_frames: int = 2000
+
+    def __post_init__(self) -> None:
+        if self.layout is not None and self.layout not in LAYOUTS:
+            raise ClipError(f"There is no clip layout {self.layout!r}; it is one of {', '.join(LAYOUTS)}.")
+        if self.mask_means not in (None, "tool", "keep"):
+            raise ClipError(f"mask_means is {self.mask_means!r}, but must be 'tool' or 'keep'.")
+        if self.pose_axes not in ("llff", "opencv"):
+            raise ClipError(f"pose_axes is {self.pose_axes!r}, but must be 'llff' or 'opencv'.")
+        if self.poses not in ("auto", "still", "estimate"):
+            raise ClipError(f"poses is {self.poses!r}, but must be 'auto', 'still' or 'estimate'.")
+        if self.focal is not None and not (math.isfinite(self.focal) and self.focal > 0):
+            raise ClipError(f"The focal length is {self.focal}, but must be a positive number of pixels.")
+        if self.start < 0 or self.stride < 1 or self.max_frames < 1:
+            raise ClipError("start must be 0 or more, stride and max_frames 1 or more.")

@@ -1,0 +1,160 @@
+"""Reading pictures of unknown origin: the header is checked before a pixel is decoded, and a damaged file is an error, not a grey area.
+
+Pillow reads them: it refuses files that are cut short (OpenCV fills the rest with grey) and keeps the indices of palette pictures.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from degense.engine.data.files.numbered import shown
+from degense.engine.errors import ClipError
+from PIL import Image
+
+MAX_PIXELS = 64_000_000
+FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
+_BROKEN = (OSError, ValueError, SyntaxError, EOFError, OverflowError, struct.error, zlib.error)
+
+
+def _open(path: Path) -> Image.Image:
+    try:
+        image = Image.open(path, formats=FORMATS)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        raise ClipError(f"{shown(path)} is larger than {MAX_PIXELS // 1_000_000} megapixels; scale it down first.") from error
+    except _BROKEN as error:
+        raise ClipError(
+            f"{shown(path)} is not a picture that can be read ({'empty' if path.stat().st_size == 0 else 'unknown or damaged'})."
+        ) from error
+    if image.width * image.height > MAX_PIXELS:
+        size = f"{image.width} × {image.height}"
+        image.close()
+        raise ClipError(f"{shown(path)} is {size} pixels, more than {MAX_PIXELS // 1_000_000} megapixels; scale it down first.")
+    return image
+
+
+def read_raw(path: Path) -> np.ndarray:
+    """The picture as stored: [H, W] or [H, W, C], its own integer or float type; palette pictures give their indices.
+
+    Raises
+    ------
+    ClipError
+    """
+    with _open(path) as image:
+        try:
+            return np.array(image)
+        except _BROKEN as error:
+            raise ClipError(f"{shown(path)} is cut short or damaged; copy it again.") from error
+
+
+def read_rgb(path: Path) -> np.ndarray:
+    """RGB, uint8 [H, W, 3].
+
+    Raises
+    ------
+    ClipError
+    """
+    with _open(path) as image:
+        try:
+            return np.array(image.convert("RGB"))
+        except _BROKEN as error:
+            raise ClipError(f"{shown(path)} is cut short or damaged; copy it again.") from error
+
+
+def read_index(path: Path) -> np.ndarray:
+    """One 8-bit channel, uint8 [H, W]: palette and grey pictures as they are, colour pictures whose channels agree as one of them.
+
+    Raises
+    ------
+    ClipError
+        Also when the channels differ: a colour picture says nothing about indices.
+    """
+    raw = read_raw(path)
+    if raw.ndim == 3 and raw.shape[2] == 2:  # grey and alpha
+        raw = raw[..., 0]
+    elif raw.ndim == 3:
+        if (raw[..., 0] != raw[..., 1]).any() or (raw[..., 0] != raw[..., 2]).any():
+            raise ClipError(f"{shown(path)} is a colour picture, but an 8-bit picture with one value a pixel is needed.")
+        raw = raw[..., 0]
+    if raw.dtype == bool:
+        return raw.astype(np.uint8)
+    if raw.dtype != np.uint8:
+        raise ClipError(f"{shown(path)} has {raw.dtype} values, but an 8-bit picture is needed.")
+    return np.ascontiguousarray(raw)
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) from the header. A file that does not end as its format does is decoded, to find out now and not amid training.
+
+    Raises
+    ------
+    ClipError
+    """
+    with _open(path) as image:
+        size, kind = image.size, image.format
+    ending = {"PNG": b"IEND", "JPEG": b"\xff\xd9"}.get(kind or "")
+    if ending is not None:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - 64))
+            if ending not in file.read():
+                read_raw(path)
+    return size
+
+
+def check_sizes(files: Iterable[Path], size: tuple[int, int] | None = None) -> tuple[int, int]:
+    """The common (width, height) of pictures, which must be `size` when that is given.
+
+    Raises
+    ------
+    ClipError
+    """
+    others = "the frames are"
+    for file in files:
+        found = picture_size(file)
+        if size is None:
+            size, others = found, f"{file.name} is"
+        if found != size:
+            told = f"{found[0]} × {found[1]}"
+            raise ClipError(f"{shown(file)} is {told} pixels, but {others} {size[0]} × {size[1]}; all pictures of a clip need one size.")
+    if size is None:
+        raise ValueError("no files")
+    return size
+
+
+class ImageFiles:
+    """Frames stored as one picture each.
+
+    Attributes
+    ----------
+    files : list of Path
+    size : (width, height)
+    """
+
+    def __init__(self, files: list[Path]):
+        self.files = files
+        self.size = check_sizes(files)
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    def read(self, index: int) -> np.ndarray:
+        """RGB, uint8 [H, W, 3]."""
+        return checked(read_rgb(self.files[index]), self.files[index], self.size)
+
+
+def checked(image: np.ndarray, path: Path, size: tuple[int, int]) -> np.ndarray:
+    """`image`, which must still have the size found when the clip was opened.
+
+    Raises
+    ------
+    ClipError
+    """
+    if image.shape[1::-1] != size:
+        found = f"{image.shape[1]} × {image.shape[0]}"
+        raise ClipError(
+            f"{shown(path)} was changed since the clip was opened: it is {found} pixels, not {size[0]} × {size[1]}; open it again."
+        )
+    return image

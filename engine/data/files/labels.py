@@ -1,0 +1,109 @@
+"""Label maps beside a clip: `labels/STEM.png` (8-bit indices) and `classes.json`; `strokes/STEM.png` are sparse ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from degense.engine.clip import UNLABELLED
+from degense.engine.data.files.images import check_sizes, checked, read_index
+from degense.engine.data.files.numbered import list_files, regular_file, shown
+from degense.engine.data.files.poses import read_json
+from degense.engine.errors import ClipError
+
+
+class LabelMaps(Protocol):
+    """Where a clip's label maps come from."""
+
+    files: dict[int, Path]
+
+    def read(self, index: int) -> np.ndarray:
+        """uint8 [H, W] of a frame that is a key of `files`."""
+
+
+class IndexMaps:
+    """Label maps whose values index the classes.
+
+    Attributes
+    ----------
+    files : dict of frame index to Path
+    classes : tuple of str
+    """
+
+    def __init__(self, files: dict[int, Path], classes: tuple[str, ...], size: tuple[int, int]):
+        self.files, self.classes, self.size = files, classes, size
+
+    def read(self, index: int) -> np.ndarray:
+        """uint8 [H, W].
+
+        Raises
+        ------
+        ClipError
+            For a value that is neither a class nor `UNLABELLED`.
+        """
+        path = self.files[index]
+        labels = checked(read_index(path), path, self.size)
+        beyond = labels[(labels >= len(self.classes)) & (labels != UNLABELLED)]
+        if beyond.size:
+            raise ClipError(
+                f"{shown(path)} has the label value {int(beyond.max())}, but classes.json names only {len(self.classes)} classes."
+            )
+        return labels
+
+
+def read_classes(path: Path) -> tuple[str, ...]:
+    """The names in `classes.json`, `{"classes": ["background", …]}`.
+
+    Raises
+    ------
+    ClipError
+    """
+    data = read_json(path)
+    names = data.get("classes") if isinstance(data, dict) else None
+    if not isinstance(names, list) or not all(isinstance(n, str) and n.strip() for n in names):
+        raise ClipError(f'{shown(path)} must look like {{"classes": ["background", "liver"]}}.')
+    if not 1 <= len(names) <= UNLABELLED:
+        raise ClipError(f"{shown(path)} names {len(names)} classes, but there must be 1 to {UNLABELLED}.")
+    if len(set(names)) != len(names):
+        raise ClipError(f"{shown(path)} names a class twice.")
+    return tuple(names)
+
+
+def index_maps(
+    root: Path, frames: Sequence[Path], size: tuple[int, int], folder: str = "labels", classes: tuple[str, ...] = ()
+) -> IndexMaps | None:
+    """The label maps in a folder of a clip, None when it has none. A few maps are read at once, so that a wrong one is noticed on opening.
+
+    Parameters
+    ----------
+    root : Path
+    frames : sequence of Path
+        A map is named like its frame.
+    size : (width, height)
+    folder : str
+        "labels" or "strokes".
+    classes : tuple of str
+        Those of the layout; where it has none, `classes.json` names them.
+
+    Raises
+    ------
+    ClipError
+    """
+    files = list_files(root / folder, root, (".png",))
+    if not files:
+        return None
+    if not classes:
+        if not (root / "classes.json").exists():
+            raise ClipError(f"{shown(root)} has {folder}/ but no classes.json that names their values; add one.")
+        classes = read_classes(regular_file(root / "classes.json", root))
+    index = {frame.stem: i for i, frame in enumerate(frames)}
+    for file in files:
+        if file.stem not in index:
+            raise ClipError(f"{shown(file)} belongs to no frame; it must be named like one, for example {frames[0].stem}.png.")
+    check_sizes(files, size)
+    maps = IndexMaps({index[f.stem]: f for f in files}, classes, size)
+    for i in sorted(maps.files)[:: max(1, len(maps.files) // 4)]:
+        maps.read(i)
+    return maps

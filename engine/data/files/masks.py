@@ -1,0 +1,134 @@
+"""What a mask's high value means. Published clips use both polarities, so it is decided by evidence and said in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from degense.engine.data.files.images import checked, read_index
+
+SURE = 2.0  # votes; less is an assumption and is called one
+
+
+@dataclass(frozen=True)
+class Polarity:
+    """The decision and its reason.
+
+    Attributes
+    ----------
+    means : "tool" or "keep"
+        What high values mark: pixels to leave out, or pixels to reconstruct.
+    words : str
+        For `provenance["masks"]`.
+    """
+
+    means: Literal["tool", "keep"]
+    words: str
+
+
+def read_mask(path: Path, size: tuple[int, int]) -> tuple[np.ndarray, int]:
+    """High pixels of a mask, bool [H, W], and its largest value: 0/255 masks (possibly with soft edges) and 0/1 masks alike.
+
+    Raises
+    ------
+    ClipError
+    """
+    mask = checked(read_index(path), path, size)
+    top = int(mask.max())
+    return (mask >= 128 if top >= 128 else mask > 0), top
+
+
+def decide(highs: Sequence[np.ndarray], frames: Sequence[np.ndarray], top: int, asked: str | None = None) -> Polarity:
+    """Decide what high values mean, from masks and frames of the same moments.
+
+    Votes, for "high = tool" (+) or "high = keep" (−): a polarity that would leave nothing of a frame is out (4); a black part is the one
+    left out (4); the smaller part is (2 under 35 %, else 1); the greyer part is (1, instruments have less colour than tissue); when all
+    that says nothing, 0/1 masks are taken for keep and 0/255 masks for tool, as most clips have it (0.5).
+
+    Parameters
+    ----------
+    highs : list of bool [H, W]
+    frames : list of uint8 [H, W, 3]
+    top : int
+        Largest value of all masks.
+    asked : "tool" or "keep", optional
+        What the user said; only the words are made then.
+    """
+    stack = np.stack(highs)
+    value = top or 255
+    if not stack.any():
+        return Polarity("tool", "empty: nothing is left out")
+    if stack.all():
+        if asked == "tool":
+            return Polarity("tool", f"{value} = tool (as set): everything is left out")
+        return Polarity("keep", f"{value} = keep (all pixels are marked): nothing is left out")
+    votes = _votes(stack, np.stack(frames), value)
+    score = sum(votes.values())
+    means: Literal["tool", "keep"] = "tool" if score > 0 else "keep"
+    if asked in ("tool", "keep"):
+        means = "tool" if asked == "tool" else "keep"
+    left_out = stack if means == "tool" else ~stack
+    reasons = _reasons(left_out, np.stack(frames), votes)
+    if asked is not None:
+        return Polarity(means, f"{value} = {means} (as set; {reasons})")
+    if abs(score) < SURE:
+        return Polarity(means, f"assumed {value} = {means} ({reasons}; the masks alone do not tell); set mask_means to change")
+    return Polarity(means, f"{value} = {means} ({reasons})")
+
+
+def _votes(stack: np.ndarray, frames: np.ndarray, value: int) -> dict[str, float]:
+    share = float(stack.mean())
+    per_frame = stack.mean(axis=(1, 2))
+    votes = {"convention": 0.5 if value > 1 else -0.5}
+    if (per_frame == 0).any() != (per_frame == 1).any():
+        votes["nothing left"] = 4.0 if (per_frame == 0).any() else -4.0
+    dark_high, dark_low = _black_share(frames, stack), _black_share(frames, ~stack)
+    if dark_high > 0.8 and dark_low < 0.4:
+        votes["black"] = 4.0
+    elif dark_low > 0.8 and dark_high < 0.4:
+        votes["black"] = -4.0
+    minority = min(share, 1 - share)
+    votes["smaller"] = (2.0 if minority < 0.35 else 1.0 if minority < 0.48 else 0.0) * (1 if share < 0.5 else -1)
+    grey_high, grey_low = _colourfulness(frames, stack), _colourfulness(frames, ~stack)
+    if abs(grey_high - grey_low) > 0.1:
+        votes["greyer"] = 1.0 if grey_high < grey_low else -1.0
+    return votes
+
+
+def _black_share(frames: np.ndarray, where: np.ndarray) -> float:
+    return float((frames.max(axis=3)[where] < 24).mean())
+
+
+def _colourfulness(frames: np.ndarray, where: np.ndarray) -> float:
+    """Median saturation of pixels that are neither black nor burnt out; 0.5 when there are none."""
+    pixels = frames[where].astype(np.float32)
+    high, low = pixels.max(axis=1), pixels.min(axis=1)
+    seen = (high > 30) & (low < 220)
+    return float(np.median((high[seen] - low[seen]) / high[seen])) if seen.any() else 0.5
+
+
+def _reasons(left_out: np.ndarray, frames: np.ndarray, votes: dict[str, float]) -> str:
+    moves = len(left_out) > 1 and float((left_out[1:] != left_out[:-1]).mean()) > 0.02 * float(left_out.mean())
+    words = [f"excluded area {100 * float(left_out.mean()):.0f} % of the frame"]
+    if len(left_out) > 1:
+        words.append("moves between frames" if moves else "stands still")
+    if _black_share(frames, left_out) > 0.8:
+        words.append("black, so outside the field of view" if not moves else "black")
+    elif "greyer" in votes and _colourfulness(frames, left_out) < _colourfulness(frames, ~left_out):
+        words.append("greyer than the rest")
+    return ", ".join(words)
+
+
+class MaskFiles:
+    """The tool or field-of-view masks of a clip, one a frame, in a decided polarity."""
+
+    def __init__(self, files: list[Path], size: tuple[int, int], polarity: Polarity):
+        self.files, self.size, self.polarity = files, size, polarity
+
+    def keep(self, index: int) -> np.ndarray:
+        """Pixels to reconstruct, bool [H, W]. An empty mask says nothing, so all pixels are."""
+        high, _ = read_mask(self.files[index], self.size)
+        return high if self.polarity.means == "keep" and high.any() else ~high

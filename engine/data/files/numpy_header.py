@@ -1,0 +1,75 @@
+"""Arrays in .npy and .npz files of unknown origin: no pickle, and shape and type are known before anything is allocated."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from degense.engine.data.files.numbered import shown
+from degense.engine.errors import ClipError
+
+_BROKEN = (OSError, ValueError, EOFError, SyntaxError, OverflowError, MemoryError, KeyError, NotImplementedError, RuntimeError)
+_BROKEN_ZIP = (*_BROKEN, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
+
+
+def open_npy(path: Path) -> np.ndarray:
+    """A .npy file, mapped, not read.
+
+    Raises
+    ------
+    ClipError
+        When it is damaged, cut short, holds objects, or anything but real numbers.
+    """
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except _BROKEN as error:
+        raise ClipError(f"{shown(path)} is not a sound .npy file of numbers (damaged, cut short or pickled).") from error
+    if not isinstance(array, np.ndarray):
+        array.close()
+        raise ClipError(f"{shown(path)} is an .npz archive with the ending .npy; save it as .npy.")
+    if array.dtype.kind not in "fiub":
+        raise ClipError(f"{shown(path)} holds {array.dtype} values, but real numbers are needed.")
+    return array
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
+    return shape, dtype
+
+
+def npz_headers(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
+    """Shape and type of each array of a .npz archive, read from the headers alone.
+
+    Raises
+    ------
+    ClipError
+    """
+    headers = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for name in archive.namelist():
+                if name.endswith(".npy"):
+                    with archive.open(name) as file:
+                        headers[name[:-4]] = _header(file)
+    except _BROKEN_ZIP as error:
+        raise ClipError(f"{shown(path)} is not a sound .npz archive (damaged or cut short).") from error
+    return headers
+
+
+def read_npz(path: Path, name: str) -> np.ndarray:
+    """One array of a .npz archive whose header was found acceptable.
+
+    Raises
+    ------
+    ClipError
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return archive[name]
+    except _BROKEN_ZIP as error:
+        raise ClipError(f"{shown(path)}: the array '{name}' is damaged or cut short.") from error

@@ -1,0 +1,123 @@
+"""The clip that all readers make: frames from somewhere, and whatever else lies beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from degense.engine.clip import Clip, Truth
+from degense.engine.data.depth import DepthPrior
+from degense.engine.data.files.cache import ArrayCache
+from degense.engine.data.files.depth_files import DepthFiles
+from degense.engine.data.files.labels import IndexMaps, LabelMaps
+from degense.engine.data.files.masks import MaskFiles
+from degense.engine.data.files.truth import TruthFile
+
+
+class Pictures(Protocol):
+    """Where a clip's frames come from.
+
+    Attributes
+    ----------
+    files : list of Path
+        The files that hold the frames: one each, or one for all.
+    size : (width, height)
+    """
+
+    files: list[Path]
+    size: tuple[int, int]
+
+    def __len__(self) -> int: ...
+
+    def read(self, index: int) -> np.ndarray:
+        """RGB, uint8 [H, W, 3]."""
+
+
+@dataclass(kw_only=True)
+class StoredClip(Clip):
+    """A clip on disk. Frames, validity and depth are read when asked for; the ones used last stay in memory, up to 256 MB together.
+
+    Attributes
+    ----------
+    pictures : Pictures
+    inside : bool [H, W]
+        The optical field of view; all true when there is no dark border.
+    masks : MaskFiles, optional
+    distances : DepthFiles or DepthPrior
+    label_maps, stroke_maps : LabelMaps, optional
+    truth_file : TruthFile, optional
+    """
+
+    pictures: Pictures
+    inside: np.ndarray
+    distances: DepthFiles | DepthPrior
+    masks: MaskFiles | None = None
+    label_maps: LabelMaps | None = None
+    stroke_maps: LabelMaps | None = None
+    truth_file: TruthFile | None = None
+    cache: ArrayCache = field(default_factory=ArrayCache, repr=False)
+
+    def frame(self, index: int) -> np.ndarray:
+        i = self._checked(index)
+        return self.cache.get(("frame", i), lambda: self.pictures.read(i))
+
+    def valid(self, index: int) -> np.ndarray:
+        i = self._checked(index)
+        if self.masks is None:
+            return self.inside.copy()
+        masks = self.masks
+        return self.cache.get(("valid", i), lambda: masks.keep(i) & self.inside)
+
+    def depth(self, index: int) -> np.ndarray:
+        i = self._checked(index)
+        distances = self.distances
+        if isinstance(distances, DepthFiles):
+            return self.cache.get(("depth", i), lambda: distances.read(i))
+        return self.cache.get(("depth", i), lambda: distances.depth(self.frame(i), self.valid(i), self.inside))
+
+    @property
+    def depth_measured(self) -> bool:
+        return isinstance(self.distances, DepthFiles)
+
+    @property
+    def labelled_frames(self) -> list[int]:
+        return sorted(self.label_maps.files) if self.label_maps else []
+
+    def labels(self, index: int) -> np.ndarray | None:
+        i = self._checked(index)
+        maps = self.label_maps
+        return self.cache.get(("labels", i), lambda: maps.read(i)) if maps and i in maps.files else None
+
+    @property
+    def stroked_frames(self) -> list[int]:
+        return sorted(self.stroke_maps.files) if self.stroke_maps else []
+
+    def strokes(self, index: int) -> np.ndarray | None:
+        i = self._checked(index)
+        return self.stroke_maps.read(i) if self.stroke_maps and i in self.stroke_maps.files else None
+
+    def truth(self) -> Truth | None:
+        return self.truth_file.read() if self.truth_file else None
+
+    def _checked(self, index: int) -> int:
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of a clip of {len(self)}")
+        return int(index)
+
+
+def sampled(count: int, most: int = 8) -> list[int]:
+    """Up to `most` frame indices spread over a clip, first and last among them."""
+    return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()})
+
+
+def map_words(maps: IndexMaps | None, count: int, folder: str) -> str:
+    """`provenance` of label maps beside a clip of `count` frames."""
+    return f"{len(maps.files)} of {count} frames, {len(maps.classes)} classes, from {folder}/" if maps else "none"
+
+
+def counted(files: Sequence[Path], size: tuple[int, int]) -> str:
+    """`provenance["frames"]` of a folder of pictures."""
+    return f"{len(files)} pictures of {size[0]} × {size[1]}, {files[0].name} to {files[-1].name}"

@@ -1,0 +1,145 @@
+"""Points of key frames, followed into other frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import tee
+
+import numpy as np
+from degense.engine.data.poses.views import Views
+from degense.engine.motion import consistent, flow_between, follow, sample, steps_between
+from degense.engine.progress import Progress
+
+FEWEST = 40  # points without which a frame says nothing of its camera
+LEFT = 0.4  # share of a key frame's points below which the next key frame takes over
+OVERLAP = 0.5  # share of a key frame's points that another must see to be matched with it
+PATIENCE = 8  # frames in a row that may show nothing before the camera counts as lost
+
+
+@dataclass(frozen=True)
+class Track:
+    """Points of one frame and where they are seen in another.
+
+    Attributes
+    ----------
+    key, frame : int
+    index : int [n]
+        Which of the key frame's points.
+    pixels : float64 [n, 2]
+        Their places in the key frame, pixels (x, y), centres at .5.
+    depth : float64 [n]
+        Their camera depth z there.
+    seen : float64 [n, 2]
+        Their places in the other frame.
+    """
+
+    key: int
+    frame: int
+    index: np.ndarray
+    pixels: np.ndarray
+    depth: np.ndarray
+    seen: np.ndarray
+
+
+class Lost(Exception):
+    """The tissue could not be followed; the message says where."""
+
+
+class Key:
+    """A key frame and its points."""
+
+    def __init__(self, views: Views, frame: int):
+        self.views, self.frame = views, frame
+        self.rows, self.columns = views.points(frame)
+        self.depth = views.depth(frame)[self.rows, self.columns]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def track(self, frame: int, out: np.ndarray, back: np.ndarray) -> Track:
+        """The points on which flow to another frame and flow back agree, and which are usable there too."""
+        arrives = sample(self.views.usable(frame).astype(np.float32), out)[self.rows, self.columns] > 0.5
+        index = np.flatnonzero(arrives & consistent(out, back)[self.rows, self.columns])
+        row, column = self.rows[index], self.columns[index]
+        pixels = np.stack([column, row], 1) + 0.5
+        return Track(self.frame, frame, index, pixels, self.depth[index], pixels + out[row, column])
+
+
+def follow_tissue(views: Views, frames: list[int], progress: Progress) -> tuple[list[Key], list[Track]]:
+    """Follow the tissue of key frames through the clip: a new key frame begins where too little of the last one is left.
+
+    Frames that show nothing (dark, blurred, covered) get no track; what comes after them is matched with what came before.
+
+    Raises
+    ------
+    Lost
+    """
+    first, *later = frames
+    keys, tracks = [Key(views, first)], list[Track]()
+    if len(keys[0]) < FEWEST:
+        raise Lost(f"frame {first} shows no tissue with texture and depth")
+    last, missed = first, 0
+    flows = _flows(views, first, later)
+    position = 0
+    while position < len(later):
+        progress(position / len(later), "following tissue to find the camera")
+        key, frame = keys[-1], later[position]
+        track = key.track(frame, *next(flows))
+        left = len(track.index)
+        if left < LEFT * len(key) and last != key.frame and len(fresh := Key(views, last)) > max(FEWEST, left):
+            keys.append(fresh)
+            flows = _flows(views, last, later[position:])
+            continue
+        position += 1
+        if left >= FEWEST:
+            tracks.append(track)
+            last, missed = frame, 0
+            continue
+        missed += 1
+        if missed > PATIENCE:
+            raise Lost(f"tissue cannot be followed beyond frame {last}")
+        flows = _flows(views, key.frame, later[position:])
+    if not tracks:
+        raise Lost(f"tissue cannot be followed beyond frame {last}")
+    return keys, tracks
+
+
+def _flows(views: Views, key: int, frames: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    pictures, ahead = tee(views.picture(i) for i in (key, *frames))
+    return follow(pictures, steps_between(ahead))
+
+
+def close_loops(keys: list[Key], viewmats: np.ndarray, progress: Progress) -> list[Track]:
+    """Tracks between key frames that do not follow each other but see the same tissue, searched from where the poses so far say that it is.
+
+    Parameters
+    ----------
+    viewmats : float64 [T, 4, 4]
+        In the unit of the views.
+    """
+    found = []
+    for i, key in enumerate(keys[2:], 2):
+        progress(i / len(keys), "closing loops")
+        for other in keys[: i - 1]:
+            out, overlap = _foretold(other, key, viewmats)
+            if overlap < OVERLAP:
+                continue
+            back, _ = _foretold(key, other, viewmats)
+            here, there = (k.views.picture(k.frame) for k in (other, key))
+            track = other.track(key.frame, flow_between(here, there, out), flow_between(there, here, back))
+            if len(track.index) >= max(FEWEST, 0.5 * overlap * len(other)):
+                found.append(track)
+    return found
+
+
+def _foretold(key: Key, other: Key, viewmats: np.ndarray) -> tuple[np.ndarray, float]:
+    """Flow that the poses foretell, float32 [h, w, 2], and the share of the key frame's points that stay in the picture."""
+    views = key.views
+    depth = views.depth(key.frame)
+    width, height = views.size
+    pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1)
+    world = replace(views.camera, viewmat=viewmats[key.frame]).unproject(pixels, np.where(depth > 0, depth, np.median(key.depth)))
+    seen, _ = replace(views.camera, viewmat=viewmats[other.frame]).project(world)
+    inside = np.all((seen > 0) & (seen < (width, height)), axis=-1)
+    return np.clip(seen - pixels, -width, width).astype(np.float32), float(inside[key.rows, key.columns].mean())

@@ -1,0 +1,9 @@
+"""Reading clips: `open_clip` takes a folder or a video file and gives a `Clip`; one file a layout."""
+
+from degense.engine.data.clip_options import LAYOUTS, ClipOptions
+from degense.engine.data.readers.describe import describe
+from degense.engine.data.readers.detect import detect, open_clip
+from degense.engine.data.readers.fingerprint import fingerprint
+from degense.engine.data.readers.relabelled import frame_names, with_labels
+
+__all__ = ["LAYOUTS", "ClipOptions", "describe", "detect", "fingerprint", "frame_names", "open_clip", "with_labels"]

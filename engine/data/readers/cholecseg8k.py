@@ -1,0 +1,178 @@
+"""Raw CholecSeg8k: `videoNN_SSSSS/frame_<k>_endo.png` with its watershed, colour and annotation masks.
+
+Classes and codes are those of the data set's published table. Two more values occur in the files: 255 (white outlines) and 0 (never
+segmented); both say nothing.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from degense.engine.clip import UNLABELLED, Clip
+from degense.engine.data.clip_options import ClipOptions
+from degense.engine.data.depth import DepthPrior
+from degense.engine.data.files.colours import ColourCodes
+from degense.engine.data.files.field_of_view import border_words, brightest, field_of_view
+from degense.engine.data.files.images import ImageFiles, check_sizes, checked, read_raw, read_rgb
+from degense.engine.data.files.labels import index_maps
+from degense.engine.data.files.numbered import list_files, regular_file, shown
+from degense.engine.data.files.poses import guessed_cameras
+from degense.engine.data.files.stored import StoredClip, counted, map_words, sampled
+from degense.engine.errors import ClipError
+
+#: name, grey code in the watershed mask, colour in the colour mask
+CLASSES: tuple[tuple[str, int, tuple[int, int, int]], ...] = (
+    ("Black Background", 50, (127, 127, 127)),
+    ("Abdominal Wall", 11, (210, 140, 140)),
+    ("Liver", 21, (255, 114, 114)),
+    ("Gastrointestinal Tract", 13, (231, 70, 156)),
+    ("Fat", 12, (186, 183, 75)),
+    ("Grasper", 31, (170, 255, 0)),
+    ("Connective Tissue", 23, (255, 85, 0)),
+    ("Blood", 24, (255, 0, 0)),
+    ("Cystic Duct", 25, (255, 255, 0)),
+    ("L-hook Electrocautery", 32, (169, 255, 184)),
+    ("Gallbladder", 22, (255, 160, 165)),
+    ("Hepatic Vein", 33, (0, 50, 128)),
+    ("Liver Ligament", 5, (111, 74, 0)),
+)
+NAMES = tuple(name for name, _, _ in CLASSES)
+BACKGROUND = 0
+FRAME = re.compile(r"frame_(\d+)_endo\.png")
+_GREY = np.full(256, UNLABELLED, np.uint8)
+_GREY[[code for _, code, _ in CLASSES]] = np.arange(len(CLASSES))
+
+
+_CODES = ColourCodes([colour for _, _, colour in CLASSES])
+
+
+def from_watershed(mask: np.ndarray) -> np.ndarray:
+    """Label map of a watershed mask, uint8 [H, W] or [H, W, C] with equal channels and alpha at will; unknown codes → `UNLABELLED`."""
+    grey = mask if mask.ndim == 2 else mask[..., 0]
+    labels = _GREY[grey]
+    if mask.ndim == 3 and mask.shape[2] >= 3:
+        labels[(mask[..., 1] != grey) | (mask[..., 2] != grey)] = UNLABELLED
+    return labels
+
+
+def from_colours(mask: np.ndarray) -> np.ndarray:
+    """Label map of a colour mask, uint8 [H, W, 3]; unknown colours → `UNLABELLED`."""
+    return _CODES.labels(mask)
+
+
+class CholecMaps:
+    """Label maps of a CholecSeg8k clip, from watershed masks where there are any, else from colour masks."""
+
+    def __init__(self, files: dict[int, Path], size: tuple[int, int]):
+        self.files, self.size = files, size
+
+    def read(self, index: int) -> np.ndarray:
+        """uint8 [H, W].
+
+        Raises
+        ------
+        ClipError
+        """
+        path = self.files[index]
+        if path.name.endswith("_color_mask.png"):
+            return from_colours(checked(read_rgb(path), path, self.size))
+        raw = checked(read_raw(path), path, self.size)
+        if raw.dtype != np.uint8:
+            raise ClipError(f"{shown(path)} has {raw.dtype} values, but a watershed mask is an 8-bit picture.")
+        return from_watershed(raw)
+
+
+def cholec_frames(path: Path) -> list[Path]:
+    """The frames of a CholecSeg8k clip folder by their number; empty when it is none.
+
+    Raises
+    ------
+    ClipError
+        For links that lead out of the folder.
+    """
+    found = [(int(match.group(1)), f) for f in path.iterdir() if (match := FRAME.fullmatch(f.name))]
+    return [regular_file(f, path) for _, f in sorted(found)]
+
+
+def open_cholecseg8k(path: Path, options: ClipOptions) -> Clip:
+    """Open one clip of the raw data set.
+
+    Raises
+    ------
+    ClipError
+    """
+    frames = cholec_frames(path)
+    if not frames:
+        raise ClipError(f"{shown(path)} holds no frame_<number>_endo.png.")
+    pictures = ImageFiles(frames)
+    size, count = pictures.size, len(frames)
+    masks, by_kind = _mask_files(path, frames)
+    check_sizes(masks.values(), size)
+    maps = CholecMaps(masks, size)
+    few = [pictures.read(i) for i in sampled(count)]
+    field, field_words = _field(maps, few)
+    found = guessed_cameras(count, size, field, options)
+    seen = np.ones(size[::-1], bool) if field is None else field
+    strokes = index_maps(path, frames, size, "strokes", NAMES)
+    prior = DepthPrior(few, [seen] * len(few), found.cameras[0])
+    return StoredClip(
+        name=path.name,
+        path=path,
+        cameras=found.cameras,
+        poses=found.poses,
+        classes=NAMES if masks or strokes else (),
+        provenance={
+            "frames": counted(frames, size),
+            "masks": field_words,
+            "depth": prior.words,
+            "labels": _label_words(maps, by_kind, count),
+            **({"strokes": map_words(strokes, count, "strokes")} if strokes else {}),
+            **found.provenance,
+        },
+        pictures=pictures,
+        inside=seen,
+        distances=prior,
+        label_maps=maps if masks else None,
+        stroke_maps=strokes,
+    )
+
+
+def _mask_files(path: Path, frames: list[Path]) -> tuple[dict[int, Path], dict[str, int]]:
+    there = {f.name: f for f in list_files(path, path, (".png",))}
+    masks: dict[int, Path] = {}
+    kinds: dict[str, int] = {}
+    for i, frame in enumerate(frames):
+        for kind, ending in (("watershed", "_watershed_mask.png"), ("colour", "_color_mask.png")):
+            name = frame.stem + ending
+            if name in there:
+                masks[i] = there[name]
+                kinds[kind] = kinds.get(kind, 0) + 1
+                break
+    return masks, kinds
+
+
+def _field(maps: CholecMaps, few: list[np.ndarray]) -> tuple[np.ndarray | None, str]:
+    """The field of view: what some label map does not call background, else what is not a dark border."""
+    if maps.files:
+        keys = sorted(maps.files)
+        outside = np.all([maps.read(keys[i]) == BACKGROUND for i in sampled(len(keys))], axis=0)
+        if 0.002 < outside.mean() < 0.95:
+            hull = field_of_view(np.where(outside, 0, 255).astype(np.uint8))  # also takes the white outlines on the border away
+            inside = ~outside if hull is None else hull & ~outside
+            return inside, border_words(inside, "labelled Black Background")
+    inside_border = field_of_view(brightest(few))
+    return inside_border, border_words(inside_border, "dark border")
+
+
+def _label_words(maps: CholecMaps, kinds: dict[str, int], count: int) -> str:
+    if not maps.files:
+        return "none"
+    keys = sorted(maps.files)
+    looked_at = [maps.read(keys[i]) for i in sampled(len(keys))]
+    unknown = float(np.mean([(m == UNLABELLED).mean() for m in looked_at]))
+    words = f"{len(keys)} of {count} frames, 13 classes, from {' and '.join(f'{kind} masks' for kind in kinds)}"
+    if unknown:
+        words += f"; {100 * unknown:.1f} % of the pixels carry no class's code (outlines, gaps) and are unlabelled"
+    return words

@@ -1,0 +1,168 @@
+"""Writes a phantom as a clip folder in the *frames* layout, truth included."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from degense.engine.data.synthetic.scene import KINDS, PhantomScene, View
+from degense.engine.errors import DegenseError
+from degense.engine.progress import Progress, silent
+from PIL import Image
+
+
+@dataclass(frozen=True)
+class PhantomOptions:
+    """What to synthesise. The same options give the same bytes.
+
+    Attributes
+    ----------
+    frames : int
+        The story (of the kind) always fills the clip: fewer frames play it faster.
+    width, height : int
+        Pixels.
+    seed : int
+        Varies shapes, places, textures and motion.
+    camera_motion : float
+        Amplitude of the camera's smooth path, mm, 0 to 15; 0 stands still.
+    noise : float
+        Standard deviation of the sensor noise, 8-bit grey levels. 1.5 (with rounding) puts the noise floor at 44.5 dB: a perfect
+        reconstruction scores no more, and 44.3 dB once it is rounded to 8 bits too.
+    kind : str
+        "cautery": a grasper pulls the gallbladder while an electrocautery hook chars tissue that stands still.
+        "bleeding": scissors part the cover of a kidney, blood wells up and spreads over tissue that breathes, a thin tube sucks it away.
+    tool_masks : bool
+        Write `masks/NNNNNN.png` too, 255 = pixels that a tool shows in, so that the tools are neither reconstructed nor scored.
+    """
+
+    frames: int = 40
+    width: int = 320
+    height: int = 256
+    seed: int = 0
+    camera_motion: float = 0.0
+    noise: float = 1.5
+    kind: str = "cautery"
+    tool_masks: bool = False
+
+    def __post_init__(self) -> None:
+        limits = {
+            "frames": (1, 2000),
+            "width": (32, 1920),
+            "height": (32, 1920),
+            "camera_motion": (0, 15),
+            "noise": (0, 64),
+            "seed": (0, 2**63),
+        }
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise DegenseError(f"A phantom cannot be made with {name} {value}: choose {low} to {high}.")
+        if not 0.5 <= self.height / self.width <= 1.5:
+            raise DegenseError(
+                f"A phantom of {self.width} × {self.height} pixels has a strange shape: choose a height of 0.5 to 1.5 times the width."
+            )
+        if self.kind not in KINDS:
+            raise DegenseError(f"There is no phantom of the kind '{self.kind}': choose {' or '.join(KINDS)}.")
+
+
+def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress: Progress = silent) -> None:
+    """Write a synthetic clip.
+
+    `images/NNNNNN.png`; `labels/NNNNNN.png` (8-bit index with a palette) and `classes.json`; `depth/NNNNNN.npy` (float32 camera z, mm);
+    `camera.json` (intrinsics, `viewmats` world → camera); `gt.npz` with `displacement` float32 [T, H, W, 3], mm, and `cautery` bool
+    [T, H, W], see `engine.clip.Truth`. Displacement is a property of the tissue: it is in the axes of the camera at frame 0, which are
+    the world's, even when the camera moves. `cautery` marks tissue from its first visible change of
+    colour on: charred tissue stands still, bled tissue moves as it would without the blood. What a cut lays open was hidden at frame 0;
+    its place there is exact too.
+
+    Parameters
+    ----------
+    out : Path
+        A folder that does not exist yet or is empty. It appears when everything is written, so a stopped run leaves nothing behind.
+    options : PhantomOptions
+    progress : Progress
+
+    Raises
+    ------
+    DegenseError
+        When `out` is in use or cannot be written.
+    """
+    out = Path(out).absolute()
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise DegenseError(f"{out} is not an empty folder: choose a new one for the phantom.")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+    except OSError as error:
+        raise DegenseError(f"{out} cannot be written ({error.strerror}): choose another folder.") from error
+    try:
+        _write(draft, options, progress)
+        draft.chmod(0o755)
+        if out.exists():
+            out.rmdir()
+        draft.rename(out)
+    except OSError as error:
+        raise DegenseError(f"{out} cannot be written ({error.strerror}): free some space or choose another folder.") from error
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
+    progress(0.0, "growing tissue")
+    for name in ("images", "labels", "depth", *(["masks"] if options.tool_masks else [])):
+        (folder / name).mkdir()
+    scene = PhantomScene(options.kind, options.width, options.height, options.seed, options.camera_motion)
+    times = np.linspace(0.0, 1.0, options.frames) if options.frames > 1 else np.zeros(1)
+    (folder / "classes.json").write_text(json.dumps({"classes": list(scene.stage.classes)}, indent=1) + "\n", encoding="utf-8")
+    (folder / "camera.json").write_text(json.dumps(_cameras(scene, times), indent=1) + "\n", encoding="utf-8")
+
+    shape = (options.frames, options.height, options.width)
+    cautery = np.zeros(shape, bool)
+    # Written frame by frame, as np.savez_compressed would, because a long clip's displacement does not fit in memory.
+    with zipfile.ZipFile(folder / "gt.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        with archive.open(zipfile.ZipInfo("displacement.npy"), "w", force_zip64=True) as file:
+            np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": (*shape, 3)})
+            for i, s in enumerate(times):
+                view = scene.view(float(s))
+                rng = np.random.default_rng([options.seed, i])
+                _write_frame(folder, i, view, options.noise * rng.standard_normal(view.rgb.shape), scene.stage.palette)
+                if options.tool_masks:
+                    Image.fromarray(np.where(view.tools, 255, 0).astype(np.uint8)).save(folder / "masks" / f"{i:06d}.png")
+                file.write(view.displacement.tobytes())
+                cautery[i] = view.cautery
+                progress((i + 1) / options.frames, f"photographed frame {i + 1} of {options.frames}")
+        with archive.open(zipfile.ZipInfo("cautery.npy"), "w", force_zip64=True) as file:
+            np.lib.format.write_array(file, cautery)
+
+
+def _write_frame(folder: Path, index: int, view: View, noise: np.ndarray, palette: Sequence[tuple[int, int, int]]) -> None:
+    stem = f"{index:06d}"
+    image = np.clip(np.rint(view.rgb * 255 + noise), 0, 255).astype(np.uint8)
+    if not cv2.imwrite(str(folder / "images" / f"{stem}.png"), image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 3]):
+        raise OSError(f"images/{stem}.png could not be encoded")
+    labels = Image.fromarray(view.labels)
+    labels.putpalette(np.array(palette, np.uint8).tobytes())
+    labels.save(folder / "labels" / f"{stem}.png")
+    np.save(folder / "depth" / f"{stem}.npy", view.depth)
+
+
+def _cameras(scene: PhantomScene, times: np.ndarray) -> dict:
+    cameras = [scene.camera(float(s)) for s in times]
+    first = cameras[0]
+    return {
+        "width": first.width,
+        "height": first.height,
+        "fx": first.fx,
+        "fy": first.fy,
+        "cx": first.cx,
+        "cy": first.cy,
+        "unit": "mm",
+        "viewmats": [camera.viewmat.tolist() for camera in cameras],
+    }

@@ -1,0 +1,214 @@
+"""Draws triangle meshes with a z-buffer and shades them as an endoscope sees them: one light, at the camera.
+
+Every pixel is cut into 3 × 3 samples. Colour is their mean; depth, label, displacement and change are those of the middle sample,
+which lies exactly on the pixel's centre. All of them are interpolated on the same triangle, so they agree with each other to rounding.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from degense.engine.data.synthetic.paint import BLUE, CHANGE_START, CHANGE_STRENGTH, GREEN, RED, SLOPE_X, SLOPE_Y, WETNESS, WIPED
+from numba import njit
+
+CHARS, BLEEDS = 0, 1  # how tissue changes its look
+
+SAMPLES = 3
+NEAREST = 8.0  # mm: triangles that come nearer to the camera are not drawn
+LIT_DEPTH = 80.0  # mm: a white surface that faces the camera from here is drawn just white
+CHANGE_BEGUN = 0.05
+CHANGE_CLASS = 0.5  # tissue that has changed further than this bears the name of the change
+WIPE_TIME, STAIN = 0.06, 0.2  # clip time that wiping a place takes, and the share of the blood that is left there
+
+
+@njit(cache=True, nogil=True)
+def cover(pixels: np.ndarray, z: np.ndarray, triangles: np.ndarray, inverse_depth: np.ndarray, owner: np.ndarray, first: int) -> None:
+    """Enter triangles in a z-buffer.
+
+    Parameters
+    ----------
+    pixels : float64 [V, 2]
+        Projected vertices, in samples.
+    z : float64 [V]
+    triangles : int32 [F, 3]
+    inverse_depth : float64 [h, w]
+        1/z of what each sample shows, changed in place; 0 where nothing is.
+    owner : int32 [h, w]
+        Number of the triangle that each sample shows, changed in place.
+    first : int
+        Number of triangles[0].
+    """
+    height, width = owner.shape
+    for f in range(triangles.shape[0]):
+        a, b, c = triangles[f, 0], triangles[f, 1], triangles[f, 2]
+        if min(z[a], z[b], z[c]) < NEAREST:
+            continue
+        ax, ay, bx, by, cx, cy = pixels[a, 0], pixels[a, 1], pixels[b, 0], pixels[b, 1], pixels[c, 0], pixels[c, 1]
+        x0, x1 = max(0, math.ceil(min(ax, bx, cx) - 0.5)), min(width - 1, math.floor(max(ax, bx, cx) - 0.5))
+        y0, y1 = max(0, math.ceil(min(ay, by, cy) - 0.5)), min(height - 1, math.floor(max(ay, by, cy) - 0.5))
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        for y in range(y0, y1 + 1):
+            for x in range(x0, x1 + 1):
+                px, py = x + 0.5, y + 0.5
+                wa = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area
+                wb = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area
+                wc = 1.0 - wa - wb
+                if wa >= 0.0 and wb >= 0.0 and wc >= 0.0:
+                    near = wa / z[a] + wb / z[b] + wc / z[c]
+                    if near > inverse_depth[y, x]:
+                        inverse_depth[y, x] = near
+                        owner[y, x] = first + f
+
+
+@njit(cache=True, nogil=True)
+def shade(
+    owner: np.ndarray,
+    pixels: np.ndarray,
+    z: np.ndarray,
+    triangles: np.ndarray,
+    normals: np.ndarray,
+    attributes: np.ndarray,
+    tool_labels: np.ndarray,
+    tissue_triangles: int,
+    texture: np.ndarray,
+    organs: np.ndarray,
+    axes: np.ndarray,
+    intrinsics: np.ndarray,
+    s: float,
+    rise_time: float,
+    kind: int,
+    changed_label: int,
+):
+    """Colour and truth of every pixel.
+
+    Parameters
+    ----------
+    owner : int32 [3H, 3W]
+        From `cover`; −1 where nothing is.
+    pixels, z, triangles, normals
+        All meshes as one: projected vertices (in samples), depths, triangles, normals in the camera's frame.
+    attributes : float64 [V, 5]
+        Of tissue: texture x, y (in texels) and displacement; of tools: linear RGB.
+    tool_labels : uint8 [F]
+        Label of each triangle of a tool.
+    texture : float32 [Ht, Wt, 8 or 9]
+        See `engine.data.synthetic.paint`.
+    organs : uint8 [Ht, Wt]
+        Label of each texture point, as if nothing had changed.
+    axes : float64 [2, 3]
+        World x and y in the camera's frame: along them the relief tilts the normals.
+    intrinsics : float64 [4]
+        fx, fy, cx, cy, in samples.
+    s, rise_time : float
+        Clip time, and how long the change of look takes.
+    kind : int
+        `CHARS` or `BLEEDS`.
+    changed_label : int
+        Label of tissue that has changed.
+
+    Returns
+    -------
+    colour float64 [H, W, 3] (linear), depth float64 [H, W] (0: nothing), label uint8 [H, W] (255: nothing),
+    displacement float64 [H, W, 3] (NaN: no tissue), change float64 [H, W] in [0, 1]
+    """
+    height, width = owner.shape[0] // SAMPLES, owner.shape[1] // SAMPLES
+    colour = np.zeros((height, width, 3))
+    depth = np.zeros((height, width))
+    label = np.full((height, width), 255, np.uint8)
+    displacement = np.full((height, width, 3), np.nan)
+    change = np.zeros((height, width))
+    weight = 1.0 / SAMPLES**2
+    rows, columns = organs.shape
+    t = np.zeros(texture.shape[2])
+    n = np.zeros(3)
+    values = np.zeros(5)
+    rgb = np.zeros(3)
+    for v in range(owner.shape[0]):
+        for u in range(owner.shape[1]):
+            f = owner[v, u]
+            if f < 0:
+                continue
+            a, b, c = triangles[f, 0], triangles[f, 1], triangles[f, 2]
+            px, py = u + 0.5, v + 0.5
+            ax, ay, bx, by, cx, cy = pixels[a, 0], pixels[a, 1], pixels[b, 0], pixels[b, 1], pixels[c, 0], pixels[c, 1]
+            area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+            wa = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area
+            wb = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area
+            wa, wb, wc = wa / z[a], wb / z[b], (1.0 - wa - wb) / z[c]
+            distance = 1.0 / (wa + wb + wc)
+            wa, wb, wc = wa * distance, wb * distance, wc * distance
+            for i in range(5):
+                values[i] = wa * attributes[a, i] + wb * attributes[b, i] + wc * attributes[c, i]
+            for i in range(3):
+                n[i] = wa * normals[a, i] + wb * normals[b, i] + wc * normals[c, i]
+            centre = u % SAMPLES == SAMPLES // 2 and v % SAMPLES == SAMPLES // 2
+            y, x = v // SAMPLES, u // SAMPLES
+            if f < tissue_triangles:
+                tx, ty = min(max(values[0], 0.0), columns - 1.001), min(max(values[1], 0.0), rows - 1.001)
+                ix, iy = int(tx), int(ty)
+                wx, wy = tx - ix, ty - iy
+                for i in range(texture.shape[2]):
+                    top = texture[iy, ix, i] * (1 - wx) + texture[iy, ix + 1, i] * wx
+                    bottom = texture[iy + 1, ix, i] * (1 - wx) + texture[iy + 1, ix + 1, i] * wx
+                    t[i] = top * (1 - wy) + bottom * wy
+                rise = min(max((s - t[CHANGE_START]) / rise_time, 0.0), 1.0)
+                changed = t[CHANGE_STRENGTH] * rise * rise * (3 - 2 * rise)
+                relief, tight = 0.9, 70.0
+                if kind == CHARS:
+                    _burn(t, changed, rgb)
+                    wet = t[WETNESS] * (1 - 0.8 * changed)
+                else:
+                    gone = min(max((s - t[WIPED]) / WIPE_TIME, 0.0), 1.0)
+                    changed *= 1 - (1 - STAIN) * gone * gone * (3 - 2 * gone)
+                    _bleed(t, changed, rgb)
+                    wet, relief = t[WETNESS] + changed * (1.3 - t[WETNESS]), 0.9 - 0.75 * changed
+                for i in range(3):
+                    n[i] -= (t[SLOPE_X] * axes[0, i] + t[SLOPE_Y] * axes[1, i]) * relief
+                if centre:
+                    label[y, x] = changed_label if changed > CHANGE_CLASS else organs[int(ty + 0.5), int(tx + 0.5)]
+                    for i in range(3):
+                        displacement[y, x, i] = values[2 + i]
+                    change[y, x] = changed
+            else:
+                for i in range(3):
+                    rgb[i] = values[i]
+                wet, tight = 1.6, 26.0
+                if centre:
+                    label[y, x] = tool_labels[f - tissue_triangles]
+            if centre:
+                depth[y, x] = distance
+            # The light sits at the camera: its direction, the viewer's and the half vector are all the line of sight.
+            lx, ly = (px - intrinsics[2]) / intrinsics[0], (py - intrinsics[3]) / intrinsics[1]
+            reach = math.sqrt(lx * lx + ly * ly + 1.0)
+            facing = abs(n[0] * lx + n[1] * ly + n[2]) / reach / math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+            light = (LIT_DEPTH / (distance * reach)) ** 2
+            gleam = wet * (0.85 * facing ** (4 * tight) + 0.10 * facing**tight)
+            for i in range(3):
+                colour[y, x, i] += weight * min(light * (rgb[i] * facing + gleam), 1.0)
+    return colour, depth, label, displacement, change
+
+
+@njit(cache=True, nogil=True)
+def _burn(t: np.ndarray, charred: float, rgb: np.ndarray) -> None:
+    """Colour of tissue charred so far: first pale (proteins coagulate), then brown, then black."""
+    pale, brown = min(charred / 0.25, 1.0), min(max((charred - 0.25) / 0.3, 0.0), 1.0)
+    black = min(max((charred - 0.55) / 0.4, 0.0), 1.0)
+    tone = 0.4 + 0.6 * (t[RED] + t[GREEN] + t[BLUE])
+    for i in range(3):
+        coagulated = (0.50, 0.36, 0.24)[i] * tone
+        toasted = (0.115, 0.048, 0.020)[i] * tone
+        burnt = (0.018, 0.012, 0.010)[i] * tone
+        value = t[i] + 0.75 * pale * (coagulated - t[i])
+        value += brown * (toasted - value)
+        rgb[i] = value + black * (burnt - value)
+
+
+@njit(cache=True, nogil=True)
+def _bleed(t: np.ndarray, thickness: float, rgb: np.ndarray) -> None:
+    """Colour of tissue under a film of blood, by Beer and Lambert: it swallows green and blue first and shines dark red when thick."""
+    for i in range(3):
+        through = math.exp(-(0.9, 5.5, 6.0)[i] * thickness)
+        rgb[i] = t[i] * through + (0.13, 0.007, 0.006)[i] * (1 - through)

@@ -1,0 +1,142 @@
+"""One phantom, ready to be photographed at any clip time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from degense.engine.camera import Camera
+from degense.engine.data.synthetic.anatomy import REFERENCE_DEPTH
+from degense.engine.data.synthetic.bleeding import Bleeding
+from degense.engine.data.synthetic.cautery import Cautery
+from degense.engine.data.synthetic.motion import camera_path
+from degense.engine.data.synthetic.render import CHANGE_BEGUN, SAMPLES, cover, shade
+from degense.engine.data.synthetic.stage import Stage
+
+KINDS: dict[str, Callable[[tuple[float, float], int, np.random.Generator], Stage]] = {"cautery": Cautery, "bleeding": Bleeding}
+FOCAL = 0.9  # of the width: 58° across
+MESH_CELLS = (96, 480)  # across the view
+
+
+@dataclass(frozen=True)
+class View:
+    """What the camera sees at one time.
+
+    Attributes
+    ----------
+    rgb : float64 [H, W, 3]
+        Display values in [0, 1], without noise.
+    depth : float32 [H, W]
+        Camera z, mm.
+    labels : uint8 [H, W]
+    displacement : float32 [H, W, 3]
+        mm, world frame; NaN where no tissue is seen.
+    cautery : bool [H, W]
+    tools : bool [H, W]
+        Pixels that a tool shows in, be it in a corner: they are no tissue to score, unlike what `labels` says of their centres.
+    """
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    labels: np.ndarray
+    displacement: np.ndarray
+    cautery: np.ndarray
+    tools: np.ndarray
+
+
+class PhantomScene:
+    """Tissue, tools, light and camera of one seed.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    width, height : int
+        Pixels.
+    seed : int
+    camera_motion : float
+        Amplitude of the camera's path, mm.
+    """
+
+    def __init__(self, kind: str, width: int, height: int, seed: int, camera_motion: float):
+        self.width, self.height, self.camera_motion = width, height, camera_motion
+        self.focal = FOCAL * width
+        margin = 1.12 + 0.022 * camera_motion
+        half_x = 0.5 * width / self.focal * REFERENCE_DEPTH * margin
+        half_y = 0.5 * height / self.focal * REFERENCE_DEPTH * margin + 2.0
+        cells = int(np.clip(width, *MESH_CELLS) * margin)
+        self.stage: Stage = KINDS[kind]((half_x, half_y), cells, np.random.default_rng(seed))
+        self._triangles = _grid_triangles([patch.rest.shape[:2] for patch in self.stage.patches])
+        self._texels = np.concatenate([patch.texels.reshape(-1, 2) for patch in self.stage.patches])
+
+    def camera(self, s: float) -> Camera:
+        """The camera at clip time s."""
+        viewmat = camera_path(self.camera_motion, s)
+        return Camera(self.width, self.height, self.focal, self.focal, self.width / 2, self.height / 2, viewmat)
+
+    def view(self, s: float) -> View:
+        """Photograph at clip time s in [0, 1]."""
+        stage, camera = self.stage, self.camera(s)
+        rotation, translation = camera.viewmat[:3, :3], camera.viewmat[:3, 3]
+        displacements = stage.displacements(s)
+        surfaces = [patch.rest + moved for patch, moved in zip(stage.patches, displacements, strict=True)]
+        instruments = stage.tools(s)
+
+        vertices = np.concatenate([*(surface.reshape(-1, 3) for surface in surfaces), *(tool.vertices for tool in instruments)])
+        vertices = vertices @ rotation.T + translation
+        normals = np.concatenate([*(_normals(surface) for surface in surfaces), *(tool.normals for tool in instruments)]) @ rotation.T
+        attributes = np.zeros((len(vertices), 5))
+        tissue = len(self._texels)
+        attributes[:tissue, :2], attributes[:tissue, 2:] = self._texels, np.concatenate([d.reshape(-1, 3) for d in displacements])
+        attributes[tissue:, :3] = np.concatenate([tool.colours for tool in instruments])
+        offsets = tissue + np.cumsum([0] + [len(tool.vertices) for tool in instruments])
+        triangles = np.concatenate(
+            [self._triangles, *(tool.triangles + np.int32(o) for tool, o in zip(instruments, offsets, strict=False))]
+        )
+        tool_labels = np.concatenate([np.full(len(tool.triangles), tool.label, np.uint8) for tool in instruments])
+
+        z = np.ascontiguousarray(vertices[:, 2])
+        focal, centre = self.focal * SAMPLES, np.array([self.width, self.height]) * SAMPLES / 2
+        pixels = vertices[:, :2] / np.where(np.abs(z) < 1e-9, 1e-9, z)[:, None] * focal + centre
+        owner = np.full((self.height * SAMPLES, self.width * SAMPLES), -1, np.int32)
+        cover(pixels, z, triangles, np.zeros(owner.shape), owner, 0)
+        colour, depth, labels, moved, change = shade(
+            owner,
+            pixels,
+            z,
+            triangles,
+            normals,
+            attributes,
+            tool_labels,
+            len(self._triangles),
+            stage.texture,
+            stage.organs,
+            np.ascontiguousarray(rotation.T[:2]),
+            np.array([focal, focal, *centre]),
+            s,
+            stage.change_time,
+            stage.change,
+            stage.changed_label,
+        )
+        rgb = np.clip(colour, 0, 1) ** (1 / 2.2)
+        tools = np.any((owner >= len(self._triangles)).reshape(self.height, SAMPLES, self.width, SAMPLES), axis=(1, 3))
+        return View(rgb, depth.astype(np.float32), labels, moved.astype(np.float32), change > CHANGE_BEGUN, tools)
+
+
+def _normals(surface: np.ndarray) -> np.ndarray:
+    """Unit normals [h · w, 3] of a grid of vertices, towards the camera."""
+    normals = np.cross(np.gradient(surface, axis=1), np.gradient(surface, axis=0)).reshape(-1, 3)
+    normals *= -1 / np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals
+
+
+def _grid_triangles(shapes: list[tuple[int, int]]) -> np.ndarray:
+    """Two triangles for each cell of each grid (rows, columns), int32 [F, 3]; vertices are counted through all grids."""
+    found, first = [], 0
+    for rows, columns in shapes:
+        corner = first + (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+        right, below = corner + 1, corner + columns
+        found.append(np.stack([corner, right, below, right, below + 1, below], -1).reshape(-1, 3).astype(np.int32))
+        first += rows * columns
+    return np.concatenate(found)

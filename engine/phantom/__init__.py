@@ -1,5 +1,0 @@
-"""Synthetic surgery with exact truth: colour, depth, label and displacement of every pixel."""
-
-from engine.phantom.clip import PhantomOptions, make_phantom
-
-__all__ = ["PhantomOptions", "make_phantom"]

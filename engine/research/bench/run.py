@@ -1,0 +1,103 @@
+"""Every benchmark by its name, and how one is run."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import shlex
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+
+import torch
+from degense.engine.errors import DegenseError
+from degense.engine.progress import Progress, silent
+from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.table import Table
+
+#: Name → (module with `run(options, progress) -> Iterable[Table]`, what it answers).
+Benches = dict[str, tuple[str, str]]
+BENCHES: Benches = {
+    "raster": (
+        "degense.engine.research.benchmarks.raster",
+        "what a picture and its gradient cost on each back end, and how wrong they are",
+    ),
+    "field": (
+        "degense.engine.research.benchmarks.field",
+        "what a state in time costs: exact, baked, half precision, with and without the savings",
+    ),
+    "viewing": ("degense.engine.research.benchmarks.viewing", "how fast a scene plays and answers prompts"),
+    "query": ("degense.engine.research.benchmarks.query", "how long a whole clip takes to answer prompts"),
+    "masks": ("degense.engine.research.benchmarks.masks", "superpixels and decoders: time against mask quality"),
+    "presets": (
+        "degense.engine.research.benchmarks.presets",
+        "what the presets cost and reach on a phantom, and on real clips with --clip",
+    ),
+    "motion": ("degense.engine.research.benchmarks.motion", "each ingredient of motion on and off, against exact displacement"),
+    "cameras": (
+        "degense.engine.research.benchmarks.cameras",
+        "camera poses from the frames: how far off they are, and what they do to a reconstruction",
+    ),
+    "ablation": (
+        "degense.engine.research.benchmarks.ablation",
+        "the paper's ablation with degraded teachers, against exact masks and motion",
+    ),
+    "systems": (
+        "degense.engine.research.benchmarks.systems",
+        "the systems that the paper compares, with degraded teachers: each with its own best decoder",
+    ),
+    "latent": (
+        "degense.engine.research.benchmarks.latent",
+        "resolution of the teacher's features and rank of the latents: time against mask quality",
+    ),
+    "annotation": (
+        "degense.engine.research.benchmarks.annotation",
+        "one corrected frame, carried to all others: mask quality against exact labels",
+    ),
+    "stress": ("degense.engine.research.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
+}
+
+
+def run(name: str, options: BenchOptions, progress: Progress = silent, benches: Benches = BENCHES) -> Iterator[Table]:
+    """The tables of one benchmark, as they are finished. Raises DegenseError for a name that is none of `benches`."""
+    check_names([name], benches)
+    for number, table in enumerate(importlib.import_module(benches[name][0]).run(options, progress)):
+        table.bench, table.device, table.number = name, options.device, number
+        table.command, table.hardware, table.date = command_line(name, options), hardware(options.device), date.today().isoformat()
+        yield table
+
+
+def check_names(names: list[str], benches: Benches = BENCHES) -> None:
+    """DegenseError unless every name is one of `benches`."""
+    if unknown := [name for name in names if name not in benches]:
+        raise DegenseError(f"There is no benchmark {unknown[0]!r}; choose from {', '.join(benches)}, or all.")
+
+
+def command_line(name: str, options: BenchOptions) -> str:
+    """What to type to measure this again, with everything that was chosen; of a clip only its folder's name, not where it lies."""
+    words = ["degense", "bench", name, "--device", options.device]
+    words += ["--seeds", str(len(options.seeds)), "--repeats", str(options.repeats)]
+    words += ["--quick"] * options.quick
+    for clip in options.clips:
+        words += ["--clip", clip.resolve().name]
+    return shlex.join(words)
+
+
+def hardware(device: str) -> str:
+    """This machine in words."""
+    words = f"{cores()} cores {platform.machine()}, torch {torch.__version__}"
+    return f"{torch.cuda.get_device_name()}, {words}" if device == "cuda" else f"{_processor()}{words}"
+
+
+def cores() -> int:
+    """Processor cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return ""
+    return next((line.split(":", 1)[1].strip() + ", " for line in lines if line.startswith("model name")), "")

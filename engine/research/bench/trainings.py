@@ -1,0 +1,130 @@
+"""A small training on a phantom and all its scores: what the benchmarks about learning repeat many times."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.progress import Progress
+from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.workers import run_jobs, worker_count
+from degense.engine.semantics.teachers import VLM_LIKE
+from degense.engine.training.config import TrainConfig
+
+KINDS = ("cautery", "bleeding")
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large the phantoms and the trainings are."""
+
+    frames: int
+    width: int
+    height: int
+    iterations: int
+    gaussians: int
+
+
+#: By device: what a GPU does in minutes takes two processor cores many hours.
+SIZES = {"cpu": Size(40, 240, 192, 600, 8000), "cuda": Size(48, 320, 256, 1000, 12_000)}
+QUICK = Size(17, 96, 80, 120, 2000)
+
+
+@dataclass(frozen=True)
+class Training:
+    """One training to run and score.
+
+    Attributes
+    ----------
+    clip, out : Path
+        The clip to open, and a folder for the run, which is deleted afterwards.
+    config : TrainConfig
+    teacher : str
+        As `teacher_by_name` knows it, or "none".
+    """
+
+    clip: Path
+    out: Path
+    config: TrainConfig
+    teacher: str
+
+
+def score(training: Training) -> dict[str, Any]:
+    """Train, then everything that `evaluate` says, and `rank` of the latents. Runs in a worker process."""
+    from degense.engine.data.readers import open_clip
+    from degense.engine.metrics.evaluate import evaluate
+    from degense.engine.scene import Scene
+    from degense.engine.training import train
+
+    clip = open_clip(training.clip)
+    run = train(clip, training.out, training.config, teacher=training.teacher, events=lambda event: None, stop=lambda: False)
+    assert run is not None
+    scene = Scene.open(training.out, device=training.config.device, clip=clip)
+    result = evaluate(scene, clip) | {"rank": scene.basis.rank if scene.basis is not None else 0}
+    shutil.rmtree(training.out)
+    return result
+
+
+def size_of(options: BenchOptions) -> Size:
+    return QUICK if options.quick else SIZES[options.device]
+
+
+def phantoms(options: BenchOptions, progress: Progress) -> dict[str, Path]:
+    """A clip of each kind, made once in the scratch folder."""
+    size, found = size_of(options), {}
+    for number, kind in enumerate(KINDS):
+        found[kind] = options.scratch / f"{kind}-{size.frames}-{size.width}x{size.height}"
+        if not found[kind].exists():
+
+            def tell(fraction: float, words: str, n: int = number) -> None:
+                progress((n + fraction) / len(KINDS), words)
+
+            shape = PhantomOptions(frames=size.frames, width=size.width, height=size.height, kind=kind)
+            make_phantom(found[kind], shape, tell)
+    return found
+
+
+def base_config(options: BenchOptions, **changes: Any) -> TrainConfig:
+    """What all trainings of a benchmark have in common, with `changes`."""
+    size = size_of(options)
+    common = {"device": options.device, "iterations": size.iterations, "max_gaussians": size.gaussians, "checkpoint_seconds": 1e9}
+    return TrainConfig.preset_of("quick", **(common | changes))
+
+
+def vlm_like(seed: int) -> str:
+    """The teacher of a training seed: exact labels degraded like a VLM's by chances of its own, whose luck is larger than a training's."""
+    return f"degraded:{replace(VLM_LIKE, seed=seed)}"
+
+
+#: `vlm_like` for the words above a table.
+TEACHER_WORDS = (
+    f"Teacher: exact labels degraded like a VLM ({str(VLM_LIKE).rpartition(',')[0]}; engine/language/teachers/degraded.py) with the "
+    "training's seed, training frames only"
+)
+
+
+def score_all(trainings: list[Training], options: BenchOptions, progress: Progress, words: str) -> list[dict[str, Any]]:
+    """Scores of all trainings, in their order."""
+    found: dict[int, dict[str, Any]] = dict(run_jobs(score, trainings, worker_count(options.device), progress, words))
+    return [found[number] for number in range(len(trainings))]
+
+
+def noise_floor(noise: float) -> float:
+    """PSNR of a perfect picture against frames with sensor noise of that standard deviation (grey levels), both rounded to 8 bits, dB."""
+    return 10 * math.log10(255**2 / (noise**2 + 2 / 12))
+
+
+def protocol(options: BenchOptions) -> str:
+    """The words that the tables of such benchmarks share."""
+    size = size_of(options)
+    return (
+        f"Phantoms of {size.frames} frames, {size.width} × {size.height}, seed 0, exact depth. "
+        f"Noise floor: {noise_floor(PhantomOptions().noise):.1f} dB, what a perfect picture scores in 8 bits, as all are scored. "
+        f"Each training: preset quick with {size.iterations:,} iterations and at most {size.gaussians:,} Gaussians, one thread, "
+        f"{worker_count(options.device)} at once. Training seeds {', '.join(map(str, options.seeds))}: mean (least–greatest). "
+        "Scores on held-out frames, (i − 1) % 8 == 0; motion on all frames, mm."
+    )

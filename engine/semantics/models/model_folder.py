@@ -1,0 +1,99 @@
+"""The folder of a model: where it lies, what it says of itself, and a digest by which it is known again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from degense.engine.data.files.numbered import shown
+from degense.engine.errors import DegenseError
+
+HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
+#: As open_clip publishes a model. As transformers does, it is config.json and model.safetensors, in one file or several.
+OPEN_CLIP_CONFIG, OPEN_CLIP_WEIGHTS = "open_clip_config.json", "open_clip_model.safetensors"
+MOST_BYTES = 16 << 20  # of a configuration
+PIECE = 1 << 20
+
+
+def find_model(place: str) -> Path:
+    """The folder of a model: `place` itself, or what the user's own cache holds of the hub's model of that name.
+
+    Raises
+    ------
+    DegenseError
+        When it is neither, or a checkpoint that cannot be read.
+    """
+    path = Path(place).expanduser()
+    described = any((path / name).exists() for name in ("config.json", OPEN_CLIP_CONFIG))
+    if path.suffix in (".pth", ".pt", ".bin", ".ckpt") or (path.is_dir() and not described and any(path.glob("*.pt*"))):
+        raise DegenseError(
+            f"{shown(path)} is a pickled checkpoint (as of CAT-Seg or SurgVLP), which is not read; compute its features with its program "
+            "and train with --teacher precomputed:FOLDER."
+        )
+    if path.is_dir():
+        return path
+    if not HUB_NAME.fullmatch(place):
+        raise DegenseError(f"{shown(path)} is no folder; name the folder of a model, as in --teacher vlm:FOLDER.")
+    transformers_library()
+    from huggingface_hub import snapshot_download
+    from huggingface_hub.errors import LocalEntryNotFoundError
+
+    try:
+        return Path(snapshot_download(place, local_files_only=True))
+    except LocalEntryNotFoundError as error:
+        raise DegenseError(f"{place} is neither a folder nor in your model cache; download it first (degense never does).") from error
+
+
+def is_open_clip(folder: Path) -> bool:
+    """Whether a model is to be read as open_clip publishes it: not where the same folder holds it as transformers saves it, too."""
+    if not (folder / OPEN_CLIP_CONFIG).exists():
+        return False
+    saved = (folder / "config.json").exists() and any(folder.glob("model*.safetensors"))
+    return not (saved and "model_type" in model_config(folder))  # timm's models have a config.json of another meaning
+
+
+def model_config(folder: Path) -> dict[str, Any]:
+    """What config.json says. DegenseError in one sentence when it says nothing."""
+    if not (folder / "config.json").exists():
+        raise DegenseError(f"{shown(folder)} holds no config.json: it is no model.")
+    return read_config(folder / "config.json")
+
+
+def read_config(file: Path) -> dict[str, Any]:
+    """The object in a JSON file. DegenseError in one sentence for anything else."""
+    try:
+        if file.stat().st_size > MOST_BYTES:
+            raise DegenseError(f"{shown(file)} is larger than {MOST_BYTES >> 20} MB, which no configuration is.")
+        config = json.loads(file.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DegenseError(f"{shown(file)} is not valid JSON.") from error
+    if not isinstance(config, dict):
+        raise DegenseError(f"{shown(file)} describes no model.")
+    return config
+
+
+def transformers_library() -> Any:
+    """The package transformers, quiet. DegenseError when it is not installed."""
+    try:
+        import transformers
+    except ImportError as error:
+        raise DegenseError("a model needs the package transformers; install it with: pip install 'degense[vlm]'") from error
+    transformers.utils.logging.disable_progress_bar()
+    return transformers
+
+
+def model_digest(folder: Path) -> str:
+    """Of the configuration, the size of the weights and a few pieces of them, 12 hexadecimal digits."""
+    config, weights = (OPEN_CLIP_CONFIG, OPEN_CLIP_WEIGHTS) if is_open_clip(folder) else ("config.json", "*.safetensors")
+    total = hashlib.sha256((folder / config).read_bytes())
+    for file in sorted(folder.glob(weights)):
+        size = file.stat().st_size
+        total.update(f"{file.name} {size}".encode())
+        with file.open("rb") as opened:
+            for place in (0, size // 2, max(0, size - PIECE)):
+                opened.seek(place)
+                total.update(opened.read(PIECE))
+    return total.hexdigest()[:12]

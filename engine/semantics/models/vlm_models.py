@@ -1,0 +1,122 @@
+"""Vision-language models from a local folder, or from the cache that the user's own downloads filled; nothing is ever downloaded.
+
+Read: CLIP (`CLIPModel`) and CLIPSeg (`CLIPSegForImageSegmentation`) as `transformers` saves them, and CLIP with a plain ViT as open_clip
+publishes it (`open_clip_config.json`), weights in safetensors. Where a folder holds both forms, the one of transformers is read.
+Not read: other models of open_clip (timm's and Hugging Face's towers, ResNets, SigLIP, CoCa), CAT-Seg's `model_final*.pth` (a detectron2
+checkpoint) and SurgVLP's `SurgVLP.pth`, pickles of other programs. Features that such a model computed can be read from files
+(`precomputed`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from degense.engine.data.files.numbered import shown
+from degense.engine.errors import DegenseError
+from degense.engine.semantics.models.model_folder import is_open_clip, model_config, model_digest, transformers_library
+from degense.engine.semantics.models.open_clip import read_open_clip
+from degense.engine.semantics.models.templates import PLAIN
+from torch import Tensor
+
+#: Mean and deviation of the pictures that CLIP was trained on, where the model's own folder does not say.
+MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+BATCH, SENTENCES = 8, 64  # pictures and sentences that are asked at once
+
+
+class DenseModel:
+    """A model that maps pictures to one vector a patch.
+
+    Parameters
+    ----------
+    folder : Path
+    device : torch.device
+
+    Attributes
+    ----------
+    kind : "clip" or "clipseg"
+        CLIP gives features in the space of its text vectors; CLIPSeg a logit for each of some wordings.
+    name : str
+        Kind and a digest of configuration and weights.
+    side : int
+        Pictures are square, of so many pixels.
+
+    Raises
+    ------
+    DegenseError
+        In one sentence, when transformers is missing or the folder holds no model that can be read.
+    """
+
+    def __init__(self, folder: Path, device: torch.device):
+        if is_open_clip(folder):
+            self.kind, (model, self._tokenizer, preprocessing) = "clip", read_open_clip(folder)
+        else:
+            self.kind = str(model_config(folder).get("model_type"))
+            model, self._tokenizer, preprocessing = _saved_by_transformers(folder, self.kind)
+        self._model, self._device = model.eval().requires_grad_(False).to(device), device
+        self.side = int(model.config.vision_config.image_size)
+        self.name = f"{self.kind}-{model_digest(folder)}"
+        self._mean = torch.tensor(preprocessing.get("image_mean", MEAN), device=device).reshape(3, 1, 1)
+        self._deviation = torch.tensor(preprocessing.get("image_std", DEVIATION), device=device).reshape(3, 1, 1)
+
+    @torch.no_grad()
+    def maps(self, pictures: np.ndarray, wordings: Sequence[str]) -> np.ndarray:
+        """Of square RGB pictures uint8 [n, side, side, 3]: features float32 [n, h, w, D] (CLIP), or a logit a wording [n, h, w, k]."""
+        out = []
+        for first in range(0, len(pictures), BATCH):
+            batch = torch.from_numpy(pictures[first : first + BATCH]).to(self._device).permute(0, 3, 1, 2).float() / 255
+            batch = (batch - self._mean) / self._deviation
+            made = self._patches(batch) if self.kind == "clip" else self._logits(batch, wordings)
+            out.append(made.float().cpu().numpy())
+        return np.concatenate(out)
+
+    def _patches(self, pictures: Tensor) -> Tensor:
+        """Projected value vectors of the last attention layer, which keep their place as its output does not (Zhou et al., ECCV 2022)."""
+        tower = self._model.vision_model
+        before = tower(pixel_values=pictures, output_hidden_states=True).hidden_states[-2]
+        last = tower.encoder.layers[-1]
+        values = last.self_attn.out_proj(last.self_attn.v_proj(last.layer_norm1(before)))
+        patches = self._model.visual_projection(tower.post_layernorm(values))[:, 1:]
+        rows = round(patches.shape[1] ** 0.5)
+        return patches.reshape(len(pictures), rows, rows, -1)
+
+    def _logits(self, pictures: Tensor, wordings: Sequence[str]) -> Tensor:
+        tokens = self._tokens([PLAIN.format(wording) for wording in wordings])
+        made = []
+        for picture in pictures:
+            several = picture[None].expand(len(wordings), -1, -1, -1)
+            made.append(self._model(pixel_values=several, **tokens).logits.reshape(len(wordings), self.side, self.side))
+        return torch.stack(made).permute(0, 2, 3, 1)
+
+    @torch.no_grad()
+    def texts(self, sentences: Sequence[str]) -> np.ndarray:
+        """Text vectors of CLIP, float32 [n, D], not of unit length."""
+        rows = []
+        for first in range(0, len(sentences), SENTENCES):
+            pooled = self._model.text_model(**self._tokens(sentences[first : first + SENTENCES])).pooler_output
+            rows.append(self._model.text_projection(pooled).float().cpu().numpy())
+        return np.concatenate(rows)
+
+    def _tokens(self, sentences: Sequence[str]) -> dict[str, Tensor]:
+        tokens = self._tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
+        return {name: tokens[name].to(self._device) for name in ("input_ids", "attention_mask")}
+
+
+def _saved_by_transformers(folder: Path, kind: str) -> tuple[Any, Any, dict[str, Any]]:
+    """Model, tokenizer, and what the folder says of preprocessing. DegenseError in one sentence when there is none of this kind."""
+    transformers = transformers_library()
+    classes = {"clip": transformers.CLIPModel, "clipseg": transformers.CLIPSegForImageSegmentation}
+    if kind not in classes:
+        raise DegenseError(f"{shown(folder)} holds a model of the kind {kind!r}; those that can be read are {', '.join(classes)}.")
+    try:
+        model = classes[kind].from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
+        tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DegenseError(f"{shown(folder)} holds no {kind} with model.safetensors and its tokenizer: {reason}") from error
+    preprocessing = folder / "preprocessor_config.json"
+    return model, tokenizer, json.loads(preprocessing.read_text("utf-8")) if preprocessing.exists() else {}

@@ -1,0 +1,186 @@
+"""What costly teachers said, kept on disk by content: the same clip, settings and versions give the same key, and no second asking.
+
+Every frame is a file of its own, written whole or not at all, so a teacher that was interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import time
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import platformdirs
+from degense.engine.errors import DegenseError
+from degense.engine.files import replacing, write_text
+from degense.engine.progress import Progress, silent
+from degense.engine.semantics.teachers.teacher import Targets, Teacher
+from degense.engine.semantics.text.encoder import TextEncoder
+
+FORMAT = 1
+LIMIT = 4 << 30  # bytes, unless the user chose otherwise
+IN_USE = 3600.0  # seconds since it was last read for which an entry is not removed: a training may be reading it
+_BROKEN = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error)
+
+
+@runtime_checkable
+class CostlyTeacher(Protocol):
+    """A teacher whose answers are worth keeping: as `Teacher`, but it answers many frames in an order of its own.
+
+    Attributes
+    ----------
+    settings : dict
+        Everything its answers depend on beside the program itself; JSON values.
+    """
+
+    name: str
+    provenance: str
+    frames: list[int]
+    encoder: TextEncoder
+    pixelwise: bool
+
+    @property
+    def settings(self) -> dict[str, Any]: ...
+
+    def answers(self, frames: Sequence[int], progress: Progress) -> Iterator[tuple[int, Targets | None]]:
+        """What it says of these frames, each once, in any order."""
+        ...
+
+
+class StoredTeacher:
+    """A teacher that has answered everything: its words are read from disk."""
+
+    def __init__(self, teacher: CostlyTeacher, folder: Path):
+        self.name, self.provenance, self.frames = teacher.name, teacher.provenance, teacher.frames
+        self.encoder, self.pixelwise, self.folder = teacher.encoder, teacher.pixelwise, folder
+
+    def targets(self, frame: int) -> Targets | None:
+        """The answer. DegenseError when its file is gone or damaged."""
+        if frame not in self.frames:
+            return None
+        path = self.folder / f"{frame:06d}.npz"
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+                vectors, index = archive["vectors"], archive["index"]
+        except _BROKEN as error:
+            raise DegenseError(f"{path} is gone or damaged; clear the cache with degense cache --clear and train again.") from error
+        _touch(self.folder)
+        return (vectors.astype(np.float32), index.astype(np.int32)) if len(vectors) else None
+
+
+def answered(teacher: Teacher | CostlyTeacher, progress: Progress = silent) -> Teacher:
+    """A costly teacher after it answered all its frames; those that an earlier asking left on disk are not asked again. Others as they are.
+
+    Parameters
+    ----------
+    progress : Progress
+        May raise `Cancelled`; what has been answered by then stays.
+    """
+    if not isinstance(teacher, CostlyTeacher):
+        return teacher
+    folder = cache_folder() / key_of(teacher.settings)
+    missing = [frame for frame in teacher.frames if not (folder / f"{frame:06d}.npz").exists()]
+    if missing:
+        write_text(folder / "about.json", json.dumps({"teacher": teacher.name, "provenance": teacher.provenance, **teacher.settings}))
+        for frame, answer in teacher.answers(missing, progress):
+            vectors, index = answer if answer is not None else (np.zeros((0, 1), np.float32), np.zeros((0, 0), np.int32))
+            with replacing(folder / f"{frame:06d}.npz") as temporary, temporary.open("wb") as file:
+                np.savez_compressed(file, vectors=vectors, index=_smallest(index))
+        shrink(keep=folder)
+    _touch(folder)
+    return StoredTeacher(teacher, folder)
+
+
+def key_of(settings: dict[str, Any]) -> str:
+    """The name of a cache entry: a digest of the settings, 32 hexadecimal digits."""
+    return hashlib.sha256(json.dumps({"format": FORMAT, **settings}, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def digest(*parts: bytes | np.ndarray) -> str:
+    """A digest of contents, 32 hexadecimal digits."""
+    total = hashlib.sha256()
+    for part in parts:
+        raw = part.tobytes() if isinstance(part, np.ndarray) else part
+        total.update(f"{len(raw)} ".encode() + raw)
+    return total.hexdigest()[:32]
+
+
+# -- the folder ----------------------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class CacheUse:
+    """What the cache holds: entries, bytes, and the most bytes it may hold."""
+
+    entries: int
+    bytes: int
+    limit: int
+
+
+def cache_folder() -> Path:
+    """Where answers are kept; nothing else lies there."""
+    return Path(platformdirs.user_cache_dir("degense", appauthor=False)) / "teachers"
+
+
+def cache_use() -> CacheUse:
+    entries = _entries()
+    return CacheUse(len(entries), sum(size for _, _, size in entries), _limit())
+
+
+def set_limit(limit: int) -> None:
+    """The most bytes that the cache may hold from now on."""
+    write_text(cache_folder() / "limit.json", json.dumps({"bytes": limit}))
+    shrink()
+
+
+def clear_cache() -> CacheUse:
+    """Remove all answers; what there was."""
+    use = cache_use()
+    for _, folder, _ in _entries():
+        shutil.rmtree(folder)
+    return use
+
+
+def shrink(keep: Path | None = None) -> None:
+    """Remove the entries that were not read for longest until the rest fits; never `keep`, nor one that may be in use."""
+    entries, now = _entries(), time.time()
+    total, limit = sum(size for _, _, size in entries), _limit()
+    for used, folder, size in entries:
+        if total <= limit:
+            return
+        if folder != keep and now - used > IN_USE:
+            shutil.rmtree(folder)
+            total -= size
+
+
+def _entries() -> list[tuple[float, Path, int]]:
+    """When it was last used, folder, bytes of each entry; the longest unused first."""
+    if not cache_folder().is_dir():
+        return []
+    folders = [child for child in cache_folder().iterdir() if child.is_dir() and not child.is_symlink()]
+    return sorted((folder.stat().st_mtime, folder, sum(file.stat().st_size for file in folder.iterdir())) for folder in folders)
+
+
+def _limit() -> int:
+    path = cache_folder() / "limit.json"
+    if not path.exists():
+        return LIMIT
+    try:
+        return int(json.loads(path.read_text(encoding="utf-8"))["bytes"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DegenseError(f"{path} is damaged; set the limit again with degense cache --limit GB.") from error
+
+
+def _smallest(index: np.ndarray) -> np.ndarray:
+    """The same numbers in the smallest signed integers that hold them."""
+    return index.astype(np.min_scalar_type(-max(int(index.max(initial=0)) + 1, 1)))
+
+
+def _touch(folder: Path) -> None:
+    os.utime(folder)

@@ -1,0 +1,115 @@
+"""Which teacher a name means, and which of them a clip has what it takes for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from degense.engine.clip import Clip
+from degense.engine.errors import DegenseError
+from degense.engine.research.degraded_teachers import Degradation, DegradedTeacher
+from degense.engine.semantics.teachers.answer_store import CostlyTeacher
+from degense.engine.semantics.teachers.labels import LabelTeacher
+from degense.engine.semantics.teachers.precomputed import PrecomputedTeacher, find_features
+from degense.engine.semantics.teachers.strokes import StrokeTeacher
+from degense.engine.semantics.teachers.teacher import Teacher
+from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.encoder import TextEncoder
+
+TEACHERS = ("labels", "strokes", "precomputed", "vlm", "degraded")
+NO_MODEL = "a model must be named: the folder of a CLIP or CLIPSeg as transformers or open_clip saves it (vlm:FOLDER)"
+
+
+@dataclass(frozen=True)
+class TeacherChoice:
+    """A teacher for a clip.
+
+    Attributes
+    ----------
+    name : str
+        As `teacher_by_name` and the command line take it.
+    available : bool
+        Whether the clip has what it takes; else a folder must be named, as in "precomputed:FOLDER", or something must be added.
+    reason : str
+        In one line: what it would use, or what is missing.
+    """
+
+    name: str
+    available: bool
+    reason: str
+
+
+def teacher_choices(clip: Clip) -> list[TeacherChoice]:
+    """All teachers that a user may choose for a clip, the best first, `none` last."""
+    labelled, stroked, count = len(clip.labelled_frames), len(clip.stroked_frames), len(clip)
+    choices = [
+        _choice("labels", labelled, f"label maps of {labelled} of {count} frames", "no label maps: add labels/ and classes.json"),
+        _choice("strokes", stroked, f"strokes on {stroked} of {count} frames", "no strokes: draw some, or add strokes/ and classes.json"),
+    ]
+    try:
+        choices.append(TeacherChoice("precomputed", True, f"features in {find_features(clip).name}/ beside the clip"))
+    except DegenseError as error:
+        choices.append(TeacherChoice("precomputed", False, str(error)))
+    choices.append(TeacherChoice("vlm", False, NO_MODEL))
+    return [*choices, TeacherChoice("none", True, "geometry only: nothing can be prompted")]
+
+
+def default_teacher(clip: Clip) -> str:
+    """`labels` when the clip has any label map, `strokes` when it has scribbles, else `none`."""
+    return "labels" if clip.labelled_frames else "strokes" if clip.stroked_frames else "none"
+
+
+def _choice(name: str, count: int, there: str, missing: str) -> TeacherChoice:
+    return TeacherChoice(name, count > 0, there if count else missing)
+
+
+def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -> Teacher | CostlyTeacher:
+    """The teacher called `name` for a clip; `answered` makes a costly one speak.
+
+    "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; or "degraded", the labels made as unreliable
+    as a vision-language model, possibly with its strength: "degraded:patches=24,noise=0.5,confusion=0.15,flicker=0.1,seed=0".
+
+    Parameters
+    ----------
+    name : str
+    clip : Clip
+    encoder : TextEncoder, optional
+        Whose vectors teachers that know classes by name give them; by default the embedded one's. Features of a model bring their own.
+
+    Raises
+    ------
+    DegenseError
+        For an unknown name, an encoder that the teacher cannot take, and when the clip lacks what the teacher needs.
+    """
+    kind, _, how = name.partition(":")
+    if kind not in TEACHERS or (how and kind in ("labels", "strokes")):
+        raise DegenseError(f"there is no teacher {name!r}; choose {', '.join(TEACHERS)} or none")
+    if encoder is not None and kind in ("precomputed", "vlm"):
+        raise DegenseError(f"features of the teacher {kind} bring their own text vectors, so no other encoder can be chosen")
+    if kind == "precomputed":
+        place, values = _place(name, {"level": 0})
+        return PrecomputedTeacher(clip, Path(place).expanduser() if place else find_features(clip), values["level"])
+    if kind == "vlm":
+        model, values = _place(name, {"scales": 1})
+        if not model:
+            raise DegenseError(NO_MODEL)
+        from degense.engine.semantics.teachers.vlm import VlmTeacher
+
+        return VlmTeacher(clip, model, values["scales"])
+    encoder = encoder or EmbeddedEncoder()
+    if kind == "strokes":
+        return StrokeTeacher(clip, encoder)
+    return LabelTeacher(clip, encoder) if kind == "labels" else DegradedTeacher(LabelTeacher(clip, encoder), Degradation.parse(how))
+
+
+def _place(name: str, defaults: dict[str, int]) -> tuple[str, dict[str, int]]:
+    """Folder, maybe empty, and numbers of "KIND:FOLDER?name=number&name=number"."""
+    _, _, how = name.partition(":")
+    folder, _, options = how.partition("?")
+    values = dict(defaults)
+    for word in filter(None, options.split("&")):
+        key, _, number = word.partition("=")
+        if key not in defaults or not number.isdecimal():
+            raise DegenseError(f"the teacher {name!r} does not understand {word!r}: say name=number, of {', '.join(defaults)}")
+        values[key] = int(number)
+    return folder, values

@@ -1,0 +1,110 @@
+"""A frame as a graph of superpixels, on which classes spread from where they are known to where the picture looks alike.
+
+A random walk with restarts (Grady, "Random walks for image segmentation", PAMI 2006, with the prior model of CVPR 2005): the class
+probabilities x of all regions minimise Σ_ij w_ij (x_i − x_j)² + Σ_i t_i (x_i − p_i)² + γ Σ_i (x_i − q_i)², where w_ij is small across an
+edge of the picture, p_i is what is known of region i with trust t_i, and q_i what its appearance suggests.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from degense.engine.semantics.masks.superpixels import superpixels
+from scipy.sparse import coo_matrix, diags
+from scipy.sparse.linalg import splu
+
+REGIONS = 6400  # about so many, whatever the size of the frame
+COLOUR_STEP = 3.0  # CIELAB units between neighbours across which a walker passes e times more rarely
+LIKENESS_STEP = 0.5  # the same for the difference of their likenesses, half the L1 distance
+PULL = 0.003  # γ
+BLURS = (1 / 210, 1 / 85, 1 / 35)  # scales of the features, fractions of the width
+FINEST = 1e-6  # so that regions that nothing reaches have a solution too
+
+
+class Regions:
+    """Superpixels of one frame, their features and who touches whom.
+
+    Parameters
+    ----------
+    rgb : uint8 [H, W, 3]
+    valid : bool [H, W]
+        Regions mostly outside touch nobody.
+
+    Attributes
+    ----------
+    of : int32 [H, W]
+        Region of each pixel.
+    features : float32 [n, F]
+        Means of colour (CIELAB) as it is and blurred, and of its local deviation; nothing about the place.
+    inside : bool [n]
+    """
+
+    def __init__(self, rgb: np.ndarray, valid: np.ndarray):
+        height, width = rgb.shape[:2]
+        side = max(3, round((height * width / REGIONS) ** 0.5))
+        self.of = superpixels(rgb, side)
+        self.sizes = np.bincount(self.of.ravel()).astype(np.float64)
+        self.inside = self.share(valid) > 0.5
+        lab = cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+        self.colours = self.mean(lab)
+        self.features = np.concatenate([self.colours, *(self.mean(picture) for picture in _surroundings(lab))], 1)
+        self._pairs, border = _neighbours(self.of, self.inside)
+        self._lengths = border / side
+
+    def __len__(self) -> int:
+        return len(self.sizes)
+
+    def mean(self, picture: np.ndarray) -> np.ndarray:
+        """Mean over each region of a picture [H, W, C], float32 [n, C]."""
+        sums = [np.bincount(self.of.ravel(), channel.ravel(), len(self)) for channel in np.moveaxis(picture, -1, 0)]
+        return (np.stack(sums, 1) / self.sizes[:, None]).astype(np.float32)
+
+    def share(self, mask: np.ndarray) -> np.ndarray:
+        """Share of each region that lies in a mask bool [H, W], float64 [n]."""
+        return np.bincount(self.of.ravel(), mask.ravel(), len(self)) / self.sizes
+
+    def walk(self, likeness: np.ndarray, known: np.ndarray, trust: np.ndarray) -> np.ndarray:
+        """Class probabilities of each region, float64 [n, k], rows of sum 1.
+
+        Parameters
+        ----------
+        likeness : float [n, k]
+            What the appearance of each region suggests, rows of sum 1.
+        known : float [n, k]
+            What is known of it; read where `trust` [n] is positive.
+        """
+        a, b = self._pairs.T
+        unlike = np.linalg.norm(self.colours[a] - self.colours[b], axis=1) / COLOUR_STEP
+        unlike += np.abs(likeness[a] - likeness[b]).sum(1) / 2 / LIKENESS_STEP
+        weight = self._lengths * np.exp(-unlike) + FINEST
+        ways = coo_matrix((weight, (a, b)), (len(self), len(self))).tocsr()
+        ways = ways + ways.T
+        laplacian = diags(np.asarray(ways.sum(1)).ravel() + PULL + trust) - ways
+        found = splu(laplacian.tocsc()).solve(PULL * likeness + trust[:, None] * known)
+        found = np.maximum(found, 0)
+        return found / np.maximum(found.sum(1, keepdims=True), 1e-12)
+
+
+def _surroundings(lab: np.ndarray) -> list[np.ndarray]:
+    """Blurred colour at each scale, and the local deviation of colour at all but the coarsest; float32 [H, W, 3] each."""
+    height, width = lab.shape[:2]
+    out = []
+    for place, blur in enumerate(BLURS):
+        sigma = blur * width
+        shrink = max(1, int(sigma / 2))  # a wide blur needs no full resolution
+        small = cv2.resize(lab, (max(1, width // shrink), max(1, height // shrink)), interpolation=cv2.INTER_AREA)
+        mean = cv2.GaussianBlur(small, (0, 0), sigma / shrink)
+        out.append(cv2.resize(mean, (width, height)))
+        if place < len(BLURS) - 1:
+            square = cv2.GaussianBlur(cv2.resize(lab * lab, small.shape[1::-1], interpolation=cv2.INTER_AREA), (0, 0), sigma / shrink)
+            out.append(cv2.resize(np.sqrt(np.maximum(square - mean * mean, 0)), (width, height)))
+    return out
+
+
+def _neighbours(of: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of regions that touch, int64 [e, 2], and the length of their border in pixels, float64 [e]."""
+    touching = [(here[here != there], there[here != there]) for here, there in ((of[:, :-1], of[:, 1:]), (of[:-1], of[1:]))]
+    pairs = np.sort(np.concatenate([np.stack(sides, 1) for sides in touching]).astype(np.int64), axis=1)
+    pairs = pairs[inside[pairs].all(1)]
+    codes, lengths = np.unique(pairs[:, 0] * len(inside) + pairs[:, 1], return_counts=True)
+    return np.stack([codes // len(inside), codes % len(inside)], 1), lengths.astype(np.float64)

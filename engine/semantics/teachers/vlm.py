@@ -1,0 +1,115 @@
+"""The teacher that asks a vision-language model: CLIP for features of its own space, CLIPSeg for the classes by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import torch
+from degense.engine.clip import Clip
+from degense.engine.data.readers import fingerprint
+from degense.engine.errors import ClipError
+from degense.engine.progress import Progress, silent
+from degense.engine.semantics.models.model_folder import find_model
+from degense.engine.semantics.models.templates import PLAIN, asked_in_templates
+from degense.engine.semantics.models.tiles import tiled
+from degense.engine.semantics.models.vlm_models import DenseModel
+from degense.engine.semantics.teachers.answer_store import digest
+from degense.engine.semantics.teachers.soft import soft_targets
+from degense.engine.semantics.teachers.teacher import Targets
+from degense.engine.semantics.text.directions import unit_rows
+from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.encoder import TextEncoder
+from degense.engine.semantics.text.text_vectors import TextVectors
+from degense.engine.semantics.text.vocabulary import surgical_vocabulary
+
+REVISION = 1  # of the method: answers of another are not the same
+MOST_SCALES = 6
+UNSURE = 0.3  # probability of the best class below which CLIPSeg's answer is nothing
+UNNAMED = ("background", "black background", "background tissue", "background-tissue")  # no wording that a model could look for
+
+
+class VlmTeacher:
+    """Targets from a model on this machine, over tiles at one or more scales; on the GPU when there is one.
+
+    With CLIP the run's encoder is a table of the model's own text vectors, of the clip's classes and of the surgical vocabulary, so the
+    model is not needed for prompting. Its cosines are low (0.2 to 0.3 for a match): argmax decoders suit it, or a lower threshold.
+    With CLIPSeg each class is looked for by its name, and the embedded encoder answers prompts.
+
+    Parameters
+    ----------
+    clip : Clip
+    place : str
+        Folder of the model, or its name in the user's cache.
+    scales : int
+
+    Raises
+    ------
+    DegenseError
+        When the model cannot be read, and for CLIPSeg when the clip names no classes.
+    """
+
+    def __init__(self, clip: Clip, place: str, scales: int = 1):
+        if not 1 <= scales <= MOST_SCALES:
+            raise ClipError(f"a frame is looked at in 1 to {MOST_SCALES} scales, not {scales}")
+        self.model = DenseModel(find_model(place), torch.device("cuda" if torch.cuda.is_available() else "cpu"))
+        self.name = f"vlm:{place}" + (f"?scales={scales}" if scales > 1 else "")
+        self.pixelwise = False
+        self.frames = clip.train_frames
+        self._clip, self._scales = clip, scales
+        self._wordings = [name for name in clip.classes if name.casefold().replace("_", " ") not in UNNAMED]
+        self.encoder: TextEncoder
+        if self.model.kind == "clip":
+            self.encoder = _text_vectors(self.model, clip.classes)
+        else:
+            if not self._wordings:
+                raise ClipError(f"Clip '{clip.name}' names no classes for CLIPSeg to look for; add classes.json beside its frames.")
+            self.encoder = EmbeddedEncoder().with_classes(clip.classes)
+            self._vectors = self.encoder.encode(self._wordings)
+        self.provenance = f"{self.model.name} from {place}, {scales} scale{'s' if scales > 1 else ''}, encoder {self.encoder.name}"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the answers depend on."""
+        clip = self._clip
+        return {
+            "teacher": "vlm",
+            "revision": REVISION,
+            "model": self.model.name,
+            "scales": self._scales,
+            "clip": fingerprint(clip),
+            "train frames": clip.train_frames,
+            "valid": digest(*(clip.valid(frame) for frame in clip.train_frames[:: max(1, len(clip) // 4)])),
+            "classes": list(clip.classes),
+            "prompt": PLAIN,
+            "encoder": self.encoder.name,
+            "versions": {name: version(name) for name in ("transformers", "torch", "opencv-contrib-python-headless")},
+        }
+
+    def answers(self, frames: Sequence[int], progress: Progress = silent) -> Iterator[tuple[int, Targets | None]]:
+        """Targets of these frames, in order."""
+        for done, frame in enumerate(frames):
+            progress(done / len(frames), "asking the vision-language model")
+            yield frame, self._said(frame)
+
+    def _said(self, frame: int) -> Targets | None:
+        said = tiled(self._clip.frame(frame), self.model.side, self._scales, lambda tiles: self.model.maps(tiles, self._wordings))
+        rows, columns, _ = said.shape
+        if self.model.kind == "clip":
+            vectors, cells = unit_rows(said.reshape(rows * columns, -1)), np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+        else:
+            found = 1 / (1 + np.exp(-said.astype(np.float64)))
+            vectors, cells = soft_targets(found, self._vectors, found.max(-1) >= UNSURE)
+        width, height = self._clip.size
+        y, x = ((np.arange(height) + 0.5) * rows / height).astype(int), ((np.arange(width) + 0.5) * columns / width).astype(int)
+        index = np.where(self._clip.valid(frame), cells[y[:, None], x], -1).astype(np.int32)
+        return (vectors.astype(np.float32), index) if (index >= 0).any() else None
+
+
+def _text_vectors(model: DenseModel, classes: Sequence[str]) -> TextEncoder:
+    names = list(dict.fromkeys([*classes, *(concept.name for concept in surgical_vocabulary().concepts)]))
+    encoder, embed = next(iter(asked_in_templates(model.name, model.texts).items()))
+    vectors = embed([name.replace("_", " ") for name in names])
+    return TextVectors(dict(zip(names, vectors, strict=True)), encoder).with_classes(classes)

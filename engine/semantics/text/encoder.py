@@ -1,0 +1,144 @@
+"""Text encoders: wordings in, unit vectors out. Vision and text must live in one space, so a run names its encoder and refuses another."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from degense.engine.errors import PromptError
+from degense.engine.semantics.text.class_names import ClassNames
+from degense.engine.semantics.text.negatives import split_negatives
+from degense.engine.semantics.text.vocabulary import Vocabulary, surgical_vocabulary
+
+
+class TextEncoder(Protocol):
+    """Turns wordings into vectors of one space.
+
+    Attributes
+    ----------
+    name : str
+        Written into a run; features of one encoder mean nothing to another. It changes with everything that changes a vector.
+    dimension : int
+        D, the length of a vector.
+    classes : tuple of str
+        The session's classes.
+    """
+
+    name: str
+    dimension: int
+    classes: tuple[str, ...]
+
+    def encode(self, texts: Sequence[str]) -> np.ndarray:
+        """float32 [n, D], unit rows. PromptError for a wording that is not understood, naming the nearest ones."""
+        ...
+
+    def with_classes(self, classes: Sequence[str]) -> TextEncoder:
+        """The same space, in which each of the session's class names is understood literally."""
+        ...
+
+    def called(self, name: str) -> TextEncoder | None:
+        """The encoder that a run names, when it is this one, or this model asked as it was for that run; else None."""
+        ...
+
+    def expand(self, text: str) -> np.ndarray:
+        """float32 [m, D], m ≥ 1: a row for each session class that the text covers (all instruments for "tool"), else its own row."""
+        ...
+
+    def exclude(self, text: str) -> np.ndarray:
+        """float32 [k, D], k ≥ 0: a row for each thing that the text says it does not mean ("tool, not grasper")."""
+        ...
+
+    def complete(self, prefix: str) -> list[str]:
+        """Wordings to offer for a beginning, the session's classes first."""
+        ...
+
+
+class WordedEncoder(ABC):
+    """What all encoders share: a prompt names session classes or concepts of the vocabulary, and each of those has a vector.
+
+    Parameters
+    ----------
+    classes : sequence of str
+        Names of the session's classes; they win over the vocabulary.
+    vocabulary : Vocabulary, optional
+    """
+
+    name: str
+    dimension: int
+
+    def __init__(self, classes: Sequence[str] = (), vocabulary: Vocabulary | None = None):
+        self.vocabulary = vocabulary or surgical_vocabulary()
+        self.classes = tuple(classes)
+        self.class_names = ClassNames(self.classes, self.vocabulary)
+
+    @abstractmethod
+    def _of_class(self, name: str) -> np.ndarray:
+        """Unit vector [D] of a session class."""
+
+    @abstractmethod
+    def _of_concept(self, concept: str) -> dict[str, np.ndarray]:
+        """Unit vectors, by name, of a concept that no session class is or belongs to. PromptError where there is none."""
+
+    @abstractmethod
+    def with_classes(self, classes: Sequence[str]) -> WordedEncoder:
+        """The same space for other session classes."""
+
+    def called(self, name: str) -> WordedEncoder | None:
+        return self if name == self.name else None
+
+    def encode(self, texts: Sequence[str]) -> np.ndarray:
+        """float32 [n, D], unit rows: each has the same cosine to all that its text covers.
+
+        Raises
+        ------
+        PromptError
+            For a wording that neither names a session class nor is understood by the vocabulary.
+        """
+        rows = [_balanced(np.stack(list(self._read(text)[0].values()))) for text in texts]
+        return np.array(rows, np.float32).reshape(-1, self.dimension)
+
+    def expand(self, text: str) -> np.ndarray:
+        """float32 [m, D]: a row for each session class the text covers (all instruments for "tool"), else its own row.
+
+        A `MaskQuery` keeps the best of such rows in each pixel: sharper than the one vector of `encode` when a kind has many members.
+        """
+        return np.stack(list(self._read(text)[0].values())).astype(np.float32)
+
+    def exclude(self, text: str) -> np.ndarray:
+        """float32 [k, D]: a row for each class or concept that the text says it does not mean."""
+        return np.array(list(self._read(text)[1].values()), np.float32).reshape(-1, self.dimension)
+
+    def complete(self, prefix: str) -> list[str]:
+        return self.vocabulary.complete(prefix, self.classes)
+
+    def _read(self, text: str) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """What a prompt means, and what it does not: vectors by name."""
+        if (named := self.class_names.named(text)) is not None:
+            return {named: self._of_class(named)}, {}
+        wanted, others = split_negatives(text)
+        if not others:
+            return self._found(wanted or text), {}
+        if not wanted.strip(" ,;"):
+            raise PromptError(f"'{text}' says only what it does not mean; name what to look for first, as in 'tool, not grasper'.")
+        excluded = {name: vector for other in others for name, vector in self._found(other).items()}
+        meant = {name: vector for name, vector in self._found(wanted).items() if name not in excluded}
+        if not meant:
+            raise PromptError(f"'{text}' leaves nothing to look for: all that it names is excluded again.")
+        return meant, excluded
+
+    def _found(self, text: str) -> dict[str, np.ndarray]:
+        if (named := self.class_names.named(text)) is not None:
+            return {named: self._of_class(named)}
+        literal = [name for name in self.classes if name not in self.class_names.concepts]
+        concept = self.vocabulary.resolve(text, literal)
+        return {name: self._of_class(name) for name in self.class_names.members(concept)} or self._of_concept(concept)
+
+
+def _balanced(rows: np.ndarray) -> np.ndarray:
+    """The unit vector with the same, largest possible cosine to every unit row: normalised Vᵀ(VVᵀ)⁺1."""
+    if len(rows) == 1:
+        return rows[0]
+    direction = rows.T @ np.linalg.pinv(rows @ rows.T) @ np.ones(len(rows))
+    return direction / np.linalg.norm(direction)

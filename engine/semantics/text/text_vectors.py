@@ -1,0 +1,154 @@
+"""Text vectors from a file: the encoder of features that were computed elsewhere, and of a run whose encoder is not at hand."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from degense.engine.errors import DegenseError, PromptError
+from degense.engine.files import replacing
+from degense.engine.semantics.text.class_names import ClassNames
+from degense.engine.semantics.text.encoder import WordedEncoder
+from degense.engine.semantics.text.vocabulary import Vocabulary
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+MOST_NAMES, MOST_DIMENSIONS, LONGEST_NAME = 10_000, 65_536, 200
+MOST_BYTES = 256 << 20
+#: What the file's metadata calls the encoder that made it.
+ENCODER = "encoder"
+
+
+class TextVectors(WordedEncoder):
+    """An encoder that knows the vectors of some names and of no others.
+
+    Wordings of a name (plurals, synonyms, other languages) are understood where the vocabulary has a concept of that name.
+
+    Parameters
+    ----------
+    vectors : mapping of name to float [D]
+        Of any length but zero.
+    name : str, optional
+        Of the encoder that made them; by default one derived from names and vectors, so that another file is another encoder.
+    classes : sequence of str
+        The session's classes.
+
+    Raises
+    ------
+    PromptError
+        If a class has no vector.
+    """
+
+    def __init__(
+        self,
+        vectors: Mapping[str, np.ndarray],
+        name: str | None = None,
+        classes: Sequence[str] = (),
+        vocabulary: Vocabulary | None = None,
+    ):
+        super().__init__(classes, vocabulary)
+        rows = {word: np.asarray(vector, np.float64) for word, vector in vectors.items()}
+        self.vectors = {word: vector / np.linalg.norm(vector) for word, vector in rows.items()}
+        self.dimension = len(next(iter(rows.values())))
+        self.name = name or _name_of(rows)
+        self._names = ClassNames(self.vectors, self.vocabulary)
+        self._class_vectors = {word: self._of_name(word) for word in self.classes}
+
+    @classmethod
+    def read(cls, path: Path) -> TextVectors:
+        """The vectors of a safetensors file: names → [D] or [1, D]. DegenseError in one sentence for anything else."""
+        vectors, metadata = read_vectors(path)
+        return cls(vectors, metadata.get(ENCODER))
+
+    def with_classes(self, classes: Sequence[str]) -> TextVectors:
+        return TextVectors(self.vectors, self.name, classes, self.vocabulary)
+
+    def complete(self, prefix: str) -> list[str]:
+        known = [word for word in super().complete(prefix) if self.class_names.named(word) or self._known(word)]
+        start = prefix.strip().casefold()
+        return list(dict.fromkeys([*known, *(word for word in self.vectors if word.casefold().startswith(start))]))
+
+    def _known(self, word: str) -> bool:
+        concept = self.vocabulary.known(word)
+        return self._names.named(word) is not None or (concept is not None and bool(self._names.members(concept)))
+
+    def _of_name(self, word: str) -> np.ndarray:
+        """The vector of a class: of its very name, else of the name that is the same concept."""
+        if (named := self._names.named(word)) is not None:
+            return self.vectors[named]
+        concept = self.vocabulary.known(word)
+        same = [name for name, c in self._names.concepts.items() if c == concept]
+        if not same:
+            raise self._no_vector(word)
+        return self.vectors[same[0]]
+
+    def _of_class(self, name: str) -> np.ndarray:
+        return self._class_vectors[name]
+
+    def _found(self, text: str) -> dict[str, np.ndarray]:
+        if self.class_names.named(text) is None and (named := self._names.named(text)) is not None:
+            return {named: self.vectors[named]}
+        return super()._found(text)
+
+    def _of_concept(self, concept: str) -> dict[str, np.ndarray]:
+        if not (members := self._names.members(concept)):
+            raise self._no_vector(concept)
+        return {name: self.vectors[name] for name in members}
+
+    def _no_vector(self, word: str) -> PromptError:
+        nearest = ", ".join(list(self.vectors)[:8]) + (", …" if len(self.vectors) > 8 else "")
+        return PromptError(f"There is no text vector for '{word}'; the encoder '{self.name}' has vectors for {nearest}.")
+
+
+def read_vectors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Names with their vectors float32 [D], and the metadata, of a safetensors file.
+
+    Raises
+    ------
+    DegenseError
+        If the file is missing, no safetensors file, too large, or holds anything but finite vectors of one length.
+    """
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise DegenseError(f"{path} is larger than {MOST_BYTES >> 20} MB, which no file of text vectors is.")
+        with safe_open(str(path), framework="np") as file:
+            names = list(file.keys())
+            if not 1 <= len(names) <= MOST_NAMES:
+                raise DegenseError(f"{path} holds {len(names)} text vectors; there must be 1 to {MOST_NAMES:,}.")
+            shapes = {name: tuple(file.get_slice(name).get_shape()) for name in names}
+            lengths = {shape[-1] if len(shape) == 1 or (len(shape) == 2 and shape[0] == 1) else 0 for shape in shapes.values()}
+            if len(lengths) != 1 or not 1 <= max(lengths) <= MOST_DIMENSIONS:
+                raise DegenseError(f"{path} must hold one vector of the same length for each name, not {_some(shapes)}.")
+            vectors = {name: np.asarray(file.get_tensor(name), np.float32).reshape(-1) for name in names}
+            metadata = file.metadata() or {}
+    except FileNotFoundError as error:
+        raise DegenseError(f"{path} does not exist; name a safetensors file of text vectors.") from error
+    except (OSError, SafetensorError, TypeError, ValueError) as error:
+        raise DegenseError(f"{path} is not a sound safetensors file of float16 or float32 vectors: {error}") from error
+    if len(metadata.get(ENCODER, "")) > LONGEST_NAME:
+        raise DegenseError(f"{path} names an encoder with more than {LONGEST_NAME} letters, which is no name.")
+    for name, vector in vectors.items():
+        if not name.strip() or len(name) > LONGEST_NAME:
+            raise DegenseError(f"{path} names a vector {name[:40]!r}, which is no name.")
+        if not np.isfinite(vector).all() or not np.linalg.norm(vector) > 0:
+            raise DegenseError(f"{path}: the vector of '{name}' is zero or not finite.")
+    return vectors, metadata
+
+
+def write_vectors(path: Path, vectors: Mapping[str, np.ndarray], encoder: str) -> None:
+    """Write names with vectors [D], and the name of the encoder that made them; whole or not at all."""
+    with replacing(path) as temporary:
+        save_file({name: np.ascontiguousarray(vector, np.float32) for name, vector in vectors.items()}, temporary, {ENCODER: encoder})
+
+
+def _name_of(vectors: Mapping[str, np.ndarray]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(vectors):
+        digest.update(name.encode() + b"\0" + vectors[name].astype("<f4").tobytes())
+    return f"text-vectors-{digest.hexdigest()[:12]}"
+
+
+def _some(shapes: Mapping[str, tuple[int, ...]]) -> str:
+    return ", ".join(f"{name!r} {list(shape)}" for name, shape in list(shapes.items())[:3])

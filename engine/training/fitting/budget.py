@@ -1,0 +1,151 @@
+"""Budgets that fit the scene: what a clip does not need is left out before training, and the run says so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from degense.engine.semantics import Basis
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.fitting.statistics import CELLS, Statistics, measure
+from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.frames import TrainingFrames
+
+SPARE_GAUSSIANS = 3.5  # times what the pictures need: densification puts them where they are missing, not where they fit best
+LEAST_GAUSSIANS = 1000
+RESOLUTIONS = (16, 24, 32, 48, 64)
+MARGIN = 1.2  # the planes cover the cloud and a tenth beside it
+SPARE_KNOTS = 1.5
+STILL_COLOUR = 6.0  # grey levels below which no colour changes in place
+STILL = 0.5  # pixels of the flow below which nothing moves
+VISITS = 400  # of each training frame: more teach little
+LEAST_STEPS = 800  # however short the clip: the Gaussians themselves must settle
+STILL_SHARE = 0.5  # of the steps are enough where nothing moves and no colour changes
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One setting that a clip's own figures decided.
+
+    Attributes
+    ----------
+    setting : str
+        A field of `TrainConfig`, or "rank".
+    preset, chosen : number, bool, tuple or None
+        What the preset would have taken, and what was taken.
+    why : str
+        One sentence with figures.
+    """
+
+    setting: str
+    preset: Any
+    chosen: Any
+    why: str
+
+    @property
+    def saves(self) -> bool:
+        return self.chosen != self.preset
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Every choice, the figures behind them, and the settings they lead to."""
+
+    choices: tuple[Choice, ...]
+    statistics: Statistics
+    config: TrainConfig
+
+    def to_json(self) -> dict[str, Any]:
+        """For run.json: {"chosen": {setting: {preset, chosen, why}}, "statistics": {…}}."""
+        chosen = {c.setting: {"preset": c.preset, "chosen": c.chosen, "why": c.why} for c in self.choices}
+        return {"chosen": chosen, "statistics": {f.name: round(float(getattr(self.statistics, f.name)), 4) for f in fields(Statistics)}}
+
+    @property
+    def words(self) -> list[str]:
+        """One line for each setting that became smaller than the preset's."""
+        return [f"{c.setting.replace('_', ' ')} {said(c.chosen)} instead of {said(c.preset)}: {c.why}" for c in self.choices if c.saves]
+
+
+def said(value: Any) -> str:
+    """A setting's value in words."""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, Sequence):
+        return ", ".join(str(item) for item in value)
+    return f"{value:,}"
+
+
+def fit_budget(frames: TrainingFrames, config: TrainConfig, evidence: MotionEvidence | None, basis: Basis | None = None) -> Budget:
+    """Settings that fit the clip: the preset's or smaller, never larger. What was given by hand (`TrainConfig.given`) stays.
+
+    Parameters
+    ----------
+    evidence : MotionEvidence or None
+        None, for a single frame or without flow, keeps everything that motion would decide.
+    basis : Basis or None
+        Of the semantic latents; its rank was chosen from the singular values (`engine.semantics.fit_basis`) and is only put on record.
+    """
+    found = measure(frames, evidence)
+    chosen = [
+        choice for choice in choose(found, config, len(frames.clip), len(frames.clip.train_frames)) if choice.setting not in config.given
+    ]
+    fitted = replace(config, **{choice.setting: choice.chosen for choice in chosen})
+    fitted = replace(fitted, coarse_iterations=min(config.coarse_iterations, fitted.iterations // 5))
+    return Budget((*chosen, *([_rank(basis)] if basis is not None else [])), found, fitted)
+
+
+def choose(found: Statistics, config: TrainConfig, count: int, train_count: int) -> list[Choice]:
+    """The choices for a clip of `count` frames, `train_count` of them trained on. Pure arithmetic."""
+    needed = found.gaussians * (1 + found.unmatched)
+    cap = min(config.max_gaussians, max(LEAST_GAUSSIANS, round(SPARE_GAUSSIANS * needed, -2)))
+    cap_why = f"the pictures hold detail for {needed:,.0f} Gaussians, {found.unmatched:.0%} of it new after the first frame"
+    return [
+        Choice("max_gaussians", config.max_gaussians, int(cap), cap_why),
+        *_planes(found, config),
+        _times(found, config, count),
+        _appearance(found, config),
+        _flow(found, config),
+        _iterations(found, config, train_count),
+    ]
+
+
+def _rank(basis: Basis) -> Choice:
+    why = f"{basis.rank} directions hold {basis.energy:.2%} of what the teacher says, {basis.dimension - basis.rank} were left out"
+    return Choice("rank", basis.dimension, basis.rank, why)
+
+
+def _planes(found: Statistics, config: TrainConfig) -> list[Choice]:
+    """The finest plane holds the change in time; finer levels are dropped where coarser ones hold it alone."""
+    wanted = MARGIN * found.cells if found.cells < CELLS[-1] else math.inf  # the last stands for all that is finer
+    levels = tuple(level for level in config.levels if level == min(config.levels) or wanted > config.resolution * level / 2)
+    fitting = [r for r in RESOLUTIONS if r * max(levels) >= wanted]
+    resolution = min(config.resolution, fitting[0] if fitting else config.resolution)
+    why = f"{found.cells} cells across the picture follow motion and colour"
+    return [Choice("resolution", config.resolution, resolution, why), Choice("levels", config.levels, levels, why)]
+
+
+def _times(found: Statistics, config: TrainConfig, count: int) -> Choice:
+    preset = config.time_resolution or max(2, (count + 1) // 2)
+    chosen = min(preset, max(2, round(SPARE_KNOTS * found.knots)))
+    return Choice("time_resolution", preset, chosen, f"{found.knots} moments, evenly spread, follow motion and colour")
+
+
+def _appearance(found: Statistics, config: TrainConfig) -> Choice:
+    needed = config.appearance and found.recolour > STILL_COLOUR
+    why = f"colours change by {found.recolour:.1f} grey levels along their way ({STILL_COLOUR:g} can be left out)"
+    return Choice("appearance", config.appearance, needed, why)
+
+
+def _flow(found: Statistics, config: TrainConfig) -> Choice:
+    if found.believed > 0:
+        return Choice("flow", config.flow, config.flow, f"optical flow is believed in {found.believed:.0%} of the pixels")
+    return Choice("flow", config.flow, 0.0, "optical flow is believed nowhere, so it has nothing to say")
+
+
+def _iterations(found: Statistics, config: TrainConfig, train_count: int) -> Choice:
+    still = found.believed > 0 and found.motion < STILL and found.recolour <= STILL_COLOUR
+    enough = min(config.iterations, max(LEAST_STEPS, VISITS * train_count))
+    why = f"{train_count} frames to learn from" + (", in which nothing moves and no colour changes" if still else "")
+    return Choice("iterations", config.iterations, round(STILL_SHARE * enough) if still else enough, why)

@@ -1,0 +1,68 @@
+"""Motion support: of which displacement the images can speak at all."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import torch
+from degense.engine.field import SceneModel
+from degense.engine.motion import confidence
+from degense.engine.motion.observed import TEXTURE
+from degense.engine.progress import Progress, silent
+from degense.engine.raster import camera_depths, rasterize
+from degense.engine.raster.camera_tensors import view_and_lens
+from degense.engine.training.flow.supervision import MotionEvidence, look_up, project, surface_visibility
+from degense.engine.training.frames import TrainingFrames
+from torch import Tensor
+
+
+@torch.no_grad()
+def motion_support(model: SceneModel, frames: TrainingFrames, evidence: MotionEvidence, progress: Progress = silent) -> Tensor:
+    """In which share of its frames the images reveal how far a Gaussian has moved, float32 [N] in [0, 1].
+
+        support_i = Σ_t v_i(t) · s(p_i(t), t) / Σ_t v_i(t)
+
+    over training frames t other than the reference; v_i(t) is 1 where the Gaussian lies on the surface that is seen, p_i(t) its pixel,
+    s(p, t) as in `revealed_motion`.
+
+    A Gaussian that is never on the seen surface has support 0: no picture says where it is. What support cannot see: flow that is
+    consistent, on texture, and wrong all the same (a highlight that travels, repeated patterns), and motion along the line of sight.
+
+    Parameters
+    ----------
+    model : SceneModel
+        Trained, in the unit of `frames`.
+    """
+    clip = frames.clip
+    reference = clip.train_frames[0]
+    others = [i for i in clip.train_frames if i != reference] or [reference]
+    supported = torch.zeros(len(model), device=model.bounds.device)
+    seen = torch.zeros_like(supported)
+    for done, i in enumerate(others):
+        progress(done / len(others), "asking which motion the images reveal")
+        camera = frames.cameras[i]
+        splats = model.at(clip.time(i), semantics=False).splats
+        depth = camera_depths(splats.means, camera)[:, None]
+        render = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, depth, camera)
+        seen_by = view_and_lens(camera, supported.device)
+        visible = surface_visibility(splats.means, splats.opacities, render.radii, render.image[..., 0], render.alpha, seen_by)
+        position, _ = project(splats.means, seen_by)
+        revealed = torch.from_numpy(revealed_motion(frames, evidence, i)).to(supported.device)
+        supported += visible * look_up(revealed[None], position * 2 - 1)[:, 0]
+        seen += visible
+    return supported / seen.clamp_min(1)
+
+
+def revealed_motion(frames: TrainingFrames, evidence: MotionEvidence, index: int) -> np.ndarray:
+    """s(p, t) for one training frame, float32 [h, w] at the size of the flow: 1 where the recording shows how far tissue has moved.
+
+    That is where its way to the reference frame is the same forwards and backwards, begins and ends on valid pixels that are no
+    instrument, and texture pins it down (`engine.motion.confidence`); else 0.
+    """
+    reference = frames.clip.train_frames[0]
+    picture = cv2.resize(frames.image(index), evidence.size, interpolation=cv2.INTER_AREA)
+    believed = np.zeros(picture.shape[:2], np.float32)
+    for pair in evidence.pairs[index]:
+        if pair.to == reference:
+            believed = np.maximum(believed, pair.weight[0].float().cpu().numpy())
+    return believed * (confidence(picture) > TEXTURE)

@@ -1,0 +1,285 @@
+"""Motion evidence: optical flow between training frames, lifted to 3D where depth was measured.
+
+A photometric loss alone lets Gaussians fade and recolour in place. Flow says where each visible point went, so that colour is explained by
+colour and motion by motion.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import tee
+
+import cv2
+import numpy as np
+import torch
+import torch.nn.functional as F
+from degense.engine.motion import consistent, follow, sample, steps_between
+from degense.engine.progress import Progress, silent
+from degense.engine.raster.camera_tensors import view_and_lens
+from degense.engine.semantics.text.vocabulary import surgical_vocabulary
+from degense.engine.training.frames import TrainingFrames
+from torch import Tensor
+
+FLOW_PIXELS = 100_000
+PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
+DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
+STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
+SOFTNESS = 0.0005  # scene units (median depth 1) below which the robust norm is quadratic: flow is mostly right, and far off in places
+
+
+@dataclass
+class Pair:
+    """Where the pixels of one frame went in another.
+
+    Attributes
+    ----------
+    to : int
+        The other frame.
+    flow : float16 [2, h, w]
+        Fractions of the image's width and height.
+    weight : float16 [1, h, w]
+        1 where the flow is consistent forwards and backwards and both ends are valid, else 0.
+    """
+
+    to: int
+    flow: Tensor
+    weight: Tensor
+
+
+class MotionEvidence:
+    """Flow of every training frame to its neighbours and to the first training frame, computed once.
+
+    Neighbours are matched directly, which is exact for small motion; the way to the first frame is followed from frame to frame, since a
+    direct match of far frames passes the forward-backward check while being wrong by many pixels.
+
+    Parameters
+    ----------
+    frames : TrainingFrames
+    progress : Progress
+    """
+
+    def __init__(self, frames: TrainingFrames, progress: Progress = silent):
+        self.frames = frames
+        width, height = frames.size
+        train = frames.clip.train_frames
+        pixels = min(FLOW_PIXELS, PAIR_BYTES // (BYTES_A_PIXEL * len(train)))
+        shrink = min(1.0, (pixels / (width * height)) ** 0.5)
+        self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
+        pictures = [cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train]
+        tissue = [self._inside(tissue_pixels(frames, i)) for i in train]
+        self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
+
+        neighbours, steps = tee(steps_between(pictures))
+        found: list[tuple[int, Future[Pair]]] = []
+        with ThreadPoolExecutor() as pool:
+            for k, (step, far) in enumerate(zip(neighbours, follow(pictures, steps), strict=True)):
+                progress(k / len(train), "following tissue through the clip")
+                # the second frame is the first one's neighbour
+                for a, (there, back) in ((k, step), (0, far)) if k else ((0, step),):
+                    found.append((train[a], pool.submit(self._matched, train[k + 1], there, back, tissue[a], tissue[k + 1])))
+                    found.append((train[k + 1], pool.submit(self._matched, train[a], back, there, tissue[k + 1], tissue[a])))
+        for frame, pair in found:
+            self.pairs[frame].append(pair.result())
+
+    def _inside(self, valid: np.ndarray) -> np.ndarray:
+        """Valid pixels at flow size, away from the edge of a tool mask, whose motion bleeds into the tissue beside it."""
+        small = cv2.resize(valid.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST)
+        return cv2.erode(small, np.ones((7, 7), np.uint8), borderValue=1) > 0
+
+    def _matched(self, to: int, forward: np.ndarray, backward: np.ndarray, here: np.ndarray, there: np.ndarray) -> Pair:
+        """The pair of a frame whose tissue is `here` with the frame `to`, where it is `there`, bool [h, w]."""
+        weight = here & (sample(there.astype(np.float32), forward) > 0.99) & consistent(forward, backward)
+        relative = np.moveaxis(forward / np.array(self.size, np.float32), -1, 0).copy()
+        return Pair(to, *(torch.from_numpy(array).to(self.frames.device).half() for array in (relative, weight[None])))
+
+    def carried(self, picture: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """A picture of one training frame, moved to where its tissue is in another, by way of the first training frame.
+
+        Parameters
+        ----------
+        picture : [H, W] or [H, W, C]
+            At the working size.
+
+        Returns
+        -------
+        picture, known
+            Nearest pixels of the source, and bool [H, W] where flow could say which; elsewhere as the nearest pixel where it could.
+        """
+        first = self.frames.clip.train_frames[0]
+        known = np.ones(picture.shape[:2], bool)
+        for here, there in ((first, source), (frame, first)):
+            pair = self.pair(here, there)
+            if pair is None:
+                known &= here == there
+                continue
+            width, height = self.frames.size
+            flow = cv2.resize(_relative(pair), (width, height)) * np.array([width, height], np.float32)
+            sure = cv2.resize(pair.weight[0].float().cpu().numpy(), (width, height)) > 0.5
+            flow = from_nearest(flow, sure)
+            x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+            x, y = x + flow[..., 0], y + flow[..., 1]
+            picture = cv2.remap(picture, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+            known = sure & (cv2.remap(known.astype(np.uint8), x, y, cv2.INTER_NEAREST, borderValue=0) > 0)
+        return picture, known
+
+    def velocity(self, frame: int, pixels: np.ndarray) -> np.ndarray:
+        """How fast what is seen at `pixels` of a training frame moves, instruments included, scene units in a unit of the clip's time.
+
+        The mean over the neighbouring training frames to which the flow is consistent and the depth steady; 0 where there is none. A depth
+        that was not measured is taken to stay as it is.
+
+        Parameters
+        ----------
+        pixels : float [n, 2]
+            (x, y) at the working size.
+
+        Returns
+        -------
+        float64 [n, 3]
+        """
+        train, clip = self.frames.clip.train_frames, self.frames.clip
+        size, (rows, columns) = np.array(self.frames.size), pixels[:, ::-1].astype(int).T
+        depth = self.frames.depth(frame)[rows, columns]
+        start = self.frames.cameras[frame].unproject(pixels, depth)
+        total, count = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
+        number = train.index(frame)
+        for other in train[max(0, number - 1) : number] + train[number + 1 : number + 2]:
+            forward, backward = self.flow(frame, other), self.flow(other, frame)
+            at = (pixels * np.array(self.size) / size).astype(np.float32)[None]
+            sure = cv2.remap(consistent(forward, backward).astype(np.uint8), at, None, cv2.INTER_NEAREST)[0] > 0
+            end = pixels + cv2.remap(forward, at, None, cv2.INTER_LINEAR)[0] * size / np.array(self.size)
+            inside = np.all((end >= 0) & (end < size), axis=1)
+            row, column = np.clip(end[:, ::-1].astype(int), 0, size[::-1] - 1).T
+            there = self.frames.depth(other)[row, column] if clip.depth_measured else depth
+            steady = (there > 0) & (np.abs(there - depth) < STEADY * depth)
+            believed = sure & inside & steady
+            moved = self.frames.cameras[other].unproject(end, np.where(believed, there, depth)) - start
+            total += np.where(believed[:, None], moved / (clip.time(other) - clip.time(frame)), 0)
+            count += believed
+        return total / np.maximum(count, 1)[:, None]
+
+    def pair(self, here: int, there: int) -> Pair | None:
+        """The pair of two training frames, if they were matched."""
+        return next((pair for pair in self.pairs.get(here, []) if pair.to == there), None)
+
+    def flow(self, here: int, there: int) -> np.ndarray:
+        """Flow between two frames of a pair, float32 [h, w, 2], pixels of the flow's size."""
+        pair = self.pair(here, there)
+        assert pair is not None
+        return _relative(pair) * np.array(self.size, np.float32)
+
+    def inputs(self, frame: int, pair: Pair) -> tuple[Tensor, ...]:
+        """What `motion_error` needs to know of a pair, beside the model's own motion: tensors of the same shapes for every pair."""
+        camera, other = (view_and_lens(self.frames.cameras[i], self.frames.device) for i in (frame, pair.to))
+        measured = self.frames.clip.depth_measured
+        depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
+        return (camera, other, pair.flow, pair.weight, *depths)
+
+
+def from_nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Values [H, W] or [H, W, C]; where they are not known (bool [H, W]) those of the nearest known pixel, if there is any."""
+    if not known.any() or known.all():
+        return values
+    _, labels = cv2.distanceTransformWithLabels((~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    value = np.zeros((labels.max() + 1, *values.shape[2:]), values.dtype)
+    value[labels[known]] = values[known]
+    return value[labels]
+
+
+def _relative(pair: Pair) -> np.ndarray:
+    """A pair's flow as float32 [h, w, 2], fractions of the image's width and height."""
+    return pair.flow.float().cpu().numpy().transpose(1, 2, 0)
+
+
+def motion_error(
+    here: Tensor,
+    there: Tensor,
+    visible: Tensor,
+    camera: Tensor,
+    other: Tensor,
+    flow: Tensor,
+    weight: Tensor,
+    before: Tensor | None = None,
+    after: Tensor | None = None,
+) -> Tensor:
+    """Robust distance between the model's motion and the observed one, averaged over visible Gaussians with evidence.
+
+    With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion across
+    the line of sight is compared, at the Gaussian's own depth.
+
+    Parameters
+    ----------
+    here, there : float [N, 3]
+        Centres at the times of two frames.
+    visible : float [N]
+        Weight of each Gaussian: 0 hidden, 1 on the surface.
+    camera, other : float [5, 4]
+        `view_and_lens` at both frames.
+    flow, weight : float16 [2, h, w], [1, h, w]
+        See `Pair`.
+    before, after : float [H, W] or None
+        Measured depth of both frames, 0 where unknown.
+    """
+    start, z = project(here, camera)
+    end, z_end = project(there, other)
+    grid = start.detach() * 2 - 1
+    way = look_up(flow.float(), grid)
+    target = start.detach() + way
+    believed = (look_up(weight.float(), grid)[:, 0] > 0.99) * visible  # at all four pixels around, but for rounding
+    if before is not None and after is not None:
+        z_before = look_up(before[None], grid)[:, 0]
+        z_after = look_up(after[None], target * 2 - 1)[:, 0]
+        believed = believed * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < STEADY * z_before)
+        error = (there - here) - (unproject(target, z_after, other) - unproject(start.detach(), z_before, camera))
+    else:
+        lateral = ((end - start) - way) / other[4, :2] * z.detach()[:, None]
+        error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
+    error = torch.where(believed[:, None] > 0, error, 0.0)  # elsewhere it may be beyond all numbers, which no weight would undo
+    distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
+    return (distance * believed).sum() / believed.sum().clamp_min(1)
+
+
+def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
+    """Valid pixels that no label map calls an instrument, bool [H, W] at the working size."""
+    valid = frames.valid(index)
+    clip = frames.clip
+    instruments = [value for value, name in enumerate(clip.classes) if surgical_vocabulary().is_a(name, "instrument")]
+    labels = clip.labels(index) if instruments and index in clip.labelled_frames else None
+    if labels is None:
+        return valid
+    tool = np.isin(labels, instruments).astype(np.uint8)
+    return valid & (cv2.resize(tool, frames.size, interpolation=cv2.INTER_NEAREST) == 0)
+
+
+def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Tensor) -> Tensor:
+    """1 for Gaussians that are drawn, lie on the drawn surface (within 3 % of its depth) and are not faint; else 0. Float [N], no gradient.
+
+    Parameters
+    ----------
+    depth, alpha : float [H, W]
+        Blended z (not divided) and coverage.
+    camera : float [5, 4]
+        `view_and_lens`.
+    """
+    position, z = project(means.detach(), camera)
+    surface = look_up((depth / alpha.clamp_min(1e-6)).detach()[None], position * 2 - 1)[:, 0]
+    return ((z - surface).abs() < DEPTH_TOLERANCE * surface).float() * (radii > 0) * (opacities.detach() > 0.1)
+
+
+def project(points: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
+    """Image positions as fractions of width and height [N, 2], and depths z [N], seen by a camera's `view_and_lens` [5, 4]."""
+    local = points @ camera[:3, :3].T + camera[:3, 3]
+    z = local[:, 2].clamp_min(1e-3)
+    return local[:, :2] / z[:, None] * camera[4, :2] + camera[4, 2:], z
+
+
+def unproject(position: Tensor, z: Tensor, camera: Tensor) -> Tensor:
+    """World points [N, 3] of image positions (fractions) [N, 2] at depths z [N]."""
+    lateral = (position - camera[4, 2:]) / camera[4, :2] * z[:, None]
+    return (torch.cat([lateral, z[:, None]], 1) - camera[:3, 3]) @ camera[:3, :3]
+
+
+def look_up(picture: Tensor, grid: Tensor) -> Tensor:
+    """Bilinear samples [N, C] of `picture` [C, H, W] at `grid` [N, 2] in [-1, 1]; 0 outside."""
+    return F.grid_sample(picture[None], grid[None, None].to(picture.dtype), align_corners=False)[0, :, 0].T

@@ -1,0 +1,142 @@
+"""Meaning by clusters of Gaussians: instance features learned from segments, a codebook of two levels, one vector of words each cluster.
+
+The way of OpenGaussian (Wu et al., NeurIPS 2024), for comparison; `engine.research.systems` says what differs from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import torch
+from degense.engine.field import SceneModel
+from degense.engine.progress import Progress, silent
+from degense.engine.raster import rasterize
+from degense.engine.semantics.masks.superpixels import superpixels
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.losses import rows_of
+from degense.engine.training.semantic.distillation import heard
+from degense.engine.training.semantic.targets import SemanticTargets
+from torch import Tensor
+
+INSTANCE = 6  # length of an instance feature
+CODES = (64, 5)  # coarse clusters, and fine ones in each of them
+SEGMENTS = 10  # along the longer side of a picture, where the teacher draws no borders of its own
+NEAR = 0.01  # squared distance of two segments' features below which they are not pushed apart any harder
+KEPT = 128  # frames whose segments are kept
+TELL_EVERY = 25  # steps
+
+
+def fit_codebook(
+    model: SceneModel,
+    targets: SemanticTargets,
+    frames: TrainingFrames,
+    config: TrainConfig,
+    stop: Callable[[], bool] = lambda: False,
+    progress: Progress = silent,
+) -> bool:
+    """Give every Gaussian of a finished geometry the latent of its cluster, in place; False when `stop()` asked to leave."""
+    features = instance_features(model, targets, frames, config, stop, lambda f, words: progress(0.8 * f, words))
+    if features is None:
+        return False
+    clusters = two_levels(features.cpu().numpy(), model.canonical["means"].detach().cpu().numpy(), CODES, config.seed)
+    of = torch.from_numpy(clusters).to(features.device)
+    said = features.new_zeros(len(model), targets.basis.rank)
+    for words in heard(model, targets, frames, lambda f, words: progress(0.8 + 0.2 * f, words)):
+        said += words.said
+    vectors = said.new_zeros(int(of.max()) + 1, said.shape[1]).index_add(0, of, said)
+    model.canonical["semantics"].data.copy_(torch.nn.functional.normalize(vectors, dim=1)[of])
+    return True
+
+
+def instance_features(
+    model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, config: TrainConfig, stop: Callable[[], bool], progress: Progress
+) -> Tensor | None:
+    """A unit vector [N, `INSTANCE`] for each Gaussian, alike within segments of the frames and unlike between them; None when stopped."""
+    random = np.random.default_rng(config.seed)
+    start = random.normal(0, 1, (len(model), INSTANCE))
+    raw = torch.from_numpy(start).float().to(model.bounds.device).requires_grad_()
+    optimizer = torch.optim.Adam([raw], lr=config.rate_semantics)
+    segments_of = lru_cache(KEPT)(lambda frame: segments(targets, frames, frame))
+    for step in range(config.semantic_steps):
+        if stop():
+            return None
+        frame = int(random.choice(targets.frames))
+        with torch.no_grad():
+            s = model.at(frames.clip.time(frame), semantics=False).splats
+        unit = torch.nn.functional.normalize(raw, dim=1)
+        picture = rasterize(s.means, s.quats, s.scales, s.opacities, unit, frames.cameras[frame]).image
+        optimizer.zero_grad(set_to_none=True)
+        separation(picture.reshape(-1, INSTANCE), segments_of(frame)).backward()
+        optimizer.step()
+        if step % TELL_EVERY == 0:
+            progress(step / config.semantic_steps, "learning to tell segments apart")
+    return torch.nn.functional.normalize(raw.detach(), dim=1)
+
+
+def segments(targets: SemanticTargets, frames: TrainingFrames, frame: int) -> Tensor:
+    """Segment of each pixel, int32 [H × W], −1 for none: the regions of a pixelwise teacher, else large superpixels of the picture."""
+    if targets.pixelwise:
+        target = targets.target(frame)
+        found = torch.full((frames.size[0] * frames.size[1],), -1, dtype=torch.int32, device=frames.device)
+        found[target.pixels.long()] = target.index.int()
+        return found
+    regions = superpixels(frames.image(frame), max(1, max(frames.size) // SEGMENTS))
+    return torch.from_numpy(np.where(frames.valid(frame), regions, -1).astype(np.int32).ravel()).to(frames.device)
+
+
+def separation(features: Tensor, segment: Tensor) -> Tensor:
+    """Mean squared distance of pixels to their segment's mean, plus the mean over pairs of segments of 1 / (squared distance + `NEAR`).
+
+    Parameters
+    ----------
+    features : float [P, c]
+    segment : int [P]
+        −1 does not count.
+    """
+    here = segment >= 0
+    names, member = segment[here].unique(return_inverse=True)
+    inside = features[here]
+    counts = torch.bincount(member, minlength=len(names)).to(inside.dtype)
+    means = inside.new_zeros(len(names), inside.shape[1]).index_add(0, member, inside) / counts[:, None]
+    together = (inside - rows_of(means, member)).square().sum(1).mean()
+    if len(names) < 2:
+        return together
+    apart = (means[:, None] - means[None]).square().sum(-1)
+    other = ~torch.eye(len(names), dtype=torch.bool, device=apart.device)
+    return together + NEAR * (1 / (apart[other] + NEAR)).mean()
+
+
+def two_levels(features: np.ndarray, places: np.ndarray, codes: tuple[int, int], seed: int) -> np.ndarray:
+    """Cluster of each Gaussian, int64 [N], 0 … K − 1 without gaps: first by feature and place, then each cluster by feature alone.
+
+    Parameters
+    ----------
+    features : float [N, c]
+    places : float [N, 3]
+        Scaled to the spread of the features, so that near parts of a thing stay together.
+    codes : (int, int)
+        Clusters of the first level, and most clusters that one of them is divided into.
+    """
+    spread = np.maximum(places.std(0), 1e-9)
+    scaled = (places - places.mean(0)) / spread * features.std(0).mean()
+    coarse = _k_means(np.concatenate([features, scaled], 1), codes[0], seed)
+    found = np.zeros(len(features), np.int64)
+    for code in np.unique(coarse):
+        rows = coarse == code
+        found[rows] = code * codes[1] + _k_means(features[rows], codes[1], seed)
+    return np.unique(found, return_inverse=True)[1].reshape(-1)
+
+
+def _k_means(points: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Cluster of each point [n, c], int64 [n]; no more clusters than points."""
+    if len(points) <= count:
+        return np.arange(len(points))
+    cv2.setRNGSeed(seed)
+    rule = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
+    start = np.zeros((len(points), 1), np.int32)
+    _, labels, _ = cv2.kmeans(np.ascontiguousarray(points, np.float32), count, start, rule, 1, cv2.KMEANS_PP_CENTERS)
+    return labels[:, 0].astype(np.int64)

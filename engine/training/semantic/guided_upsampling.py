@@ -1,0 +1,59 @@
+"""What a coarse teacher means in the picture's own regions: its patches' vectors, unmixed by place and colour."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from degense.engine.training.semantic.patches import BLUR, means_of, patch_side
+
+REACH = 1.0  # patch sides: how far around a region patches are heard
+RIDGE = 0.7  # CIELAB units²: variance of colour below which colour does not explain vectors
+
+
+def refined_by_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarray, regions: np.ndarray) -> np.ndarray:
+    """A vector for each superpixel of a frame from vectors that describe patches.
+
+    Around each region r the patches' vectors are explained by their mean colours, and the line is read at the region's own colour:
+
+        v_r ∝ v̄ + (c_r − c̄)ᵀ (Σ_cc + λI)⁻¹ Σ_cv        weights n_p exp(−‖x_r − x_p‖² / 2σ²)
+
+    with n_p pixels, centre x_p and mean colour c_p of patch p, and weighted means, covariances and σ around r (the idea of guided
+    filtering, He et al. 2013). Where a patch sees a third of an instrument, its vector and its colour are both mixed by a third; the line
+    leads on to what is purely of the instrument's colour. Errors of single patches average out.
+
+    Parameters
+    ----------
+    vectors : float32 [k, D]
+    index : int [H, W]
+        Patch of each pixel; −1 where the teacher says nothing.
+    image : uint8 [H, W, 3]
+    regions : int [H, W]
+        0 … K − 1.
+
+    Returns
+    -------
+    float32 [K, D], unit rows; rows of zeros for regions too far from any patch that says something
+    """
+    height, width = index.shape
+    place = np.stack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)), -1)
+    lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    spoken = index >= 0
+    size = np.bincount(index[spoken], minlength=len(vectors))
+    side = patch_side(index, size)
+    seen = np.concatenate([place, cv2.GaussianBlur(lab, (0, 0), BLUR * side)], -1)
+    used = size > 0
+    patch = means_of(index[spoken], seen[spoken], len(vectors))[used]
+    region = means_of(regions.ravel(), np.concatenate([place, lab], -1).reshape(-1, 5), int(regions.max()) + 1)
+    a, b = region[:, :2] / (REACH * side), patch[:, :2] / (REACH * side)
+    weight = np.exp(-0.5 * np.maximum((a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T, 0)) * size[used]
+    total = weight.sum(1, keepdims=True)
+    weight = weight / np.maximum(total, 1e-9)
+    colour, said = patch[:, 2:], vectors[used].astype(np.float64)
+    colour_mean, said_mean = weight @ colour, weight @ said
+    pairs = np.concatenate([colour[:, :, None] * colour[:, None], colour[:, :, None] * said[:, None]], 2)
+    moments = (weight @ pairs.reshape(len(colour), -1)).reshape(len(weight), 3, -1)
+    moments -= colour_mean[:, :, None] * np.concatenate([colour_mean, said_mean], 1)[:, None]
+    slope = np.linalg.solve(moments[..., :3] + RIDGE * np.eye(3), moments[..., 3:])
+    mixed = said_mean + np.einsum("ri,rid->rd", region[:, 2:] - colour_mean, slope)
+    length = np.linalg.norm(mixed, axis=1, keepdims=True)
+    return np.where((total > 1e-6) & (length > 1e-6), mixed / np.maximum(length, 1e-6), 0).astype(np.float32)

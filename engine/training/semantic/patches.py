@@ -1,0 +1,74 @@
+"""What the patches of a coarse teacher see of a drawn picture: the mean over each patch and a little of those around it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from degense.engine.training.losses import rows_of
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+BLUR = 0.7  # patch sides: how far around itself a patch sees
+AROUND = 25  # nearest patches that it may see, itself included
+
+
+class Patches(NamedTuple):
+    """The patches of one frame, k of them.
+
+    Attributes
+    ----------
+    owner : int32 [H × W]
+        Patch of each pixel; k where the teacher says nothing.
+    size : float [k]
+        Pixels of each.
+    near : int64 [k, n]
+    share : float [k, n]
+        Which patches each one sees, and how much of each; rows sum to 1.
+    """
+
+    owner: Tensor
+    size: Tensor
+    near: Tensor
+    share: Tensor
+
+    @classmethod
+    def of(cls, index: np.ndarray, count: int, device: torch.device) -> Patches:
+        """From the patch of each pixel, int [H, W], −1 where the teacher says nothing."""
+        spoken = index >= 0
+        owner = index[spoken]
+        size = np.bincount(owner, minlength=count)
+        place = means_of(owner, np.argwhere(spoken), count)
+        near = cKDTree(place).query(place, np.arange(min(AROUND, count)) + 1)[1]
+        far = np.square(place[near] - place[:, None]).sum(-1) / patch_side(index, size) ** 2
+        share = np.exp(-far / (2 * BLUR**2)) * size[near]
+        share /= np.maximum(share.sum(1, keepdims=True), 1e-12)
+        arrays = np.where(spoken, index, count).ravel().astype(np.int32), size.astype(np.float32), near, share.astype(np.float32)
+        return cls(*(torch.from_numpy(a).to(device) for a in arrays))
+
+    def see(self, flat: Tensor) -> Tensor:
+        """What each patch sees of a picture [H × W, d]: float [k, d]."""
+        count = len(self.size)
+        total = flat.new_zeros(count + 1, flat.shape[1]).index_add(0, self.owner, flat)[:count]
+        mean = total / self.size.clamp_min(1)[:, None]
+        return (rows_of(mean, self.near) * self.share[:, :, None]).sum(1)
+
+
+def patch_side(index: np.ndarray, size: np.ndarray) -> float:
+    """Side of a square with the mean area of the patches that say something, pixels.
+
+    Parameters
+    ----------
+    index : int [H, W]
+        Patch of each pixel; −1 where the teacher says nothing.
+    size : int [k]
+        Pixels of each patch.
+    """
+    return float(np.sqrt(np.count_nonzero(index >= 0) / max(int(np.count_nonzero(size)), 1)))
+
+
+def means_of(owner: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Mean of the values [P, c] of each owner, float64 [count, c]; 0 for those that own none."""
+    size = np.bincount(owner, minlength=count)
+    return np.stack([np.bincount(owner, column, count) for column in values.T], -1) / np.maximum(size, 1)[:, None]
