@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+
 from degense.app.shell.settings import config_folder, log_file
 
 #: Seconds that a check in a child process may take; drawing in software on a busy machine is slow to start.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+
 from degense.engine.camera import Camera
 
 UNLABELLED = 255

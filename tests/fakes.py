@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.camera import Camera
 from degense.engine.clip import UNLABELLED, Clip
 

@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from degense.widgets.theme import class_colour
-from degense.widgets.ticks import linear_ticks, log_ticks, short
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPalette, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from degense.widgets.theme import class_colour
+from degense.widgets.ticks import linear_ticks, log_ticks, short
 
 #: Larger values (and, on a logarithmic axis, smaller ones than its inverse) are gaps: the axis could not be computed.
 LARGEST = 1e100

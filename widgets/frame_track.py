@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from degense.widgets.keys import ARROWS, keep_keys
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QHelpEvent, QKeyEvent, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPalette, QPen
 from PySide6.QtWidgets import QSizePolicy, QSlider, QToolTip, QWidget
+
+from degense.widgets.keys import ARROWS, keep_keys
 
 _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from degense.widgets.keys import PRESS, keep_keys
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QPainter, QPainterPath, QPaintEvent, QPalette, QPen, QPolygonF
 from PySide6.QtWidgets import QToolButton, QWidget
+
+from degense.widgets.keys import PRESS, keep_keys
 
 
 def _polygon(*points: tuple[float, float]) -> QPainterPath:

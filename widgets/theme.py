@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from degense.engine import colour_maps
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QPalette
 from PySide6.QtWidgets import QApplication
+
+from degense.engine import colour_maps
 
 THEMES = ("dark", "light", "system")
 

@@ -7,12 +7,13 @@ from collections import deque
 from collections.abc import Iterable
 
 import numpy as np
-from degense.widgets.frame_track import FrameTrack
-from degense.widgets.glyphs import GlyphButton
-from degense.widgets.keys import ARROWS, PRESS, keep_keys
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QKeyEvent
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+
+from degense.widgets.frame_track import FrameTrack
+from degense.widgets.glyphs import GlyphButton
+from degense.widgets.keys import ARROWS, PRESS, keep_keys
 
 LOOP_MODES = ("once", "loop", "bounce")
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)

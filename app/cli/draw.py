@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from degense.app.cli.encoding import chosen_encoder
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.cameras.movie import camera_movie
@@ -17,7 +18,7 @@ from degense.app.features.export.formats import ExportOptions, write_movie
 from degense.app.features.prompts.segment import write_clip_masks
 from degense.app.features.viewer.pictures import check_decoder, check_frame, get_layer, layer_picture, write_npy, write_png
 from degense.app.features.viewer.view import prompt_masks
-from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Look, Prompt
+from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
 
@@ -46,11 +47,11 @@ def render(options: argparse.Namespace) -> None:
         run_steps(_render_frames(scene, layer, frames, options.out, wanted), Bar())
 
 
-def _look(options: argparse.Namespace) -> Look:
+def _look(options: argparse.Namespace) -> ViewState:
     """What the window would show with these options."""
-    plain = Look()
+    plain = ViewState()
     low, high = options.range or (0.0, 1.0)
-    return Look(
+    return ViewState(
         layer=options.layer,
         prompts=tuple(Prompt(text, PROMPT_COLOURS[i % len(PROMPT_COLOURS)]) for i, text in enumerate(options.prompts)),
         threshold=plain.threshold if options.threshold is None else options.threshold,

@@ -16,6 +16,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from PySide6.QtCore import QEvent, QEventLoop, QObject, QPointF, Qt, QTimer
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QWidget
+
 from degense.app.session.view_state import Prompt
 from degense.app.shell.settings import SettingsFile
 from degense.engine.errors import DegenseError
@@ -23,9 +27,6 @@ from degense.engine.progress import Progress
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import percentile
-from PySide6.QtCore import QEvent, QEventLoop, QObject, QPointF, Qt, QTimer
-from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QWidget
 
 if TYPE_CHECKING:
     from degense.app.shell.main_window import MainWindow
@@ -180,7 +181,7 @@ def prompts(window: MainWindow, repeats: int) -> list[float]:
     session = window.session
     assert session.scene is not None
     classes = session.scene.classes
-    empty = session.look
+    empty = session.view_state
     times = []
     for i in range(repeats + WARM):
         prompt = Prompt(classes[i % len(classes)], (230, 159, 0))

@@ -11,11 +11,11 @@ from degense.app.features.annotate.state import AnnotationsPart
 from degense.app.session import session_file
 from degense.app.session.persistent_state import Part
 from degense.app.session.signal import Signal
-from degense.app.session.state import CameraMode, LookPart, Place
+from degense.app.session.state import CameraMode, PersistentViewState, Place
 from degense.app.session.store import SessionStore
 from degense.app.session.targets import Target
 from degense.app.session.undo import UndoStack
-from degense.app.session.view_state import Colour, ColourRange, Compare, Look, Prompt, decoder_refined
+from degense.app.session.view_state import Colour, ColourRange, Compare, Prompt, ViewState, decoder_refined
 from degense.engine.errors import DegenseError, PromptError
 
 if TYPE_CHECKING:
@@ -34,14 +34,14 @@ class Session:
         Another scene or clip, or none.
     frame_changed(frame), playing_changed(playing), camera_mode_changed(mode), probe_changed(target or None), dirty_changed(dirty)
     look_changed(before, after)
-        Two `Look` values, for views that redraw only what changed.
+        Two `ViewState` values, for views that redraw only what changed.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self.opened: Signal[[]] = Signal()
         self.frame_changed: Signal[[int]] = Signal()
         self.playing_changed: Signal[[bool]] = Signal()
-        self.look_changed: Signal[[Look, Look]] = Signal()
+        self.view_state_changed: Signal[[ViewState, ViewState]] = Signal()
         self.camera_mode_changed: Signal[[str]] = Signal()
         self.probe_changed: Signal[[Target | None]] = Signal()
         self.scene: Scene | None = None
@@ -49,7 +49,7 @@ class Session:
         self.undo = UndoStack(clock=clock)
         self.store = SessionStore()
         self.dirty_changed = self.store.dirty_changed
-        self._view, self._place = LookPart(), Place()
+        self._view, self._place = PersistentViewState(), Place()
         self._playing = False
         self.register(session_file.LOOK, self._view)
         self.register("place", self._place)
@@ -106,11 +106,11 @@ class Session:
         RunError
             When a part of it is damaged; what came before is back.
         """
-        before = self._view.look
+        before = self._view.view_state
         try:
             self.store.recover()
         finally:
-            self.look_changed.emit(before, self._view.look)
+            self.view_state_changed.emit(before, self._view.view_state)
 
     def open_clip(self, clip: Clip) -> None:
         """Show a clip that has no run yet, annotated as it was left, also by a crash.
@@ -186,36 +186,36 @@ class Session:
     # The look
 
     @property
-    def look(self) -> Look:
-        return self._view.look
+    def view_state(self) -> ViewState:
+        return self._view.view_state
 
-    def edit(self, name: str, look: Look, key: str | None = None) -> None:
+    def edit(self, name: str, view_state: ViewState, key: str | None = None) -> None:
         """Show another look, as an undoable step called `name`. Edits with the same `key` in quick succession become one step."""
-        if look != self._view.look:
-            before = self._view.look
-            self._set_look(look)
-            self.undo.push(name, self._set_look, before, look, key)
+        if view_state != self._view.view_state:
+            before = self._view.view_state
+            self._set_view_state(view_state)
+            self.undo.push(name, self._set_view_state, before, view_state, key)
 
     def set_layer(self, layer: str) -> None:
-        self.edit(f"Show {layer}", replace(self._view.look, layer=layer))
+        self.edit(f"Show {layer}", replace(self._view.view_state, layer=layer))
 
     def set_decoder(self, decoder: str) -> None:
-        self.edit(f"Decode masks with {decoder}", replace(self._view.look, decoder=decoder))
+        self.edit(f"Decode masks with {decoder}", replace(self._view.view_state, decoder=decoder))
 
     def set_overlay_opacity(self, opacity: float) -> None:
-        self.edit("Mask opacity", replace(self._view.look, overlay_opacity=min(1.0, max(0.0, opacity))), key="opacity")
+        self.edit("Mask opacity", replace(self._view.view_state, overlay_opacity=min(1.0, max(0.0, opacity))), key="opacity")
 
     def set_compare(self, compare: Compare) -> None:
-        self.edit(f"Compare: {compare}", replace(self._view.look, compare=compare))
+        self.edit(f"Compare: {compare}", replace(self._view.view_state, compare=compare))
 
     def set_range(self, layer: str, colour_range: ColourRange) -> None:
-        self.edit(f"Colour range of {layer}", self._view.look.with_range(layer, colour_range), key=f"range-{layer}")
+        self.edit(f"Colour range of {layer}", self._view.view_state.with_range(layer, colour_range), key=f"range-{layer}")
 
     def set_threshold(self, threshold: float) -> None:
-        self.edit("Mask threshold", replace(self._view.look, threshold=threshold), key="threshold")
+        self.edit("Mask threshold", replace(self._view.view_state, threshold=threshold), key="threshold")
 
     def set_masks_shown(self, shown: bool) -> None:
-        self.edit("Show masks" if shown else "Hide masks", replace(self._view.look, masks_shown=shown))
+        self.edit("Show masks" if shown else "Hide masks", replace(self._view.view_state, masks_shown=shown))
 
     def add_prompt(self, text: str, colour: Colour | None = None, negative: bool = False) -> Prompt:
         """Show the mask of a text, in the next free colour when none is given; a negative takes pixels from the masks of the others.
@@ -232,41 +232,46 @@ class Session:
             raise PromptError("Open a run first: prompts are answered by a reconstructed scene.")
         if not text:
             raise PromptError("Type what to look for, such as gallbladder.")
-        if any(prompt.text.casefold() == text.casefold() for prompt in self._view.look.prompts):
+        if any(prompt.text.casefold() == text.casefold() for prompt in self._view.view_state.prompts):
             raise PromptError(f"“{text}” is already in the list.")
         self.scene.meanings(text)
-        prompt = Prompt(text, colour or self._view.look.next_colour(), negative=negative)
-        self.edit(f"Prompt {text}", replace(self._view.look, prompts=(*self._view.look.prompts, prompt)))
+        prompt = Prompt(text, colour or self._view.view_state.next_colour(), negative=negative)
+        self.edit(f"Prompt {text}", replace(self._view.view_state, prompts=(*self._view.view_state.prompts, prompt)))
         return prompt
 
     def remove_prompt(self, text: str) -> None:
-        gone = self._view.look.prompt(text)
-        self.edit(f"Remove {gone.text}", replace(self._view.look, prompts=tuple(p for p in self._view.look.prompts if p is not gone)))
+        gone = self._view.view_state.prompt(text)
+        self.edit(
+            f"Remove {gone.text}", replace(self._view.view_state, prompts=tuple(p for p in self._view.view_state.prompts if p is not gone))
+        )
 
     def set_negative(self, text: str, negative: bool) -> None:
         """Let a prompt take pixels from the masks of the others, or have a mask of its own."""
-        prompt = self._view.look.prompt(text)
+        prompt = self._view.view_state.prompt(text)
         self._change_prompt(f"{prompt.text}: {'negative' if negative else 'positive'}", replace(prompt, negative=negative))
 
     def set_refined(self, refined: bool) -> None:
         """Decide masks region by region along the edges of the picture, or pixel by pixel."""
-        self.set_decoder(decoder_refined(self._view.look.decoder, refined))
+        self.set_decoder(decoder_refined(self._view.view_state.decoder, refined))
 
     def set_visible(self, text: str, visible: bool) -> None:
-        prompt = self._view.look.prompt(text)
+        prompt = self._view.view_state.prompt(text)
         self._change_prompt(f"{'Show' if visible else 'Hide'} {prompt.text}", replace(prompt, visible=visible))
 
     def set_colour(self, text: str, colour: Colour) -> None:
-        prompt = self._view.look.prompt(text)
+        prompt = self._view.view_state.prompt(text)
         self._change_prompt(f"Colour of {prompt.text}", replace(prompt, colour=colour))
 
     def _change_prompt(self, name: str, prompt: Prompt) -> None:
-        self.edit(name, replace(self._view.look, prompts=tuple(prompt if p.text == prompt.text else p for p in self._view.look.prompts)))
+        self.edit(
+            name,
+            replace(self._view.view_state, prompts=tuple(prompt if p.text == prompt.text else p for p in self._view.view_state.prompts)),
+        )
 
-    def _set_look(self, look: Look) -> None:
-        before, self._view.look = self._view.look, look
+    def _set_view_state(self, view_state: ViewState) -> None:
+        before, self._view.view_state = self._view.view_state, view_state
         self._view.changed.emit(None)
-        self.look_changed.emit(before, look)
+        self.view_state_changed.emit(before, view_state)
 
     # Camera and probe
 

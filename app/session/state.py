@@ -6,27 +6,27 @@ from typing import Any, Literal, get_args
 
 from degense.app.session.persistent_state import Part
 from degense.app.session.targets import Target, target_from_json, target_to_json
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.engine.errors import RunError
 
 CameraMode = Literal["surgeon", "free"]
 
 
-class LookPart(Part):
+class PersistentViewState(Part):
     """The look as part of what is saved."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.look = Look()
+        self.view_state = ViewState()
 
     def clear(self) -> None:
-        self.look = Look()
+        self.view_state = ViewState()
 
     def to_json(self) -> Any:
-        return self.look.to_json()
+        return self.view_state.to_json()
 
     def from_json(self, data: Any, source: str) -> None:
-        self.look = Look.from_json(data, source)
+        self.view_state = ViewState.from_json(data, source)
 
 
 class Place(Part):

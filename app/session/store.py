@@ -6,13 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
 from degense.app.session import journal, session_file
 from degense.app.session.journal import Entry, Journal
 from degense.app.session.persistent_state import Part
 from degense.app.session.session_file import SavedSession
 from degense.app.session.signal import Signal
 from degense.engine.errors import DegenseError
-from filelock import FileLock, Timeout
 
 JOURNAL, LOCK = "session.journal", "session.lock"
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
 from degense.engine.errors import DegenseError
 
 if TYPE_CHECKING:

@@ -61,7 +61,7 @@ class ColourRange:
 
 
 @dataclass(frozen=True)
-class Look:
+class ViewState:
     """Layer, prompts and colours of the view. Change it with `dataclasses.replace` through `Session.edit`.
 
     Attributes
@@ -84,7 +84,7 @@ class Look:
     def range(self, layer: str) -> ColourRange:
         return dict(self.ranges).get(layer, ColourRange())
 
-    def with_range(self, layer: str, colour_range: ColourRange) -> Look:
+    def with_range(self, layer: str, colour_range: ColourRange) -> ViewState:
         return replace(self, ranges=tuple(sorted({**dict(self.ranges), layer: colour_range}.items())))
 
     def prompt(self, text: str) -> Prompt:
@@ -113,7 +113,7 @@ class Look:
         return asdict(self)
 
     @staticmethod
-    def from_json(data: Any, source: str) -> Look:
+    def from_json(data: Any, source: str) -> ViewState:
         """The look that `to_json` wrote.
 
         Raises
@@ -122,8 +122,8 @@ class Look:
             When the data is not a look; the sentence names `source`.
         """
         try:
-            _only_known(data, Look)
-            return Look(
+            _only_known(data, ViewState)
+            return ViewState(
                 layer=str(data["layer"]),
                 prompts=tuple(_prompt(item) for item in data["prompts"]),
                 threshold=float(data["threshold"]),

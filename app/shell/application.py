@@ -8,14 +8,15 @@ import socket
 import sys
 from pathlib import Path
 
+from PySide6.QtCore import QCoreApplication, QObject, QSocketNotifier, Qt, QTimer
+from PySide6.QtWidgets import QApplication
+
 from degense.app.shell.logs import start_logging
 from degense.app.shell.main_window import MainWindow
 from degense.app.shell.messages import show_error
 from degense.app.shell.settings import SettingsFile, log_file
 from degense.engine.errors import DegenseError
 from degense.widgets.theme import apply_theme
-from PySide6.QtCore import QCoreApplication, QObject, QSocketNotifier, Qt, QTimer
-from PySide6.QtWidgets import QApplication
 
 
 def run_window(path: Path | None = None) -> int:

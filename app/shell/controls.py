@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import get_args
 
+from PySide6.QtCore import QObject
+from PySide6.QtGui import QColor
+
 from degense.app.features.viewer.pictures import get_layer
 from degense.app.session.playback import Playback
 from degense.app.session.session import Session
-from degense.app.session.view_state import Colour, ColourRange, Look, RangeMode, decoder_refined
+from degense.app.session.view_state import Colour, ColourRange, RangeMode, ViewState, decoder_refined
 from degense.app.shell.parts import Parts
 from degense.app.shell.settings import SettingsFile
 from degense.engine.errors import DegenseError
-from PySide6.QtCore import QObject
-from PySide6.QtGui import QColor
 
 DECODER_WORDS = {
     "rnse": ("Regions", "Similarity averaged over superpixels, edges taken from the picture, holes filled; other classes keep theirs."),
@@ -31,7 +32,7 @@ class Controls(QObject):
         self.session, self.settings, self.parts, self.playback = session, settings, parts, playback
         self._texts: dict[int, str] = {}
         session.opened.connect(self._opened)
-        session.look_changed.connect(lambda before, after: self._show(after))
+        session.view_state_changed.connect(lambda before, after: self._show(after))
         self._bind_timeline()
         self._bind_prompts()
         self._bind_layers()
@@ -56,28 +57,28 @@ class Controls(QObject):
             parts.layers.set_layers([(layer.name, layer.title, layer.unit(scene), layer.description) for layer in LAYERS.values()])
             parts.prompts.set_decoders([(name, *DECODER_WORDS[name]) for name in DECODERS])
             parts.prompts.set_completions(list(scene.classes))
-            self._show(session.look)
+            self._show(session.view_state)
 
-    def _show(self, look: Look) -> None:
+    def _show(self, view_state: ViewState) -> None:
         """Set every widget from the look."""
         scene, parts = self.session.scene, self.parts
         if scene is None:
             return
         from degense.engine.layers import LAYERS
 
-        texts = tuple(prompt.text for prompt in look.visible_prompts)
+        texts = tuple(prompt.text for prompt in view_state.visible_prompts)
         for layer in LAYERS.values():
             missing = layer.missing(scene, texts)
             parts.layers.set_available(layer.name, not missing, missing)
-        parts.layers.set_current(look.layer)
-        parts.layers.set_opacity(look.overlay_opacity)
-        parts.layers.set_masks_shown(look.masks_shown)
-        parts.prompts.set_threshold(look.threshold)
-        parts.prompts.set_decoder(look.decoder)
-        parts.prompts.set_refined(decoder_refined(look.decoder, True) == look.decoder)
-        self._show_prompts(look)
-        layer = get_layer(look.layer)
-        chosen = look.range(look.layer)
+        parts.layers.set_current(view_state.layer)
+        parts.layers.set_opacity(view_state.overlay_opacity)
+        parts.layers.set_masks_shown(view_state.masks_shown)
+        parts.prompts.set_threshold(view_state.threshold)
+        parts.prompts.set_decoder(view_state.decoder)
+        parts.prompts.set_refined(decoder_refined(view_state.decoder, True) == view_state.decoder)
+        self._show_prompts(view_state)
+        layer = get_layer(view_state.layer)
+        chosen = view_state.range(view_state.layer)
         parts.colour_bar.set_title(layer.title)
         parts.colour_bar.set_cmap(chosen.cmap or layer.cmap)
         parts.colour_bar.set_range_mode(chosen.mode)
@@ -122,7 +123,7 @@ class Controls(QObject):
     def _answered(self, number: int) -> bool:
         """Whether a chip stands for a prompt of the session, not for one that could not be answered."""
         text = self._texts.get(number, "").casefold()
-        return any(prompt.text.casefold() == text for prompt in self.session.look.prompts)
+        return any(prompt.text.casefold() == text for prompt in self.session.view_state.prompts)
 
     def _prompt_added(self, number: int, text: str) -> None:
         bar = self.parts.prompts
@@ -151,11 +152,11 @@ class Controls(QObject):
         if self._answered(number):
             self.session.set_colour(self._texts[number], rgb(colour))
 
-    def _show_prompts(self, look: Look) -> None:
+    def _show_prompts(self, view_state: ViewState) -> None:
         """Make the chips those of the look. Chips that could not be answered stay until the next change of the list."""
         bar = self.parts.prompts
         shown = [(prompt.text, rgb(prompt.colour), prompt.visible, prompt.negative) for prompt in bar.prompts() if not prompt.error]
-        wanted = [(prompt.text, prompt.colour, prompt.visible, prompt.negative) for prompt in look.prompts]
+        wanted = [(prompt.text, prompt.colour, prompt.visible, prompt.negative) for prompt in view_state.prompts]
         if [(text.casefold(), *rest) for text, *rest in shown] != [(text.casefold(), *rest) for text, *rest in wanted]:
             bar.clear()
             self._texts = {bar.add_prompt(text, QColor(*colour), *rest): text for text, colour, *rest in wanted}
@@ -185,8 +186,8 @@ class Controls(QObject):
             self._set_range(mode=mode, low=low, high=high)
 
     def _set_range(self, **changes: object) -> None:
-        layer = self.session.look.layer
-        chosen: ColourRange = replace(self.session.look.range(layer), **changes)  # type: ignore[arg-type]
+        layer = self.session.view_state.layer
+        chosen: ColourRange = replace(self.session.view_state.range(layer), **changes)  # type: ignore[arg-type]
         self.session.set_range(layer, chosen)
 
 

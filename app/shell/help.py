@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from PySide6.QtCore import QObject
+
 from degense.app.session.session import Session
 from degense.app.shell.actions import ActionRegistry
 from degense.app.shell.messages import show_about, show_cheat_sheet, show_page, show_text
 from degense.app.shell.palette import Palette
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
-from PySide6.QtCore import QObject
 
 
 class Helping(QObject):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, Literal
 
+from PySide6.QtCore import QByteArray
+
 from degense.app.features.cameras.state import camera_from_json, camera_to_json
 from degense.app.features.viewer.controller import Drawing
 from degense.app.session.persistent_state import Part
@@ -12,7 +14,6 @@ from degense.app.session.session import Session
 from degense.app.shell.parts import Parts
 from degense.engine.camera import Camera
 from degense.engine.errors import RunError
-from PySide6.QtCore import QByteArray
 
 LONGEST = 1 << 16
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QShowEvent
+from PySide6.QtWidgets import QMainWindow
+
 from degense.app.features.annotate.controller import Annotating
 from degense.app.features.annotate.exchange import Handing
 from degense.app.features.cameras.controller import Cameras
@@ -29,9 +33,6 @@ from degense.app.shell.parts import Parts
 from degense.app.shell.preferences import Preferring
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.worker import RenderService
-from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QShowEvent
-from PySide6.QtWidgets import QMainWindow
 
 #: The most urgent first.
 CHANNELS = (

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from degense.app.shell.actions import Action, ActionRegistry
-from degense.app.shell.settings import SettingsFile
-from degense.engine.errors import DegenseError
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QAction, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu
+
+from degense.app.shell.actions import Action, ActionRegistry
+from degense.app.shell.settings import SettingsFile
+from degense.engine.errors import DegenseError
 
 
 class Menus(QObject):

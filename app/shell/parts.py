@@ -4,22 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from degense.app.features.annotate.panel import AnnotationPanel
-from degense.app.features.cameras.panel import CameraList
-from degense.app.features.clip_check.facts import Facts
-from degense.app.features.inspect.probe_panel import ProbePanel
-from degense.app.features.inspect.ranking_panel import RankingList
-from degense.app.features.prompts.panel import PromptBar
-from degense.app.features.train.monitor import TrainingMonitor
-from degense.app.features.viewer.layer_list import LayerList
-from degense.app.features.viewer.view import draw_still
-from degense.app.features.viewer.view_bar import ViewBar
-from degense.app.shell.history_list import HistoryList
-from degense.app.shell.log_view import LogView
-from degense.widgets.colour_bar import ColourBar
-from degense.widgets.curve_plot import CurvePlot
-from degense.widgets.frame.render_panel import RenderPanel
-from degense.widgets.timeline import Timeline
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import (
@@ -37,6 +21,23 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.app.features.annotate.panel import AnnotationPanel
+from degense.app.features.cameras.panel import CameraList
+from degense.app.features.clip_check.facts import Facts
+from degense.app.features.inspect.probe_panel import ProbePanel
+from degense.app.features.inspect.ranking_panel import RankingList
+from degense.app.features.prompts.panel import PromptBar
+from degense.app.features.train.monitor import TrainingMonitor
+from degense.app.features.viewer.layer_list import LayerList
+from degense.app.features.viewer.view import draw_still
+from degense.app.features.viewer.view_bar import ViewBar
+from degense.app.shell.history_list import HistoryList
+from degense.app.shell.log_view import LogView
+from degense.widgets.colour_bar import ColourBar
+from degense.widgets.curve_plot import CurvePlot
+from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.timeline import Timeline
 
 if TYPE_CHECKING:
     from degense.widgets.splats.splat_view import SplatView

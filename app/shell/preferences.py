@@ -5,12 +5,6 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from degense.app.session.session import Session
-from degense.app.shell.actions import ActionRegistry
-from degense.app.shell.parts import Parts
-from degense.app.shell.settings import LIMITS, SettingsFile, Theme, log_file
-from degense.app.shell.shortcut_table import ShortcutTable
-from degense.widgets.theme import apply_theme
 from PySide6.QtCore import QObject, Qt, Signal
 from PySide6.QtWidgets import (
     QApplication,
@@ -24,6 +18,13 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.app.session.session import Session
+from degense.app.shell.actions import ActionRegistry
+from degense.app.shell.parts import Parts
+from degense.app.shell.settings import LIMITS, SettingsFile, Theme, log_file
+from degense.app.shell.shortcut_table import ShortcutTable
+from degense.widgets.theme import apply_theme
 
 log = logging.getLogger(__name__)
 

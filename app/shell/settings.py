@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import platformdirs
+
 from degense.engine.files import write_text
 
 RECENT_LIMIT = 10

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableWidget, QTableWidgetItem, QVBoxLayout, QWidget
+
 from degense.app.features.train.job import NAMED
 from degense.app.features.train.settings_help import settings_of
 from degense.engine.training import TrainConfig
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableWidget, QTableWidgetItem, QVBoxLayout, QWidget
 
 
 class SettingsTable(QWidget):

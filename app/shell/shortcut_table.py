@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from degense.app.shell.actions import ActionRegistry
-from degense.widgets.theme import error_colour
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import (
@@ -18,6 +16,9 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.app.shell.actions import ActionRegistry
+from degense.widgets.theme import error_colour
 
 
 class ShortcutTable(QWidget):

@@ -8,8 +8,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from degense.engine.errors import Cancelled, DegenseError
 from PySide6.QtCore import QMutex, QObject, QThread, QWaitCondition, Signal
+
+from degense.engine.errors import Cancelled, DegenseError
 
 log = logging.getLogger(__name__)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+
 from degense.engine.annotation.classes import LabelClass, check_classes
 from degense.engine.annotation.edits import Edit, Piece, State, Status
 from degense.engine.annotation.packed import pack, unpack

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from degense.engine.annotation.annotations import Annotations, Record
 from degense.engine.annotation.classes import LabelClass, check_classes
 from degense.engine.annotation.edits import STATUSES

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
+
 from degense.engine.annotation.classes import LabelClass
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.images import checked, picture_size, read_index
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError
-from PIL import Image
 
 
 def label_png(labels: np.ndarray, classes: Sequence[LabelClass]) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+
 from degense.engine.annotation.classes import LabelClass, check_classes
 from degense.engine.clip import UNLABELLED
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
+
 from degense.engine.annotation.classes import LabelClass
 from degense.engine.clip import UNLABELLED
 

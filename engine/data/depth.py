@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
 from degense.engine.camera import Camera
 
 ALBEDO = 0.9  # share of the brightness foretold by colour that is taken for albedo, not distance

@@ -12,9 +12,10 @@ from importlib.util import find_spec
 
 import torch
 import torch.nn.functional as F
+from torch import Tensor, nn
+
 from degense.engine.field import hexplane_cpu
 from degense.engine.field.time_axis import at_time
-from torch import Tensor, nn
 
 
 class HexPlane(nn.Module):

@@ -10,9 +10,10 @@ from itertools import accumulate, chain
 
 import numpy as np
 import torch
-from degense.engine.threads import run_kernel, take_ticket
 from numba import njit
 from torch import Tensor
+
+from degense.engine.threads import run_kernel, take_ticket
 
 CHUNK = 256  # points a ticket stands for
 BLOCK = 8  # channels a task handles at once: one 256-bit register; a plane's channels are a multiple of it

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
+
 from degense.engine.field.model import SceneModel
 from degense.engine.splats import Splats
-from torch import Tensor
 
 
 class LiveField:

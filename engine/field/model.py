@@ -6,18 +6,19 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 import torch
+from torch import Tensor, nn
+
 from degense.engine.field import decode_cpu
 from degense.engine.field.branches import AppearanceBranch, CoupledSemantics, Deformation, GeometryBranch, SemanticBranch
 from degense.engine.field.hexplane import HexPlane
 from degense.engine.field.kinematics import Kinematics
 from degense.engine.field.time_axis import at_time
 from degense.engine.splats import Splats
-from torch import Tensor, nn
 
 Routing = Literal["paper", "isolated", "coupled"]
 ROUTINGS: tuple[Routing, ...] = ("paper", "isolated", "coupled")
-CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "tints", "semantics", "lifetimes", "drifts")
-GIVEN = ("lifetimes",)  # of these: as the initialisation has it, never learned (docs/decisions/0025)
+CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "color_residuals", "semantics", "temporal_windows", "velocities")
+GIVEN = ("temporal_windows",)  # of these: as the initialisation has it, never learned (docs/decisions/0025)
 
 
 REACH = 2.0  # of 1/ω: how long before and after the middle of its life a Gaussian drifts
@@ -71,9 +72,9 @@ class State:
 
     splats: Splats
     deformation: Deformation | None
-    recolour: Tensor | None
+    delta_color: Tensor | None
     """Δcolour of Ψ_app [N, 3]."""
-    resemantics: Tensor | None
+    delta_semantics: Tensor | None
     """Δf_sem [N, rank]."""
     there: Tensor | None = None
     """Centres [N, 3] at the other time that was asked for."""
@@ -88,16 +89,16 @@ class SceneModel(nn.Module):
     bounds : float [2, 3]
         Lower and upper corner of the box that the planes cover; frozen.
     canonical : dict of Tensor
-        `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `tints` [N, color_knots, 3] (added to
-        the colour, a spline over the knots), `semantics` [N, rank], `lifetimes` [N, 2]: middle τ and inverse width ω of the time a Gaussian
-        exists, which are given and not learned; ω = 0 is for ever. `drifts` [N, 3]: what exists for a while goes straight on by
-        so much in 1/ω, beside what the field does to it; within `REACH`/ω of τ, beyond which it can hardly be seen.
+        `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `semantics` [N, rank].
+        `color_residuals` [N, color_knots, 3]: added to the colour, a spline over the knots. `temporal_windows` [N, 2]: centre τ and
+        inverse scale ω of a Gaussian's temporal window, which are set at initialisation and not learned; ω = 0 is persistent.
+        `velocities` [N, 3]: linear motion of a transient Gaussian in 1/ω, added to the deformation, within `REACH`/ω of τ.
 
     Attributes
     ----------
     moving : int64 [M] or None
         The Gaussians that the field changes; the others never enter it. None: all. See `engine.field.still`.
-    responses : float [N, 3, rank] or None
+    semantic_coefficients : float [N, 3, rank] or None
         R_i: how much a Gaussian's latent changes with its colour, since tissue that chars or is bled over changes its name with its look.
         Given by `engine.training.semantic.distillation`; None: not at all.
 
@@ -109,7 +110,7 @@ class SceneModel(nn.Module):
 
     bounds: Tensor
     moving: Tensor | None
-    responses: Tensor | None
+    semantic_coefficients: Tensor | None
 
     def __init__(self, config: FieldConfig, bounds: Tensor, canonical: dict[str, Tensor]):
         super().__init__()
@@ -119,10 +120,10 @@ class SceneModel(nn.Module):
             "quats": (4,),
             "logits": (),
             "colors": (3,),
-            "tints": (config.color_knots, 3),
+            "color_residuals": (config.color_knots, 3),
             "semantics": (config.rank,),
-            "lifetimes": (2,),
-            "drifts": (3,),
+            "temporal_windows": (2,),
+            "velocities": (3,),
         }
         expected = {name: (len(canonical["means"]), *widths[name]) for name in CANONICAL}
         if wrong := [name for name in CANONICAL if canonical[name].shape != expected[name]]:
@@ -132,7 +133,7 @@ class SceneModel(nn.Module):
         self.config = config
         self.register_buffer("bounds", bounds.float())
         self.register_buffer("moving", None)
-        self.register_buffer("responses", None)
+        self.register_buffer("semantic_coefficients", None)
         self.canonical = nn.ParameterDict(
             {name: nn.Parameter(canonical[name].float().contiguous(), name not in GIVEN) for name in CANONICAL}
         )
@@ -161,11 +162,11 @@ class SceneModel(nn.Module):
             raise ValueError(f"moving must name rows of {len(self)} Gaussians")
         self.moving = rows.to(self.bounds.device)
 
-    def set_responses(self, responses: Tensor) -> None:
+    def set_semantic_coefficients(self, semantic_coefficients: Tensor) -> None:
         """Let latents follow colours. ValueError for a shape that does not fit."""
-        if responses.shape != (len(self), 3, self.config.rank):
-            raise ValueError(f"responses is {list(responses.shape)}, not {[len(self), 3, self.config.rank]}")
-        self.responses = responses.float().contiguous().to(self.bounds.device)
+        if semantic_coefficients.shape != (len(self), 3, self.config.rank):
+            raise ValueError(f"semantic coefficients are {list(semantic_coefficients.shape)}, not {[len(self), 3, self.config.rank]}")
+        self.semantic_coefficients = semantic_coefficients.float().contiguous().to(self.bounds.device)
 
     def normalised(self, points: Tensor) -> Tensor:
         """Scene positions mapped so that `bounds` becomes [-1, 1]³."""
@@ -193,18 +194,18 @@ class SceneModel(nn.Module):
         points = self.normalised(self.canonical["means"].detach()[rows])
         there = None
         if other is None and self._is_fused():
-            decoded, recolour, change = self._decode_fused(points, t, semantics)
+            decoded, delta_color, change = self._decode_fused(points, t, semantics)
         else:
-            decoded, elsewhere, recolour, change = self._decode(points, t, other, semantics)
+            decoded, elsewhere, delta_color, change = self._decode(points, t, other, semantics)
             if other is not None and elsewhere is not None:
-                there = self.canonical["means"] + self.drift_at(other) + elsewhere[:, :3]
+                there = self.canonical["means"] + self.travel_at(other) + elsewhere[:, :3]
         deformation = Deformation.of(decoded)
         if semantics and isinstance(self.semantic, CoupledSemantics):
             change = self.semantic(deformation, latents[rows])
         if self.moving is not None:
-            deformation, recolour, change = self._spread(deformation, recolour, change)
-        splats = self._splats(t, deformation, recolour, latents if change is None else latents + change)
-        return State(splats, deformation, recolour, change, there)
+            deformation, delta_color, change = self._spread(deformation, delta_color, change)
+        splats = self._splats(t, deformation, delta_color, latents if change is None else latents + change)
+        return State(splats, deformation, delta_color, change, there)
 
     def means_at(self, t: float | Tensor) -> Tensor:
         """Only the centres [N, 3] at time `t`: what motion supervision and displacement layers need."""
@@ -215,28 +216,28 @@ class SceneModel(nn.Module):
             [decoded] = decode_cpu.decode(points, t, self.planes, None, self.kinematics, [self.geometry.decode])
         else:
             decoded = self.geometry(self.kinematics(self.planes(points, t)))
-        return self.canonical["means"] + self.drift_at(t) + decoded[:, :3]
+        return self.canonical["means"] + self.travel_at(t) + decoded[:, :3]
 
-    def drift_at(self, t: float | Tensor) -> Tensor:
+    def travel_at(self, t: float | Tensor) -> Tensor:
         """How far [N, 3] each Gaussian has gone of its own since the middle of its life; 0 for what exists for ever."""
-        return self.canonical["drifts"] * self._age(t).clamp(-REACH, REACH)[:, None]
+        return self.canonical["velocities"] * self._age(t).clamp(-REACH, REACH)[:, None]
 
     def _age(self, t: float | Tensor) -> Tensor:
         """ω (t − τ) of every Gaussian [N]: 0 in the middle of its life, always 0 for what exists for ever."""
-        middle, rate = self.canonical["lifetimes"].unbind(1)
+        middle, rate = self.canonical["temporal_windows"].unbind(1)
         return rate * (t - middle)
 
     def _spread(
-        self, deformation: Deformation, recolour: Tensor | None, change: Tensor | None
+        self, deformation: Deformation, delta_color: Tensor | None, change: Tensor | None
     ) -> tuple[Deformation, Tensor | None, Tensor | None]:
         """What the field says of the moving Gaussians, as rows among all; 0 for the others."""
-        parts = [deformation.flat, *(part for part in (recolour, change) if part is not None)]
+        parts = [deformation.flat, *(part for part in (delta_color, change) if part is not None)]
         said = torch.cat(parts, 1)
         assert self.moving is not None
         all_rows = said.new_zeros(len(self), said.shape[1]).index_copy(0, self.moving, said)
         flat, *rest = all_rows.split([part.shape[1] for part in parts], 1)
         spread = iter(rest)
-        return Deformation.of(flat), next(spread) if recolour is not None else None, next(spread) if change is not None else None
+        return Deformation.of(flat), next(spread) if delta_color is not None else None, next(spread) if change is not None else None
 
     def _is_fused(self) -> bool:
         """Whether no gradient is wanted, and there is a fused way to decode: on the CPU, in float32."""
@@ -263,31 +264,31 @@ class SceneModel(nn.Module):
         decoded, elsewhere = self.geometry(kinematic), None
         if other is not None:
             kinematic, (decoded, elsewhere) = kinematic[: len(points)], decoded.chunk(2)
-        recolour = self.appearance(kinematic) if self.appearance is not None else None
+        delta_color = self.appearance(kinematic) if self.appearance is not None else None
         change = None
         if semantics and isinstance(self.semantic, SemanticBranch):
             own = self.semantic_planes
             change = self.semantic(kinematic if own is None else torch.cat([kinematic.detach(), own(points, t)], 1))
-        return decoded, elsewhere, recolour, change
+        return decoded, elsewhere, delta_color, change
 
-    def _recolouring(self, t: float | Tensor, recolour: Tensor | None) -> Tensor | None:
+    def _recolouring(self, t: float | Tensor, delta_color: Tensor | None) -> Tensor | None:
         """Δcolour [N, 3] at time `t`: that of Ψ_app and each Gaussian's own; None where colours do not change."""
         if self.config.color_knots:
-            own = at_time(self.canonical["tints"], t)
-            return own if recolour is None else recolour + own
-        return recolour
+            own = at_time(self.canonical["color_residuals"], t)
+            return own if delta_color is None else delta_color + own
+        return delta_color
 
-    def _splats(self, t: float | Tensor, deformation: Deformation | None, recolour: Tensor | None, latents: Tensor) -> Splats:
+    def _splats(self, t: float | Tensor, deformation: Deformation | None, delta_color: Tensor | None, latents: Tensor) -> Splats:
         c = self.canonical
         means, log_scales, quats, logits, colors = c["means"], c["log_scales"], c["quats"], c["logits"], c["colors"]
         if deformation is not None:
-            means, log_scales = means + self.drift_at(t) + deformation.means, log_scales + deformation.log_scales
+            means, log_scales = means + self.travel_at(t) + deformation.means, log_scales + deformation.log_scales
             quats, logits = quats + deformation.quats, logits + deformation.opacities
-            change = self._recolouring(t, recolour)
+            change = self._recolouring(t, delta_color)
             if change is not None:
                 colors = colors + change
-                if self.responses is not None and latents.shape[1]:
-                    for channel, response in zip(change.detach().split(1, 1), self.responses.unbind(1), strict=True):
+                if self.semantic_coefficients is not None and latents.shape[1]:
+                    for channel, response in zip(change.detach().split(1, 1), self.semantic_coefficients.unbind(1), strict=True):
                         latents = torch.addcmul(latents, channel, response)
         alive = torch.exp(-0.5 * self._age(t).square())
         return Splats(means, quats, log_scales.exp(), logits.sigmoid() * alive, colors, latents)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
-from degense.engine.field.model import SceneModel
 from torch import Tensor
+
+from degense.engine.field.model import SceneModel
 
 PIXELS = 0.05  # how far a Gaussian's centre may move and still count as still
 SHAPE, OPACITY, COLOR = 0.02, 0.01, 0.5 / 255  # greatest change of log-scale and quaternion, of opacity, of colour
@@ -37,9 +38,9 @@ def find_moving(model: SceneModel, times: Sequence[float], focal: float) -> Tens
         moves |= d.means.norm(dim=1) * focal > PIXELS
         moves |= (d.log_scales.abs().amax(1) > SHAPE) | (d.quats.abs().amax(1) > SHAPE * model.canonical["quats"].norm(dim=1))
         moves |= ((model.canonical["logits"] + d.opacities).sigmoid() - opacities).abs() > OPACITY
-        if state.recolour is not None:
-            moves |= state.recolour.abs().amax(1) > COLOR
-        if state.resemantics is not None:
-            moves |= state.resemantics.norm(dim=1) > LATENT * latents.norm(dim=1)
+        if state.delta_color is not None:
+            moves |= state.delta_color.abs().amax(1) > COLOR
+        if state.delta_semantics is not None:
+            moves |= state.delta_semantics.norm(dim=1) > LATENT * latents.norm(dim=1)
     model.moving = kept
     return moves.nonzero()[:, 0]

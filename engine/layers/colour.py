@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from degense.engine.colour_maps import colourise as colourise_values
 from degense.engine.colour_maps import hatched
 from degense.engine.layers.layer import LayerImage

@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from degense.engine.layers.layer import Layer, LayerRequest
-from degense.engine.scene import REVEALED, Scene
 from jaxtyping import Float
 from torch import Tensor
+
+from degense.engine.layers.layer import Layer, LayerRequest
+from degense.engine.scene import REVEALED, Scene
 
 GUESS = "hatched: a guess, the recording does not show how this moved"
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+
 from degense.engine.camera import Camera
 from degense.engine.scene import NO_SUPPORT, Scene
 from degense.engine.semantics.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD

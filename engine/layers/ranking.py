@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
 from degense.engine.errors import DegenseError
 from degense.engine.layers.layer import Layer, LayerRequest
 from degense.engine.scene import Scene

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from degense.engine.errors import DegenseError
 from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
 from degense.engine.layers.layer import Layer, LayerRequest

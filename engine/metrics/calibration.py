@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.metrics.mean import Mean
 

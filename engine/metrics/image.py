@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from degense.engine.metrics.mean import Mean
 from skimage.metrics import structural_similarity
+
+from degense.engine.metrics.mean import Mean
 
 IDENTICAL = 100.0  # dB: pictures without any difference score this, because infinity cannot be averaged or stored
 SSIM_BORDER = 5  # pixels at each edge whose 11 × 11 window is not whole

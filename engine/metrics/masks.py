@@ -8,6 +8,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.metrics.mean import Mean
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+
 from degense.engine.clip import Clip
 from degense.engine.metrics.calibration import Calibration
 from degense.engine.metrics.flicker import Flicker

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from degense.engine.camera import Camera
 from scipy.spatial.transform import Rotation
+
+from degense.engine.camera import Camera
 
 
 def pose_errors(estimated: Sequence[Camera], true: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+
 from degense.engine.motion.flow import sample
 
 WINDOW = 7  # pixels: side of the window that `confidence` looks at

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
+
 from degense.engine.clip import Clip
 from degense.engine.motion.belief import confidence, consistent
 from degense.engine.motion.flow import follow, sample

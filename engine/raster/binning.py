@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from degense.engine.raster.project import BOTTOM, LEFT, RIGHT, TOP
 from numba import njit
+
+from degense.engine.raster.project import BOTTOM, LEFT, RIGHT, TOP
 
 _DIGIT = 11
 _BUCKETS = 1 << _DIGIT

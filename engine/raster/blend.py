@@ -9,6 +9,8 @@ no test again.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
+
 from degense.engine.raster.limits import MAX_ALPHA, MIN_TRANSMITTANCE
 from degense.engine.raster.project import ACROSS, ALONG, HEADROOM, LOG2_MIN_ALPHA, SHEAR, TILE_HEIGHT, TILE_WIDTH, WIDTH, X, Y
 from degense.engine.raster.simd import (
@@ -34,7 +36,6 @@ from degense.engine.raster.simd import (
     sub,
 )
 from degense.engine.threads import take_ticket
-from numba import njit
 
 BLOCK_WIDTH, BLOCK_HEIGHT = 8, 2
 AREA = TILE_WIDTH * TILE_HEIGHT

@@ -12,6 +12,8 @@ result whatever the number of threads.
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
+
 from degense.engine.raster.blend import (
     AREA,
     CHECK_EVERY,
@@ -72,7 +74,6 @@ from degense.engine.raster.simd import (
     total,
 )
 from degense.engine.threads import take_ticket
-from numba import njit
 
 _HALF, _ZERO, _ONE = np.float32(0.5), np.float32(0.0), np.float32(1.0)
 

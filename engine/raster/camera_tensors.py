@@ -6,8 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 import torch
-from degense.engine.camera import Camera
 from torch import Tensor
+
+from degense.engine.camera import Camera
 
 
 def view_matrix(camera: Camera, device: torch.device, dtype: torch.dtype = torch.float32) -> Tensor:

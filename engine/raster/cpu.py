@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
 from degense.engine.camera import Camera
 from degense.engine.raster.binning import bin_by_tile, sort_by_depth
 from degense.engine.raster.blend import blend
 from degense.engine.raster.blend_backward import add_slots, blend_backward, first_slots
 from degense.engine.raster.project import FIELDS, MOMENTS, TILE_HEIGHT, TILE_WIDTH, project, project_backward
 from degense.engine.threads import run_kernel
-from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 SLOT_BYTES = 256 << 20  # the backward pass works through the picture in bands of tile rows that need no more than this
 

@@ -9,11 +9,12 @@ from functools import lru_cache
 from types import ModuleType
 
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError
 from degense.engine.raster.camera_tensors import intrinsic_matrix, view_matrix
 from degense.engine.raster.limits import EPS2D, FAR, MAX_SCALE, MAX_SQUARE, MIN_QUAT, NEAR
-from torch import Tensor
 
 TILE = 16
 CHANNELS_AT_ONCE = 64  # more would need more shared memory than common GPUs have

@@ -12,9 +12,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
+
 from degense.engine.raster.limits import EPS2D, FAR, FOV_MARGIN, MAX_EXTENT, MAX_SCALE, MAX_SQUARE, MIN_ALPHA, MIN_QUAT, NEAR
 from degense.engine.threads import take_ticket
-from numba import njit
 
 LOG2E = math.log2(math.e)
 LOG2_MIN_ALPHA = math.log2(MIN_ALPHA)

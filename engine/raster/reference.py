@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.raster.limits import (
     EPS2D,
@@ -17,7 +19,6 @@ from degense.engine.raster.limits import (
     MIN_TRANSMITTANCE,
     NEAR,
 )
-from torch import Tensor
 
 PAIRS_AT_ONCE = 4_000_000
 

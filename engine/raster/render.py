@@ -7,9 +7,10 @@ from typing import Literal
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.raster.camera_tensors import view_matrix
-from torch import Tensor
 
 Backend = Literal["auto", "cpu", "cuda", "reference"]
 

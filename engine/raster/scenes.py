@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.raster.render import Render, rasterize
-from torch import Tensor
 
 
 def random_scene(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
+
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers.teacher import Targets, Teacher
 from degense.engine.semantics.text.directions import unit_rows
@@ -116,11 +117,11 @@ class DegradedTeacher:
     ) -> Iterator[tuple[np.ndarray, int, int]]:
         """Cells (bool [H, W]) in which a class is taken for another, with the two classes."""
         how = self.degradation
-        lasting = np.random.default_rng([how.seed, 2])
-        cells = _cells(index.shape, lasting)
+        persistent = np.random.default_rng([how.seed, 2])
+        cells = _cells(index.shape, persistent)
         count = CELLS[0] * CELLS[1]
         since = (
-            frame + lasting.integers(0, EPISODE, (count, classes))
+            frame + persistent.integers(0, EPISODE, (count, classes))
         ) // EPISODE  # episodes of different regions begin at different frames
         for cell in range(count):
             inside = cells == cell

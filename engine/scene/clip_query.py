@@ -9,12 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numba import njit
+
 from degense.engine.camera import Camera
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import PromptError
 from degense.engine.scene import Scene
-from degense.engine.semantics.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD, Question, Unread
-from numba import njit
+from degense.engine.semantics.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD, PendingMaps, Question
 
 #: Similarities of frames whose masks are being decoded while the next is drawn: what bounds the memory of a clip of any length.
 IN_FLIGHT_BYTES = 512 << 20
@@ -93,7 +94,7 @@ def query_clip(scene: Scene, asked: ClipQuestion, frames: Sequence[int] | None =
     with ThreadPoolExecutor(max_workers=min(READERS, torch.get_num_threads()), thread_name_prefix="decode") as pool:
         try:
             for frame in range(scene.frames) if frames is None else frames:
-                similarities = scene.query(frame).unread(questions, asked.decoder, classes)
+                similarities = scene.query(frame).pending(questions, asked.decoder, classes)
                 waiting.append(pool.submit(_decoded, frame, similarities, asked))
                 while len(waiting) >= most or (waiting and waiting[0].done()):
                     yield waiting.popleft().result()
@@ -110,7 +111,7 @@ def masks_at(scene: Scene, asked: ClipQuestion, frame: float, camera: Camera | N
     return scene.query(frame, camera).masks(asked.questions(scene), asked.decoder, asked.threshold, classes)
 
 
-def _decoded(frame: int, similarities: Unread, asked: ClipQuestion) -> FrameMasks:
+def _decoded(frame: int, similarities: PendingMaps, asked: ClipQuestion) -> FrameMasks:
     maps = similarities.read()
     masks = np.stack([of_prompt.mask(asked.decoder, asked.threshold) for of_prompt in maps])
     best, similarity = np.full(masks.shape[1:], UNLABELLED, np.uint8), np.full(masks.shape[1:], -np.inf, np.float32)

@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.errors import DegenseError, RunError
@@ -19,10 +21,9 @@ from degense.engine.motion import displacement
 from degense.engine.motion.observed import ObservedMotion
 from degense.engine.raster import camera_depths, rasterize
 from degense.engine.semantics import Basis, TextEncoder, open_encoder
-from degense.engine.semantics.masks import MaskQuery, query_of
+from degense.engine.semantics.masks import FrameSemantics, query_of
 from degense.engine.splats import Splats
 from degense.engine.store import Run
-from torch import Tensor
 
 Value = TypeVar("Value")
 CHANNELS = ("rgb", "depth", "latent", "displacement", "motion", "support")
@@ -194,16 +195,16 @@ class Scene:
 
         Drifts are left out: an instrument that comes and goes has no place at the reference frame that it could have moved from.
         """
-        return self.splats(frame).means - self.model.drift_at(self.time(frame)) / self.run.info["unit"]
+        return self.splats(frame).means - self.model.travel_at(self.time(frame)) / self.run.info["unit"]
 
     def displacement(self, frame: float) -> Tensor:
         """‖μ(t) − μ(reference)‖ of every Gaussian, drifts left out, [N], clip units."""
         return displacement(self.carried(frame), self.carried(self.reference_frame))
 
     @cached_property
-    def lasting(self) -> Tensor:
+    def persistent(self) -> Tensor:
         """Rows of the Gaussians that exist for ever, int64 [M]: tissue, not what comes and goes (instruments, blood, char)."""
-        return (self.model.canonical["lifetimes"][:, 1] == 0).nonzero()[:, 0]
+        return (self.model.canonical["temporal_windows"][:, 1] == 0).nonzero()[:, 0]
 
     @cached_property
     def feature_axes(self) -> np.ndarray:
@@ -298,9 +299,9 @@ class Scene:
                 value = np.clip(value, 0, 1)
             elif name != "latent":
                 value = np.where(alpha[..., None] >= COVERED, value / np.maximum(alpha[..., None], COVERED), np.nan)
-            if name == "displacement" and len(self.lasting) < len(self.model):
+            if name == "displacement" and len(self.persistent) < len(self.model):
                 # blood or char hides tissue that goes on moving, and has no place of its own at the reference frame
-                tissue = _blended(splats.map(lambda part: part[self.lasting]), columns[name][self.lasting, 0], camera)[..., None]
+                tissue = _blended(splats.map(lambda part: part[self.persistent]), columns[name][self.persistent, 0], camera)[..., None]
                 value = np.where(np.isfinite(tissue), tissue, value)
             out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement", "support") else value)
         return out
@@ -331,7 +332,7 @@ class Scene:
         """RGB uint8 [H, W, 3]."""
         return (self.render(frame, camera)["rgb"] * 255 + 0.5).astype(np.uint8)
 
-    def query(self, frame: float, camera: Camera | None = None) -> MaskQuery:
+    def query(self, frame: float, camera: Camera | None = None) -> FrameSemantics:
         """The frame's masks, ready for any number of prompts; kept for the surgeon's camera."""
 
         if camera is not None:
@@ -346,7 +347,7 @@ class Scene:
         self._pictures = Cache(PICTURE_BYTES)
 
     @torch.no_grad()
-    def new_query(self, frame: float, camera: Camera) -> MaskQuery:
+    def new_query(self, frame: float, camera: Camera) -> FrameSemantics:
         """`query` without the cache; on a GPU the picture stays there. DegenseError without semantics."""
         if self.basis is None:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from degense.engine.errors import RunError
-from degense.engine.files import replacing
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
+
+from degense.engine.errors import RunError
+from degense.engine.files import replacing
 
 MAX_BYTES = 8 << 30
 

@@ -1,4 +1,4 @@
-"""What runs of earlier versions lack, or have beside ours."""
+"""What runs of earlier versions call otherwise, lack, or have beside ours. Every reader of a run goes through these functions."""
 
 from __future__ import annotations
 
@@ -6,15 +6,36 @@ from typing import Any
 
 import torch
 
-GONE = {"flow_final"}  # settings of trainings
+#: Settings of trainings, and tensors of models, that have other names now.
+SETTINGS = {
+    "recolour": "delta_color",
+    "resemantics": "delta_semantics",
+    "tint": "color_residual",
+    "tint_change": "color_residual_change",
+    "rate_tints": "rate_color_residuals",
+    "drifts": "velocities",
+    "lasting": "persistent",
+}
+TENSORS = {
+    "canonical.tints": "canonical.color_residuals",
+    "canonical.drifts": "canonical.velocities",
+    "canonical.lifetimes": "canonical.temporal_windows",
+    "responses": "semantic_coefficients",
+}
+#: Settings of trainings that no longer exist.
+REMOVED = {"flow_final"}
 
 
-def with_drifts(tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Tensors of a model; in those of a version without drifts nothing drifts."""
-    means = tensors.get("canonical.means")
-    return tensors if means is None else {"canonical.drifts": torch.zeros_like(means), **tensors}
+def current_tensors(tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Tensors of a model, or of its moments, by the names of today; in models from before velocities, all velocities are zero."""
+    renamed = {}
+    for name, value in tensors.items():
+        old = next((old for old in TENSORS if name == old or name.startswith(f"{old}.")), None)
+        renamed[name if old is None else TENSORS[old] + name.removeprefix(old)] = value
+    means = renamed.get("canonical.means")
+    return renamed if means is None else {"canonical.velocities": torch.zeros_like(means), **renamed}
 
 
-def without_gone(settings: dict[str, Any]) -> dict[str, Any]:
-    """A run's settings without those that no longer exist."""
-    return {name: value for name, value in settings.items() if name not in GONE}
+def current_settings(settings: dict[str, Any]) -> dict[str, Any]:
+    """A run's settings by the names of today, without those that no longer exist."""
+    return {SETTINGS.get(name, name): value for name, value in settings.items() if name not in REMOVED}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+
 from degense.engine.errors import RunError
 from degense.engine.files import replacing
 from degense.engine.splats import Splats

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
+
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.errors import RunError
@@ -20,7 +21,7 @@ from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.field.model import CANONICAL
 from degense.engine.semantics import Basis
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from degense.engine.store.migrations import with_drifts
+from degense.engine.store.migrations import current_tensors
 
 FORMAT = 1
 MAX_FRAMES, MAX_GAUSSIANS, MAX_SIDE = 1_000_000, 10_000_000, 16_384
@@ -111,7 +112,7 @@ class Run:
                 f"{self.path} holds no finished model (its training is {self.info['state']}); "
                 f"resume it with degense train CLIP --out {self.path} --resume"
             )
-        return build_model(self.info["field"], with_drifts(finite(read_tensors(path), path)), path).to(device)
+        return build_model(self.info["field"], current_tensors(finite(read_tensors(path), path)), path).to(device)
 
     def save_support(self, support: torch.Tensor) -> None:
         """Keep the share [N] of its frames in which each Gaussian's displacement is revealed (`engine.training.flow.observability`)."""
@@ -158,12 +159,12 @@ def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: P
         if (count := len(canonical["means"])) > MAX_GAUSSIANS:
             raise RunError(f"{path} claims {count} Gaussians; at most {MAX_GAUSSIANS} are read")
         model = SceneModel(FieldConfig.from_json(field), tensors["bounds"], canonical)
-        moving, responses = tensors.pop("moving", None), tensors.pop("responses", None)
+        moving, semantic_coefficients = tensors.pop("moving", None), tensors.pop("semantic_coefficients", None)
         model.load_state_dict(tensors)
         if moving is not None:
             model.set_moving(moving)
-        if responses is not None:
-            model.set_responses(responses)
+        if semantic_coefficients is not None:
+            model.set_semantic_coefficients(semantic_coefficients)
     except (TypeError, ValueError, KeyError, RuntimeError) as error:
         raise RunError(f"{path} does not fit the configuration in run.json: {str(error).splitlines()[0]}") from error
     return model

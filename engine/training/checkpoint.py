@@ -7,7 +7,7 @@ from typing import Any
 
 from degense.engine.errors import RunError
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from degense.engine.store.migrations import with_drifts
+from degense.engine.store.migrations import current_tensors
 
 PARTS = ("model", "moments", "density", "neighbours")
 
@@ -42,5 +42,6 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
         if part not in PARTS:
             raise RunError(f"{path} holds {name!r}, which no checkpoint of ours does")
         state[part][rest] = value
-    state["model"] = with_drifts(state["model"])
+    state["model"] = current_tensors(state["model"])
+    state["moments"] = current_tensors(state["moments"])
     return state

@@ -47,9 +47,9 @@ class TrainConfig:
         Weights of the planes' total variation, acceleration in time, and distance of the time planes from 1.
     displacement, rigidity, shape : float
         Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
-    recolour, resemantics : float
+    delta_color, delta_semantics : float
         Weights of |Δcolour| of Ψ_app and of |Δf_sem|.
-    tint, tint_change : float
+    tint, color_residual_change : float
         Weights of |Δcolour| that a Gaussian has of its own, and of its squared change from knot to knot.
     flow : float
         Weight of motion evidence: how far each visible Gaussian's motion is from the optical flow, in units of the scene.
@@ -59,7 +59,8 @@ class TrainConfig:
         Frames between the knots of a Gaussian's own colour changes.
     channels, resolution, levels, time_resolution
         Of the HexPlane; a time resolution of 0 is half the number of frames.
-    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_tints, rate_semantics, rate_final : float
+    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_color_residuals : float
+    rate_semantics, rate_final : float
         Learning rates, and the factor by which those of positions and field have fallen at the end; then all fall (`set_rates`).
     densify_every, densify_until : int, float
         Densify and prune every so many steps, until this share of the iterations.
@@ -67,9 +68,9 @@ class TrainConfig:
         Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.fitting.early_stopping`).
     static, fixed_latents : bool
         Of the field: whether nothing moves, and whether latents never change. For baselines (`engine.research.systems`).
-    drifts : bool
+    velocities : bool
         Whether what exists for a while may go straight on by itself, as instruments do.
-    lasting : bool
+    persistent : bool
         Whether every Gaussian exists for ever; those that the initialisation would let live for a few frames are left out.
     codebook : bool
         Whether meaning belongs to clusters of Gaussians (`engine.training.semantic.codebook`) instead of single ones.
@@ -105,10 +106,10 @@ class TrainConfig:
     displacement: float = 0.002
     rigidity: float = 0.1
     shape: float = 0.002
-    recolour: float = 0.001
-    resemantics: float = 0.01
-    tint: float = 0.002
-    tint_change: float = 0.02
+    delta_color: float = 0.001
+    delta_semantics: float = 0.01
+    color_residual: float = 0.002
+    color_residual_change: float = 0.02
     flow: float = 40.0
     appearance: bool = True
     color_spacing: float = 3.0
@@ -123,7 +124,7 @@ class TrainConfig:
     rate_quats: float = 1e-3
     rate_opacity: float = 2e-2
     rate_color: float = 2.5e-3
-    rate_tints: float = 2.5e-3
+    rate_color_residuals: float = 2.5e-3
     rate_semantics: float = 1e-2
     rate_final: float = 0.05
     densify_every: int = 200
@@ -131,8 +132,8 @@ class TrainConfig:
     early_stop: bool = False
     static: bool = False
     fixed_latents: bool = False
-    drifts: bool = True
-    lasting: bool = False
+    velocities: bool = True
+    persistent: bool = False
     codebook: bool = False
     checkpoint_seconds: float = 30.0
     fit: bool = True
@@ -176,5 +177,5 @@ PRESETS: dict[str, dict] = {
         "semantic_steps": 400,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
-    "best": {"iterations": 10_000, "coarse_iterations": 1000, "early_stop": True, "tint_change": 0.1},
+    "best": {"iterations": 10_000, "coarse_iterations": 1000, "early_stop": True, "color_residual_change": 0.1},
 }

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import torch
-from degense.engine.field.model import CANONICAL, SceneModel
 from torch import Tensor
+
+from degense.engine.field.model import CANONICAL, SceneModel
 
 PRUNE_OPACITY = 0.005
 GRADIENT_THRESHOLD = 2e-4  # of the screen position, in half-widths of the image, as in 3DGS

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.errors import ClipError
-from torch import Tensor
 
 CACHE_BYTES = 3 << 29
 FARTHEST = 1e3  # times the median depth; what is farther, or nearer than its inverse, is a fault of the sensor and counts as unknown

@@ -7,17 +7,18 @@ from functools import reduce
 import cv2
 import numpy as np
 import torch
-from degense.engine.errors import ClipError
-from degense.engine.training.flow.supervision import MotionEvidence, from_nearest
-from degense.engine.training.frames import TrainingFrames
 from torch import Tensor
+
+from degense.engine.errors import ClipError
+from degense.engine.training.flow.supervision import FlowSupervision, from_nearest
+from degense.engine.training.frames import TrainingFrames
 
 KEY_EVERY, KEYS = 4, (12, 24)  # training frames from one key frame to the next; the fewest and the most of them
 DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame to be taken for something else
 
 
 def initial_gaussians(
-    frames: TrainingFrames, evidence: MotionEvidence | None, budget: int, rank: int, generator: np.random.Generator, color_knots: int = 0
+    frames: TrainingFrames, evidence: FlowSupervision | None, budget: int, rank: int, generator: np.random.Generator, color_knots: int = 0
 ) -> tuple[dict[str, Tensor], Tensor]:
     """Canonical parameters and the bounds of the field.
 
@@ -64,7 +65,7 @@ def initial_gaussians(
         found.append((place, smooth[rows, columns] / 255.0, pitch, born, drift))
         shown[valid & ~known] = smooth[valid & ~known]
         known |= valid
-    points, colors, pitches, lifetimes, drifts = _within(found, budget, generator)
+    points, colors, pitches, temporal_windows, velocities = _within(found, budget, generator)
     means = torch.from_numpy(points).float()
     count = len(means)
     if count == 0:
@@ -78,9 +79,9 @@ def initial_gaussians(
         "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
         "logits": torch.full((count,), 2.0),
         "colors": torch.from_numpy(colors).float(),
-        "tints": torch.zeros(count, color_knots, 3),
-        "lifetimes": torch.from_numpy(lifetimes).float(),
-        "drifts": torch.from_numpy(drifts).float(),
+        "color_residuals": torch.zeros(count, color_knots, 3),
+        "temporal_windows": torch.from_numpy(temporal_windows).float(),
+        "velocities": torch.from_numpy(velocities).float(),
         "semantics": torch.from_numpy(generator.normal(0, 0.01, (count, rank))).float(),
     }
     return canonical, torch.stack([low - margin, high + margin])
@@ -91,10 +92,10 @@ def key_count(frames: int) -> int:
     return min(frames, max(KEYS[0], min(frames // KEY_EVERY, KEYS[1])))
 
 
-def lasting_only(canonical: dict[str, Tensor]) -> dict[str, Tensor]:
+def persistent_only(canonical: dict[str, Tensor]) -> dict[str, Tensor]:
     """The Gaussians of `initial_gaussians` that exist for ever; those of the first frame always do."""
-    lasting = canonical["lifetimes"][:, 1] == 0
-    return {name: values[lasting] for name, values in canonical.items()}
+    persistent = canonical["temporal_windows"][:, 1] == 0
+    return {name: values[persistent] for name, values in canonical.items()}
 
 
 def _within(found: list[tuple[np.ndarray, ...]], budget: int, generator: np.random.Generator) -> tuple[np.ndarray, ...]:

@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+
 from degense.engine.clip import Clip
 from degense.engine.data.poses import find_cameras, with_cameras
 from degense.engine.data.readers import fingerprint
@@ -24,17 +25,17 @@ from degense.engine.progress import Progress
 from degense.engine.semantics import TextEncoder, keep_encoder, open_encoder
 from degense.engine.semantics.teachers import CostlyTeacher, Teacher, answered, default_teacher, teacher_by_name
 from degense.engine.store import Run
-from degense.engine.store.migrations import without_gone
+from degense.engine.store.migrations import current_settings
 from degense.engine.store.run import hardware
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.device import choose_device
 from degense.engine.training.fitting.budget import fit_budget
 from degense.engine.training.fitting.estimate import estimate
-from degense.engine.training.flow.observability import motion_support
-from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.flow.observability import motion_observability
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.initialise import initial_gaussians, lasting_only
+from degense.engine.training.initialise import initial_gaussians, persistent_only
 from degense.engine.training.semantic.codebook import fit_codebook
 from degense.engine.training.semantic.distillation import fit_meaning
 from degense.engine.training.semantic.targets import SemanticTargets
@@ -90,7 +91,7 @@ def train(
     run = Run.open(out) if resume else None
     checkpoint = None
     if run is not None:
-        config = TrainConfig.from_json(without_gone(run.info["config"]) | {"device": config.device})
+        config = TrainConfig.from_json(current_settings(run.info["config"]) | {"device": config.device})
         teacher = run.info["teacher"]["name"]
         if teacher != "none" and teacher.partition(":")[0] not in ("precomputed", "vlm"):
             encoder = open_encoder(run.info["encoder"], run.info["classes"], out, encoder)
@@ -113,7 +114,7 @@ def train(
             raise DegenseError("an encoder gives a teacher's classes their vectors, and there is no teacher; choose one, or no encoder")
         chosen = None if teacher == "none" else teacher_by_name(teacher, clip, encoder)
         tell(0.5, "reading the clip")
-        evidence = MotionEvidence(frames, progress("flow")) if config.flow > 0 and len(clip.train_frames) > 1 else None
+        evidence = FlowSupervision(frames, progress("flow")) if config.flow > 0 and len(clip.train_frames) > 1 else None
         semantics = None
         if chosen is not None:
             tell = progress("teacher")
@@ -130,10 +131,10 @@ def train(
     field = field_config(config, len(clip), semantics.basis.rank if semantics is not None else 0)
     random = np.random.default_rng(config.seed)
     canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), field.rank, random, field.color_knots)
-    if not config.drifts:
-        canonical["drifts"].zero_()
-    if config.lasting:
-        canonical = lasting_only(canonical)
+    if not config.velocities:
+        canonical["velocities"].zero_()
+    if config.persistent:
+        canonical = persistent_only(canonical)
     model = SceneModel(field, bounds, canonical).to(device)
     if run is None:
         info = {
@@ -246,7 +247,7 @@ def _loop(
         run.info["budget"]["chosen"] |= record
     run.save_model(trainer.model)
     if trainer.evidence is not None:
-        run.save_support(motion_support(trainer.model, trainer.frames, trainer.evidence))
+        run.save_support(motion_observability(trainer.model, trainer.frames, trainer.evidence))
     run.info["state"] = "finished"
     run.save()
     for file in (run.path / "checkpoints").iterdir():

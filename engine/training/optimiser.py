@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+
 from degense.engine.field import SceneModel
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.fitting.early_stopping import COOLDOWN
@@ -19,9 +20,9 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
         "quats": config.rate_quats,
         "logits": config.rate_opacity,
         "colors": config.rate_color,
-        "tints": config.rate_tints,
+        "color_residuals": config.rate_color_residuals,
         "semantics": config.rate_semantics,
-        "drifts": config.rate_means if config.drifts else 0.0,
+        "velocities": config.rate_means if config.velocities else 0.0,
     }
     groups = [{"name": name, "params": [model.canonical[name]], "lr": rate} for name, rate in rates.items()]
     networks = [model.kinematics, model.geometry, *([model.appearance] if model.appearance is not None else [])]

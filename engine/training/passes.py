@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
+
 from degense.engine.field import SceneModel
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.flow.supervision import motion_error, surface_visibility
 from degense.engine.training.losses import inverse_depth, photometric, rigidity
-from torch import Tensor
 
 Neighbours = tuple[Tensor, Tensor]
 
@@ -40,20 +41,20 @@ class FieldPass:
         """
         config, state = self.config, self.model.at(t, deform=self.deform, semantics=False, other=other)
         splats, d = state.splats, state.deformation
-        price = splats.means.new_zeros(())
+        regularizer = splats.means.new_zeros(())
         if d is not None:
-            price = price + config.shape * (d.log_scales.abs().mean() + d.quats.abs().mean() + d.opacities.abs().mean())
+            regularizer = regularizer + config.shape * (d.log_scales.abs().mean() + d.quats.abs().mean() + d.opacities.abs().mean())
         shift = d.means if d is not None else None if state.there is None else state.there - splats.means
         if shift is not None:
-            price = price + config.displacement * (shift.square().sum(1) + 1e-8).sqrt().mean()
+            regularizer = regularizer + config.displacement * (shift.square().sum(1) + 1e-8).sqrt().mean()
             if self.neighbours is not None:
-                price = price + config.rigidity * rigidity(shift, *self.neighbours)
-        if state.recolour is not None:
-            price = price + config.recolour * state.recolour.abs().mean()
+                regularizer = regularizer + config.rigidity * rigidity(shift, *self.neighbours)
+        if state.delta_color is not None:
+            regularizer = regularizer + config.delta_color * state.delta_color.abs().mean()
         z = splats.means @ camera[2, :3] + camera[2, 3]
         features = torch.cat([splats.colors, z[:, None]], 1)
         drawn = (splats.means, splats.quats, splats.scales, splats.opacities, features)
-        return (*drawn, price) if state.there is None else (*drawn, price, state.there)
+        return (*drawn, regularizer) if state.there is None else (*drawn, regularizer, state.there)
 
 
 class CurvePass:
@@ -66,11 +67,15 @@ class CurvePass:
         """The sum of the regularisers, times `weight`, float []."""
         config = self.config
         space, curvature, stillness = self.model.planes.smoothness()
-        price = config.plane_space * space + config.plane_time * curvature + config.plane_still * stillness
+        regularizer = config.plane_space * space + config.plane_time * curvature + config.plane_still * stillness
         if self.model.config.color_knots > 1:
-            tints = self.model.canonical["tints"]
-            price = price + config.tint * tints.abs().mean() + config.tint_change * tints.diff(dim=1).square().mean()
-        return (price * weight,)
+            color_residuals = self.model.canonical["color_residuals"]
+            regularizer = (
+                regularizer
+                + config.color_residual * color_residuals.abs().mean()
+                + config.color_residual_change * color_residuals.diff(dim=1).square().mean()
+            )
+        return (regularizer * weight,)
 
 
 class PictureLoss:
@@ -116,6 +121,6 @@ class SemanticPass:
         """Means, quaternions, scales, opacities, latents, and the price of changing them."""
         state = self.model.at(t, deform=self.deform)
         place = state.splats.detach() if self.config.routing == "isolated" else state.splats
-        change = state.resemantics
-        price = self.config.resemantics * change.abs().mean() if change is not None else state.splats.semantics.new_zeros(())
-        return place.means, place.quats, place.scales, place.opacities, state.splats.semantics, price
+        change = state.delta_semantics
+        regularizer = self.config.delta_semantics * change.abs().mean() if change is not None else state.splats.semantics.new_zeros(())
+        return place.means, place.quats, place.scales, place.opacities, state.splats.semantics, regularizer

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress
@@ -18,13 +20,12 @@ from degense.engine.training.config import TrainConfig
 from degense.engine.training.cuda_graphs import recorded
 from degense.engine.training.density import Density
 from degense.engine.training.fitting.early_stopping import EarlyStop
-from degense.engine.training.flow.supervision import MotionEvidence, Pair
+from degense.engine.training.flow.supervision import FlowSupervision, Pair
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.neighbours import nearest_neighbours
 from degense.engine.training.optimiser import make_optimiser, set_rates
 from degense.engine.training.passes import CurvePass, FieldPass, PictureLoss, SemanticPass, motion_loss
 from degense.engine.training.semantic.targets import SemanticTargets
-from torch import Tensor
 
 GUARD_EVERY = 100  # steps between looks at whether all is finite
 NEIGHBOURS = 6
@@ -56,7 +57,7 @@ class Trainer:
         model: SceneModel,
         frames: TrainingFrames,
         semantics: SemanticTargets | None,
-        evidence: MotionEvidence | None,
+        evidence: FlowSupervision | None,
         config: TrainConfig,
         event: Callable[[dict[str, Any]], None],
     ):
@@ -268,9 +269,9 @@ class Trainer:
         assert self.semantics is not None
         spoken = self.semantics.frames
         frame = frame_index if frame_index in set(spoken) else spoken[int(self.random.integers(len(spoken)))]
-        *state, price = self._recordings["semantics"](self.times[frame])
+        *state, regularizer = self._recordings["semantics"](self.times[frame])
         latent = draw_latents(state, self.frames.cameras[frame], detached=self.config.routing == "isolated")
-        return self.semantics.loss(latent, frame, use_angles=self.config.angular, region_weight=self.config.region) + price
+        return self.semantics.loss(latent, frame, use_angles=self.config.angular, region_weight=self.config.region) + regularizer
 
     # -- between steps ---------------------------------------------------------------------------------------------------------------------
     def _edit(self) -> None:

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+
 from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.classes import LabelClass, check_classes, named_classes
 from degense.engine.annotation.edits import Piece

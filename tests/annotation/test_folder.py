@@ -7,6 +7,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine import files
 from degense.engine.annotation import folder as folder_module
 from degense.engine.annotation.annotations import Annotations

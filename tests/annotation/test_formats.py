@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine.annotation.classes import LabelClass, named_classes
 from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
 from degense.engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18

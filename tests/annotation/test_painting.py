@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from degense.engine.annotation.painting import brush, fill, holes, polygon, smaller_islands, whole_regions
 from hypothesis import given
 from hypothesis import strategies as st
+
+from degense.engine.annotation.painting import brush, fill, holes, polygon, smaller_islands, whole_regions
 
 SHAPE = (20, 30)
 

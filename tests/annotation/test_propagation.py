@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.annotation.propagation.field_votes import FieldVotes
 from degense.engine.annotation.propagation.flow_votes import ways
 from degense.engine.annotation.propagation.nearness import nearness
@@ -16,7 +17,6 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.errors import DegenseError
 from degense.engine.metrics.masks import MaskScores
 from degense.engine.splats import Splats
-
 from tests.fakes import MovingWall
 
 TOOLS = ("grasper", "L-hook electrocautery")

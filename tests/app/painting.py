@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+
 from degense.app.session.persistent_state import Part
 from degense.app.session.session import Session
 from degense.engine.annotation.painting import Region

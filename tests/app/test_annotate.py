@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtWidgets import QPushButton
+
 from degense.app.features.annotate.label_sets import label_format
 from degense.app.session.session import Session
 from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.folder import NAME
 from degense.engine.annotation.propagation.proposal import Carried
 from degense.engine.clip import UNLABELLED
-from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtWidgets import QPushButton
 
 
 @pytest.fixture
@@ -56,7 +57,7 @@ def test_painting_and_erasing_are_undone_by_name(qtbot, annotating, idle, screen
     assert np.array_equal(recorded, window.session.clip.frame(4))  # one labels what was recorded
     qtbot.keyClick(panel, Qt.Key.Key_7)
     assert part.current == 6
-    assert window.session.look.layer == "rgb"  # 7 is a class now, not a layer
+    assert window.session.view_state.layer == "rgb"  # 7 is a class now, not a layer
     drag(qtbot, window, (20, 20), (50, 20))
     painted = labels(window) == 6
     assert painted[20, 18:52].all()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 
-from degense.app.research import window_bench as bench_window
 from PySide6.QtCore import QTimer
+
+from degense.app.research import window_bench as bench_window
 
 
 def test_a_stall_is_seen_and_quiet_is_not_taken_for_one(window):
@@ -26,9 +27,9 @@ def test_times_end_when_the_answer_is_painted(opened, idle):
 
 def test_prompts_and_dabs_leave_the_session_as_it_was(opened, idle, monkeypatch):
     monkeypatch.setattr(bench_window, "WARM", 1)
-    look = opened.session.look
+    view_state = opened.session.view_state
     assert len(bench_window.prompts(opened, 2)) == 2
     assert len(bench_window.dabs(opened, 2)) == 2
     idle()
-    assert opened.session.look == look
+    assert opened.session.view_state == view_state
     assert not opened.menus.actions["annotate.mode"].isChecked()

@@ -9,13 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog
+
 from degense.app.features.clip_check import clip_plan
 from degense.app.features.clip_check.dialog import CheckDialog
 from degense.app.features.clip_check.state import check_picture
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFileDialog
-
 from tests.fakes import MemoryClip
 
 

@@ -6,8 +6,9 @@ import json
 
 import numpy as np
 import pytest
-from degense.engine.scene import Scene
 from PySide6.QtCore import Qt
+
+from degense.engine.scene import Scene
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def asked(opened, idle):
 
 
 def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
-    look = asked.session.look
+    view_state = asked.session.view_state
     qtbot.keyClick(asked.parts.panel, Qt.Key.Key_Q)
     assert asked.querying.running
     assert not asked.menus.actions["query.clip"].isEnabled()
@@ -33,8 +34,10 @@ def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
     classes, fat = other.vectors(other.classes), other.meanings("fat")
     for text in ("gallbladder", "tool, not hook"):
         excluded = np.concatenate([other.exclusions(text), fat])
-        shares = [other.query(i).mask(other.meanings(text), look.decoder, look.threshold, classes, excluded).mean() for i in range(10)]
-        assert asked.answering.areas.curve(text, look, 10).tolist() == shares
+        shares = [
+            other.query(i).mask(other.meanings(text), view_state.decoder, view_state.threshold, classes, excluded).mean() for i in range(10)
+        ]
+        assert asked.answering.areas.curve(text, view_state, 10).tolist() == shares
     assert max(shares) > 0
     assert "gallbladder in 10 of 10 frames" in asked.statusBar().currentMessage()
     assert asked.menus.actions["query.clip"].isEnabled()
@@ -42,8 +45,8 @@ def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
 
 
 def test_what_was_found_before_a_stop_is_kept_and_not_asked_again(qtbot, asked, idle):
-    look = asked.session.look
-    curve = asked.answering.areas.curve("gallbladder", look, 10)
+    view_state = asked.session.view_state
+    curve = asked.answering.areas.curve("gallbladder", view_state, 10)
     asked.menus.run("query.clip")
     qtbot.waitUntil(lambda: np.isfinite(curve).sum() >= 2)
     asked.menus.run("query.stop")

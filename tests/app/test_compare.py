@@ -13,7 +13,7 @@ def test_cycle_through_wipe_blink_and_difference(qtbot, opened, idle, screenshot
     recorded, drawn = session.scene.observed(4), session.scene.picture(4)
     qtbot.keyClick(panel, Qt.Key.Key_C)
     idle()
-    assert panel.compare_mode() == session.look.compare == "wipe"
+    assert panel.compare_mode() == session.view_state.compare == "wipe"
     assert np.array_equal(opened.drawing.view.observed, recorded)
     shown = panel.grab_image()
     assert np.array_equal(shown[:, :10], drawn[:, :10])

@@ -70,7 +70,7 @@ def test_every_action_is_found_and_does_something(opened, idle, monkeypatch):
     order = [action.id for action in opened.registry if action.id not in leaving]
     done = set()
     for layer, ids in (("mask", order), ("displacement", order), ("rgb", ["file.demo"])):
-        if not opened.session.look.prompts:
+        if not opened.session.view_state.prompts:
             opened.session.add_prompt("liver")
         opened.session.set_layer(layer)
         opened.registry.run("cameras.add")

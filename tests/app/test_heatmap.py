@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from degense.engine.colour_maps import colourise, hatched
 
 
@@ -15,7 +16,7 @@ def test_a_heatmap_by_its_key(qtbot, opened, idle, screenshot, key, layer, unit)
     qtbot.keyClicks(parts.panel, key)
     idle()
     view = opened.drawing.view
-    assert opened.session.look.layer == layer
+    assert opened.session.view_state.layer == layer
     assert parts.layers.current() == layer
     assert view.unit == (scene.unit if unit == "mm" else unit)
     from degense.engine.layers import LAYERS, LayerRequest, layer_range

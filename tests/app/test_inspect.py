@@ -8,10 +8,11 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from degense.app.session.targets import Found, Region, Spot, material
-from degense.engine.layers import LAYERS, LayerRequest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtWidgets import QFileDialog, QMessageBox
+
+from degense.app.session.targets import Found, Region, Spot, material
+from degense.engine.layers import LAYERS, LayerRequest
 
 LEFT = Qt.MouseButton.LeftButton
 

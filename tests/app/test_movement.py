@@ -5,13 +5,14 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog, QPushButton
+
 from degense.app.features.cameras.state import CameraPath
 from degense.app.session.targets import Spot
 from degense.app.shell.main_window import MainWindow
 from degense.app.shell.settings import SettingsFile
 from degense.widgets.frame.images import to_array
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFileDialog, QPushButton
 
 
 def press(qtbot, panel, text: str) -> None:

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QWheelEvent
+from PySide6.QtWidgets import QApplication, QMessageBox
+
 from degense.app.session.store import JOURNAL
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
-from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtGui import QWheelEvent
-from PySide6.QtWidgets import QApplication, QMessageBox
 
 #: A window in a process of its own: opens a run, adds a prompt, then erases along a line in one stroke without end, and says how far it is.
 WINDOW = """
@@ -100,14 +101,14 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
     seen = parts.panel.view()
     opened.opening.open_demo()
     idle()
-    assert session.look.prompts == ()
+    assert session.view_state.prompts == ()
     assert parts.panel.is_whole()
     opened.opening.open_path(run)
     idle()
     qtbot.wait(50)
     assert np.allclose(parts.panel.view(), seen)
     assert not parts.panel.is_whole()
-    assert (session.look.layer, [prompt.text for prompt in session.look.prompts]) == ("depth", ["liver"])
+    assert (session.view_state.layer, [prompt.text for prompt in session.view_state.prompts]) == ("depth", ["liver"])
     assert (session.frame, parts.timeline.frame(), session.camera_mode) == (2, 2, "free")  # left at 2, saved on leaving
     assert np.allclose(parts.splats.camera().viewmat, camera.viewmat)
     assert not parts.log_dock.isVisible()
@@ -135,11 +136,11 @@ def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, ru
     idle()
     box = window.findChild(QMessageBox, "recovery")
     assert "(annotations, view)" in box.informativeText()
-    assert window.session.look.prompts == ()
+    assert window.session.view_state.prompts == ()
     screenshot(window, "recovery")
     click(qtbot, box, "Restore")
     idle()
-    assert (window.session.look.layer, [prompt.text for prompt in window.session.look.prompts]) == ("depth", ["liver"])
+    assert (window.session.view_state.layer, [prompt.text for prompt in window.session.view_state.prompts]) == ("depth", ["liver"])
     assert safe > 15
     assert (window.session.annotations.labels(0)[40, 10:safe] == UNLABELLED).all()
     assert window.isWindowModified()
@@ -163,7 +164,7 @@ def test_a_damaged_session_offers_its_backup(qtbot, opened, run, idle, screensho
     screenshot(opened, "damaged-session")
     click(qtbot, box, "Backup of")
     idle()
-    assert [prompt.text for prompt in opened.session.look.prompts] == ["liver"]
+    assert [prompt.text for prompt in opened.session.view_state.prompts] == ["liver"]
     assert (run / "session.json.bad").read_text() == "{half a fi"
 
 
@@ -223,6 +224,6 @@ def test_recovered_work_is_asked_about_once(qtbot, opened, run, idle, answer):
         if box is not None:
             click(qtbot, box, answer)
             qtbot.wait(10)
-        assert opened.session.look.threshold == (0.25 if answer == "Restore" else 0.5)
+        assert opened.session.view_state.threshold == (0.25 if answer == "Restore" else 0.5)
         opened.opening.open_demo()
         idle()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from degense.app.shell.main_window import MainWindow
-from degense.app.shell.settings import SettingsFile
 from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtWidgets import QMessageBox
+
+from degense.app.shell.main_window import MainWindow
+from degense.app.shell.settings import SettingsFile
 
 
 def error_text(window) -> str:

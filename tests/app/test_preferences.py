@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QDialog, QTextBrowser
+
 from degense.app.shell.main_window import MainWindow
 from degense.app.shell.preferences import PreferencesDialog
 from degense.app.shell.settings import SettingsFile
 from degense.widgets.theme import apply_theme, is_dark
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QDialog, QTextBrowser
 
 
 @pytest.fixture

@@ -23,14 +23,14 @@ def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
     opened.parts.panel.setFocus()
     opened.session.go_to(3)
     type_prompt(qtbot, opened, "gallbladder 1 c")  # digits and letters are words here, not shortcuts
-    assert opened.session.look.layer == "rgb"
-    assert opened.session.look.compare == "off"
-    assert opened.session.look.prompts == ()
+    assert opened.session.view_state.layer == "rgb"
+    assert opened.session.view_state.compare == "off"
+    assert opened.session.view_state.prompts == ()
     [chip] = opened.parts.prompts.prompts()
     assert chip.error
     type_prompt(qtbot, opened, "gallbladder")
     idle()
-    [prompt] = opened.session.look.prompts
+    [prompt] = opened.session.view_state.prompts
     assert prompt.text == "gallbladder"
     scene = opened.session.scene
     mask = scene.query(3).mask(scene.meanings("gallbladder"), "rnse", 0.5, scene.vectors(scene.classes))
@@ -59,7 +59,7 @@ def test_threshold_and_decoder_are_live_and_undone(opened, idle):
     assert areas[0] > areas[1]
     assert opened.menus.actions["edit.undo"].text() == "Undo: Mask threshold"
     opened.registry.run("edit.undo")
-    assert session.look.threshold == bar.threshold() == 0.5  # the drag was one step
+    assert session.view_state.threshold == bar.threshold() == 0.5  # the drag was one step
     opened.registry.run("edit.undo")
     assert bar.prompts() == []
     opened.registry.run("edit.redo")
@@ -85,7 +85,7 @@ def test_hiding_and_recolouring_a_prompt(opened, idle):
     assert {tuple(colour) for colour in edge[:, :3]} == {(1, 2, 3)}
     [chip] = bar.prompts()
     bar.prompt_removed.emit(chip.id)
-    assert session.look.prompts == ()
+    assert session.view_state.prompts == ()
     idle()
 
 
@@ -117,7 +117,7 @@ def test_masks_of_a_run_without_semantics(window, tiny_clip, tmp_path, idle):
     number = bar.add_prompt("liver")
     bar.prompt_added.emit(number, "liver")
     assert "without semantics" in bar.prompts()[0].error
-    assert window.session.look.prompts == ()
+    assert window.session.view_state.prompts == ()
 
 
 def test_the_view_is_saved_with_the_run(qtbot, opened, run, idle):
@@ -144,7 +144,7 @@ def test_similarities_are_seen_and_the_threshold_dragged_over_them(qtbot, opened
     before = [float(answer.split("%")[0]) for answer in bar.answers()]
     qtbot.mousePress(histogram, Qt.MouseButton.LeftButton, pos=QPoint(round(4 + 0.95 * (histogram.width() - 8)), 20))
     qtbot.mouseRelease(histogram, Qt.MouseButton.LeftButton)
-    assert session.look.threshold == bar.threshold() == pytest.approx(0.95, abs=0.01)
+    assert session.view_state.threshold == bar.threshold() == pytest.approx(0.95, abs=0.01)
     idle()
     assert all(float(answer.split("%")[0]) < area for answer, area in zip(bar.answers(), before, strict=True))
     assert "sure" in bar.answers()[0]
@@ -160,7 +160,7 @@ def test_coarse_or_refined_masks(qtbot, opened, idle):
     refined = opened.drawing.view.masks[..., 3] > 0
     qtbot.mouseClick(box, Qt.MouseButton.LeftButton, pos=QPoint(8, box.height() // 2))
     idle()
-    assert session.look.decoder == "threshold"
+    assert session.view_state.decoder == "threshold"
     coarse = opened.drawing.view.masks[..., 3] > 0
     assert np.array_equal(coarse, session.scene.query(0).similarity(session.scene.meanings("liver")) > 0.5)
     assert not np.array_equal(coarse, refined)
@@ -179,15 +179,15 @@ def test_a_negative_prompt(qtbot, opened, idle):
     everything = opened.drawing.view.masks[..., 3] > 0
     type_prompt(qtbot, opened, "not hook")
     idle()
-    assert session.look.negative_texts == ("hook",)
+    assert session.view_state.negative_texts == ("hook",)
     rest = opened.drawing.view.masks[..., 3] > 0
     assert rest.sum() < everything.sum()
     number = next(chip.id for chip in bar.prompts() if chip.negative)
     bar.prompt_negated.emit(number, False)
     idle()
-    assert [prompt.text for prompt in session.look.visible_prompts] == ["tool", "hook"]
+    assert [prompt.text for prompt in session.view_state.visible_prompts] == ["tool", "hook"]
     session.undo.undo()
-    assert session.look.negative_texts == ("hook",)
+    assert session.view_state.negative_texts == ("hook",)
     idle()
     assert [chip.negative for chip in bar.prompts()] == [False, True]
 
@@ -195,7 +195,7 @@ def test_a_negative_prompt(qtbot, opened, idle):
 def test_area_over_time_lies_under_the_timeline_and_is_saved(qtbot, opened, idle, run, screenshot):
     session, track = opened.session, opened.parts.timeline
     session.add_prompt("gallbladder")
-    curve = opened.answering.areas.curve("gallbladder", session.look, 10)
+    curve = opened.answering.areas.curve("gallbladder", session.view_state, 10)
     qtbot.waitUntil(lambda: bool(np.isfinite(curve).all()), timeout=30_000)
     idle()
     mask = session.scene.query(4).mask(session.scene.meanings("gallbladder"), "rnse", 0.5, session.scene.vectors(session.scene.classes))
@@ -205,4 +205,4 @@ def test_area_over_time_lies_under_the_timeline_and_is_saved(qtbot, opened, idle
     session.save()
     opened.opening.open_path(run)
     idle()
-    assert np.allclose(opened.answering.areas.curve("gallbladder", session.look, 10), curve, atol=1e-6)
+    assert np.allclose(opened.answering.areas.curve("gallbladder", session.view_state, 10), curve, atol=1e-6)

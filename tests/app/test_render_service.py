@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 
 import pytest
+
 from degense.app.shell.worker import RenderService
 from degense.engine.errors import Cancelled, ClipError
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import shutil
 
-from degense.app.features.runs.dialog import COLUMNS, RunsDialog
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog
+
+from degense.app.features.runs.dialog import COLUMNS, RunsDialog
 
 
 def column(dialog: RunsDialog, title: str) -> dict[str, str]:

@@ -6,9 +6,10 @@ import threading
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
+
 from degense.widgets.frame.images import to_array
 from degense.widgets.splats.camera_moves import letterboxed
-from PySide6.QtCore import Qt
 
 
 def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):

@@ -8,12 +8,13 @@ import signal
 from dataclasses import fields, replace
 
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
+
 from degense.app.features.train.job import TrainingJob
 from degense.app.shell.main_window import MainWindow
 from degense.app.shell.settings import SettingsFile
 from degense.engine.training import TrainConfig
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
 
 
 @pytest.fixture

@@ -8,11 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from degense.app.features.train import process as training_process
 from degense.app.features.train.job import TrainingJob
 from degense.app.features.train.process import EventLines, TrainingProcess
-from hypothesis import given
-from hypothesis import strategies as st
 
 JOB = TrainingJob(Path("clip"), Path("run"))
 

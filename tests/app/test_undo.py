@@ -17,9 +17,9 @@ def test_the_history_names_every_edit_and_a_click_goes_there(qtbot, opened, idle
     place = history.visualItemRect(history.item(1)).center()
     qtbot.mouseClick(history.viewport(), Qt.MouseButton.LeftButton, pos=place)
     idle()
-    assert (session.look.layer, session.look.prompts, session.frame) == ("depth", (), 4)
+    assert (session.view_state.layer, session.view_state.prompts, session.frame) == ("depth", (), 4)
     assert history.undone() == ["Prompt liver", "Show mask"]
     screenshot(opened, "history")
     qtbot.keyClick(opened, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
-    assert [prompt.text for prompt in session.look.prompts] == ["liver"]
+    assert [prompt.text for prompt in session.view_state.prompts] == ["liver"]
     assert history.position() == 2

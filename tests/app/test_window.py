@@ -11,12 +11,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from degense.app.shell import main_window as main
-from degense.app.shell.palette import Palette
-from degense.engine.layers import LAYERS
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QDialog, QMessageBox
 
+from degense.app.shell import main_window as main
+from degense.app.shell.palette import Palette
+from degense.engine.layers import LAYERS
 from tests.house.source import ROOT, imports, within
 
 
@@ -42,7 +42,7 @@ def test_the_palette_finds_and_runs(qtbot, opened, idle, screenshot):
     screenshot(opened, "palette")
     qtbot.keyClick(palette.input, Qt.Key.Key_Return)
     idle()
-    assert opened.session.look.layer == "displacement"
+    assert opened.session.view_state.layer == "displacement"
 
 
 def test_the_cheat_sheet_lists_all_keys(opened, screenshot):

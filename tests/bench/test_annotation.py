@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from degense.engine.research.benchmarks import annotation
 
+from degense.engine.research.benchmarks import annotation
 from tests.fakes import MovingWall
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.errors import DegenseError

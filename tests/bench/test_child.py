@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+
 from degense.engine.errors import Cancelled, DegenseError
 from degense.engine.progress import silent
 from degense.engine.research.bench.child import in_child, peak_memory

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+
 from degense.app.cli.main import main
 from degense.engine.research.bench.run import BENCHES
 

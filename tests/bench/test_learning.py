@@ -1,6 +1,7 @@
 """The benchmarks about learning make their tables from scores as `evaluate` gives them; what they train is tried elsewhere."""
 
 import pytest
+
 from degense.engine.progress import silent
 from degense.engine.research.bench import trainings
 from degense.engine.research.bench.options import BenchOptions

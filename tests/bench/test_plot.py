@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine.research.bench.plot import Point, draw_pareto, pareto_front, points_of
 from degense.engine.research.bench.table import Column, Table
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+
 from degense.engine.errors import DegenseError
 from degense.engine.research.bench.report import MOST_BYTES, read_table, save_table, write_report
 from degense.engine.research.bench.table import Column, Table

@@ -1,6 +1,7 @@
 """The benchmark of systems, on made-up scores: what is trained, and that its figures are those of the scores."""
 
 import pytest
+
 from degense.engine.progress import silent
 from degense.engine.research.bench import trainings
 from degense.engine.research.bench.options import BenchOptions

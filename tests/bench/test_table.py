@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+
 from degense.engine.research.bench.table import Column, Table
 
 

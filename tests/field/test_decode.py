@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
 from degense.engine.threads import one_torch_thread
 
@@ -19,9 +20,9 @@ def make(routing, seed, *, count=333, rank=5, appearance=True, levels=(1, 2)):
         "logits": torch.randn(count),
         "colors": torch.rand(count, 3),
         "semantics": torch.randn(count, rank),
-        "tints": 0.1 * torch.randn(count, 4, 3),
-        "lifetimes": torch.rand(count, 2),
-        "drifts": 0.1 * torch.randn(count, 3),
+        "color_residuals": 0.1 * torch.randn(count, 4, 3),
+        "temporal_windows": torch.rand(count, 2),
+        "velocities": 0.1 * torch.randn(count, 3),
     }
     config = FieldConfig(routing, rank, appearance, color_knots=4, channels=8, resolution=8, time_resolution=5, levels=levels)
     model = SceneModel(config, torch.tensor([[-1.0, -1, -1], [1, 1, 1]]), canonical)
@@ -46,8 +47,8 @@ def test_it_says_what_the_twin_says_in_float64(routing, appearance, semantics):
         for name, value in vars(exact.splats).items():
             assert torch.allclose(getattr(fused.splats, name).double(), value, rtol=1e-4, atol=1e-4), f"{name}, seed {seed}"
         assert torch.equal(centres, fused.splats.means)
-        assert (fused.recolour is None) is not appearance
-        assert (fused.resemantics is None) is not semantics
+        assert (fused.delta_color is None) is not appearance
+        assert (fused.delta_semantics is None) is not semantics
 
 
 @pytest.mark.parametrize("levels", [(1,), (1, 2, 3)])

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import torch
+from scipy.interpolate import BSpline
+
 from degense.engine.field import hexplane_cpu
 from degense.engine.field.hexplane import HexPlane, sample_level, sample_levels
 from degense.engine.field.time_axis import at_time
-from scipy.interpolate import BSpline
 
 
 def brute(points, space, line):

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+
 from degense.engine.camera import Camera
 from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
 from degense.engine.field.model import CANONICAL
@@ -21,9 +22,9 @@ def make(routing, rank=4, count=60, seed=0):
         "logits": torch.randn(count),
         "colors": torch.rand(count, 3),
         "semantics": torch.randn(count, rank),
-        "tints": torch.zeros(count, 3, 3),
-        "lifetimes": torch.zeros(count, 2),
-        "drifts": torch.zeros(count, 3),
+        "color_residuals": torch.zeros(count, 3, 3),
+        "temporal_windows": torch.zeros(count, 2),
+        "velocities": torch.zeros(count, 3),
     }
     bounds = torch.tensor([[-0.6, -0.5, 0.7], [0.6, 0.5, 1.3]])
     return SceneModel(FieldConfig(routing, rank, color_knots=3, channels=8, resolution=8, time_resolution=4), bounds, canonical)
@@ -32,7 +33,7 @@ def make(routing, rank=4, count=60, seed=0):
 def stir(model):
     """Give every zero-initialised last layer something to say."""
     for name, parameter in model.named_parameters():
-        if not parameter.any() and name != "canonical.drifts":
+        if not parameter.any() and name != "canonical.velocities":
             torch.nn.init.normal_(parameter, 0, 0.05)
 
 
@@ -115,7 +116,7 @@ def test_a_scene_without_semantics_draws():
 def test_tints_change_one_gaussians_colour_in_time_and_nothing_else():
     model = make("isolated")
     with torch.no_grad():
-        model.canonical["tints"][5, 0] = torch.tensor([0.3, -0.2, 0.1])
+        model.canonical["color_residuals"][5, 0] = torch.tensor([0.3, -0.2, 0.1])
     plain, early, late = make("isolated").at(-1.0).splats, model.at(-1.0).splats, model.at(1.0).splats
     expected = torch.zeros(60, 3)
     expected[5] = 5 / 6 * torch.tensor([0.3, -0.2, 0.1])  # the outermost knot is repeated
@@ -173,38 +174,38 @@ def test_still_gaussians_never_enter_the_field_and_the_picture_stays(routing):
 def test_lifetimes_fade_what_is_transient_and_leave_the_rest_alone_for_ever():
     model = make("isolated")
     with torch.no_grad():
-        model.canonical["lifetimes"][0] = torch.tensor([0.5, 10.0])
+        model.canonical["temporal_windows"][0] = torch.tensor([0.5, 10.0])
     at, away = model.at(0.5).splats.opacities, model.at(-0.5).splats.opacities
     assert torch.equal(at[1:], away[1:])
     assert at[0] == model.canonical["logits"][0].sigmoid()
     assert away[0] < 1e-6
     away.sum().backward()
-    assert model.canonical["lifetimes"].grad is None, "lifetimes are given, not learned"
+    assert model.canonical["temporal_windows"].grad is None, "lifetimes are given, not learned"
 
 
 def test_what_exists_for_a_while_goes_straight_on_and_the_rest_never_does():
     model = make("isolated")
     stir(model)
     with torch.no_grad():
-        model.canonical["lifetimes"][:30] = torch.tensor([0.25, 8.0])
-        model.canonical["lifetimes"][30:, 1] = 0
-        model.canonical["drifts"].copy_(torch.randn(len(model), 3))
-    drifts = model.canonical["drifts"].detach().clone()
+        model.canonical["temporal_windows"][:30] = torch.tensor([0.25, 8.0])
+        model.canonical["temporal_windows"][30:, 1] = 0
+        model.canonical["velocities"].copy_(torch.randn(len(model), 3))
+    velocities = model.canonical["velocities"].detach().clone()
 
     def own(t):
         with torch.no_grad():
             moved = model.at(t).splats.means
-            model.canonical["drifts"].zero_()
+            model.canonical["velocities"].zero_()
             field = model.at(t).splats.means
-            model.canonical["drifts"].copy_(drifts)
+            model.canonical["velocities"].copy_(velocities)
             assert torch.allclose(model.means_at(t), moved, atol=1e-6)
             assert torch.allclose(model.at(-1.0, other=t).there, moved, atol=1e-6)
-            assert torch.allclose(model.drift_at(t), moved - field, atol=1e-6)
+            assert torch.allclose(model.travel_at(t), moved - field, atol=1e-6)
         return moved - field
 
     for t, lives in ((0.25, 0.0), (0.25 + 1 / 8, 1.0), (0.25 - 1 / 16, -0.5), (1.0, 2.0), (-1.0, -2.0)):
-        assert torch.allclose(own(t)[:30], lives * drifts[:30], atol=1e-6)
+        assert torch.allclose(own(t)[:30], lives * velocities[:30], atol=1e-6)
         assert not own(t)[30:].any()
     model.at(0.3).splats.means.square().sum().backward()
-    assert model.canonical["drifts"].grad[:30].all()
-    assert not model.canonical["drifts"].grad[30:].any()
+    assert model.canonical["velocities"].grad[:30].all()
+    assert not model.canonical["velocities"].grad[30:].any()

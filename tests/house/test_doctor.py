@@ -8,8 +8,8 @@ import sys
 import cv2
 import pytest
 import torch
-from degense.app import diagnostics as doctor
 
+from degense.app import diagnostics as doctor
 from tests.house.source import ROOT
 
 

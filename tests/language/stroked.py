@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from degense.engine.camera import Camera
 from degense.engine.clip import UNLABELLED, Clip
 

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+
 from degense.engine.errors import PromptError
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.vocabulary import surgical_vocabulary

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
+
 from degense.engine.errors import DegenseError
 from degense.engine.semantics import keep_encoder, open_encoder
 from degense.engine.semantics.models.model_folder import find_model, is_open_clip, model_digest
@@ -16,8 +18,6 @@ from degense.engine.semantics.models.vlm_models import DEVIATION, MEAN, DenseMod
 from degense.engine.semantics.teachers import answered, teacher_by_name
 from degense.engine.semantics.teachers.vlm import VlmTeacher
 from degense.engine.semantics.text.towers import encoder_at
-from safetensors.torch import load_file, save_file
-
 from tests.fakes import MemoryClip
 from tests.language.open_clip_models import CONFIG, CONTEXT, write_open_clip
 from tests.language.tiny_models import write_model

@@ -6,12 +6,12 @@ import zipfile
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import ClipError, DegenseError
 from degense.engine.semantics.teachers import PrecomputedTeacher, feature_files, teacher_by_name, teacher_choices
 from degense.engine.semantics.teachers.precomputed import TEXT_VECTORS
 from degense.engine.semantics.text.text_vectors import write_vectors
-
 from tests.language.peers import DIMENSION, WRITERS, class_vectors
 from tests.readers.makers import save, tissue
 

@@ -5,11 +5,11 @@ import time
 
 import numpy as np
 import pytest
+
 from degense.engine.errors import Cancelled, DegenseError
 from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.teachers import LabelTeacher, answered
 from degense.engine.semantics.teachers import answer_store as store
-
 from tests.fakes import MemoryClip
 
 

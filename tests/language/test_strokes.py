@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+
 from degense.engine.errors import ClipError
 from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.teachers import StrokeTeacher
 from degense.engine.semantics.teachers.soft import soft_targets
-
 from tests.language.stroked import HONEST, StrokedClip
 
 

@@ -5,6 +5,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.labels import read_classes
 from degense.engine.data.readers import open_clip

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from degense.engine.camera import Camera
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.errors import ClipError

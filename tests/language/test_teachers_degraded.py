@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+
 from degense.engine.errors import DegenseError
 from degense.engine.research.degraded_teachers import confusable
 from degense.engine.semantics.teachers import VLM_LIKE, Degradation, DegradedTeacher, LabelTeacher, teacher_by_name
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
-
 from tests.fakes import MemoryClip, MovingWall
 
 

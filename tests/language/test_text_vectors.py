@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from safetensors.numpy import save_file
+from safetensors.torch import save_file as save_tensors
+
 from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.semantics import EmbeddedEncoder, TextVectors, keep_encoder, open_encoder
 from degense.engine.semantics.text.run_encoder import KEPT
 from degense.engine.semantics.text.text_vectors import read_vectors
-from safetensors.numpy import save_file
-from safetensors.torch import save_file as save_tensors
 
 NAMES = ("liver", "Grasper", "l_hook", "background", "widget")
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 import transformers
+
 from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.semantics import keep_encoder, open_encoder
 from degense.engine.semantics.models import templates
 from degense.engine.semantics.text.towers import encoder_at
-
 from tests.language.tiny_models import write_model
 
 LETTERS = "abcdefghijklmnopqrstuvwxyz"

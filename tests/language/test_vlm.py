@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.errors import ClipError, DegenseError
 from degense.engine.semantics.models.model_folder import find_model
 from degense.engine.semantics.models.templates import TEMPLATES
@@ -14,7 +15,6 @@ from degense.engine.semantics.models.vlm_models import DenseModel
 from degense.engine.semantics.teachers import answered, teacher_by_name, teacher_choices
 from degense.engine.semantics.teachers.vlm import VlmTeacher
 from degense.engine.semantics.text.towers import encoder_at
-
 from tests.fakes import MemoryClip
 from tests.language.tiny_models import write_model
 

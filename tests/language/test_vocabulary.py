@@ -3,6 +3,7 @@
 import itertools
 
 import pytest
+
 from degense.engine.errors import PromptError
 from degense.engine.semantics.text.spelling import edit_distance
 from degense.engine.semantics.text.vocabulary import Concept, Vocabulary, surgical_vocabulary

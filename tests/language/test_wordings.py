@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from degense.engine.errors import PromptError
 from degense.engine.semantics import EmbeddedEncoder, fit_basis
-from degense.engine.semantics.masks import MaskQuery
+from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.text.vocabulary import surgical_vocabulary
-
 from tests.language.wordings import FOREIGN, HELD_OUT
 
 CLASSES = tuple(HELD_OUT)
@@ -45,17 +45,17 @@ ABROAD = {
 
 
 @pytest.fixture(scope="module")
-def asked() -> tuple[MaskQuery, EmbeddedEncoder, np.ndarray]:
+def asked() -> tuple[FrameSemantics, EmbeddedEncoder, np.ndarray]:
     """A picture with one square of each class, its encoder, and the true labels."""
     encoder = EmbeddedEncoder(CLASSES)
     labels = np.repeat(np.repeat(np.arange(9).reshape(3, 3), SIDE, 0), SIDE, 1)
     vectors = encoder.encode(CLASSES)
     basis = fit_basis(vectors, np.ones(len(vectors)))
     rgb = np.stack([20 * labels + 40, 200 - 15 * labels, 90 + 0 * labels], -1).astype(np.uint8)
-    return MaskQuery(rgb, basis.project(vectors)[labels], basis), encoder, labels
+    return FrameSemantics(rgb, basis.project(vectors)[labels], basis), encoder, labels
 
 
-def answer(asked: tuple[MaskQuery, EmbeddedEncoder, np.ndarray], text: str) -> np.ndarray | None:
+def answer(asked: tuple[FrameSemantics, EmbeddedEncoder, np.ndarray], text: str) -> np.ndarray | None:
     query, encoder, _ = asked
     try:
         meant, excluded = encoder.expand(text), encoder.exclude(text)

@@ -3,6 +3,7 @@
 import shutil
 
 import pytest
+
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.scene import Scene

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.errors import DegenseError
 from degense.engine.layers import LAYERS, LayerRequest, layer_range
 from degense.engine.layers.kinematics import growths, speeds, turns

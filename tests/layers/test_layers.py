@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.layers import LAYERS, LayerImage, LayerRequest, layer_range

@@ -1,6 +1,7 @@
 """Specks and holes, by hand-made pictures."""
 
 import numpy as np
+
 from degense.engine.semantics.masks.cleaning import without_holes, without_specks
 
 

@@ -1,14 +1,14 @@
-"""`MaskQuery`: decoders, caches, prompts that cover several classes, and pictures of any kind."""
+"""`FrameSemantics`: decoders, caches, prompts that cover several classes, and pictures of any kind."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.semantics import EmbeddedEncoder, fit_basis
-from degense.engine.semantics.masks import DECODERS, MaskQuery, Question
-
+from degense.engine.semantics.masks import DECODERS, FrameSemantics, Question
 from tests.masks.scenes import latents, overlap, scene
 
 CLASSES = ("liver", "fat", "gallbladder", "grasper", "L-hook electrocautery")
@@ -23,7 +23,7 @@ def asked():
     encoder = EmbeddedEncoder(CLASSES)
     vectors = encoder.encode(CLASSES)
     basis = fit_basis(vectors, np.ones(len(vectors)))
-    return MaskQuery(rgb, latents(labels, basis.project(vectors), 0.5, 0.05, 0.002), basis), vectors, encoder, labels
+    return FrameSemantics(rgb, latents(labels, basis.project(vectors), 0.5, 0.05, 0.002), basis), vectors, encoder, labels
 
 
 def test_similarity_is_the_cosine_in_the_long_space(asked):
@@ -81,7 +81,7 @@ def test_where_two_classes_mix_the_shares_decide_and_the_threshold_moves_the_bor
     basis = fit_basis(np.eye(2), np.ones(2))
     share = np.broadcast_to(np.linspace(0, 1, 201, dtype=np.float32), (40, 201))
     latent = np.stack([share, 1 - share], -1) @ basis.matrix
-    query, vectors = MaskQuery(np.full((40, 201, 3), 90, np.uint8), latent.astype(np.float32), basis), np.eye(2, dtype=np.float32)
+    query, vectors = FrameSemantics(np.full((40, 201, 3), 90, np.uint8), latent.astype(np.float32), basis), np.eye(2, dtype=np.float32)
     for decoder in ("rnse", "rnse+argmax"):
         first, second = (query.mask(vector, decoder, 0.5, vectors) for vector in vectors)
         assert abs(first[20].sum() - 100) <= 2
@@ -111,8 +111,8 @@ def test_asked_alone_or_together_is_the_same_to_the_last_bit(asked, device):
     _, vectors, encoder, _ = asked
     rgb, latent = asked[0]._aggregation._rgb, asked[0]._aggregation.unit
 
-    def new() -> MaskQuery:
-        return MaskQuery(*((rgb, latent) if device == "memory" else map(torch.from_numpy, (rgb, latent))), asked[0].basis)
+    def new() -> FrameSemantics:
+        return FrameSemantics(*((rgb, latent) if device == "memory" else map(torch.from_numpy, (rgb, latent))), asked[0].basis)
 
     questions = [Question(encoder.expand(text), encoder.exclude(text)) for text in ("liver", "tool, not grasper", "fat", "tissue")]
     for decoder in DECODERS:
@@ -131,7 +131,7 @@ def test_frames_asked_in_several_threads_at_once_are_the_same(asked, device):
     rgb, latent = asked[0]._aggregation._rgb, asked[0]._aggregation.unit
 
     def masks(_: int) -> np.ndarray:
-        query = MaskQuery(*((rgb, latent) if device == "memory" else map(torch.from_numpy, (rgb, latent))), asked[0].basis)
+        query = FrameSemantics(*((rgb, latent) if device == "memory" else map(torch.from_numpy, (rgb, latent))), asked[0].basis)
         return query.masks([Question(vector) for vector in vectors], negatives=vectors)
 
     with ThreadPoolExecutor(4) as pool:
@@ -150,7 +150,7 @@ def test_what_is_excluded_leaves_the_mask_whatever_the_decoder(asked, decoder):
 def test_alpha_weighs_the_similarity(asked):
     query, vectors, _, _ = asked
     alpha = np.full((200, 256), 0.25, np.float32)
-    thin = MaskQuery(query._aggregation._rgb, query._aggregation.unit, query.basis, alpha)
+    thin = FrameSemantics(query._aggregation._rgb, query._aggregation.unit, query.basis, alpha)
     np.testing.assert_allclose(thin.similarity(vectors[0]), 0.25 * query.similarity(vectors[0]), atol=1e-5)
     assert not thin.mask(vectors[0]).any()
 
@@ -168,7 +168,7 @@ def test_no_picture_is_too_odd(decoder, shape, kind):
         "nan": np.full((*shape, 1), np.nan),
     }[kind].astype(np.float32)
     basis = fit_basis(np.eye(4)[:1], np.ones(1))
-    query = MaskQuery(rgb, latent, basis, np.ones(shape, np.float32))
+    query = FrameSemantics(rgb, latent, basis, np.ones(shape, np.float32))
     vectors = np.eye(4, dtype=np.float32)[:2]
     assert np.isfinite(query.similarity(vectors[0])).all()
     assert np.isfinite(query.refined(vectors[0])).all()
@@ -188,11 +188,11 @@ def test_wrong_shapes_are_refused(asked):
     query, vectors, _, _ = asked
     rgb, unit, basis = query._aggregation._rgb, query._aggregation.unit, query.basis
     with pytest.raises(ValueError, match="latent must be"):
-        MaskQuery(rgb, unit[..., :2], basis)
+        FrameSemantics(rgb, unit[..., :2], basis)
     with pytest.raises(ValueError, match="rgb must be"):
-        MaskQuery(rgb.astype(np.float32), unit, basis)
+        FrameSemantics(rgb.astype(np.float32), unit, basis)
     with pytest.raises(ValueError, match="alpha must be"):
-        MaskQuery(rgb, unit, basis, np.ones((2, 2), np.float32))
+        FrameSemantics(rgb, unit, basis, np.ones((2, 2), np.float32))
     with pytest.raises(ValueError, match="unknown decoder 'magic'"):
         query.mask(vectors[0], "magic")
     with pytest.raises(ValueError, match="1 to 255 classes"):

@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from degense.engine.semantics import EmbeddedEncoder, fit_basis
-from degense.engine.semantics.masks import MaskQuery, superpixels
 
+from degense.engine.semantics import EmbeddedEncoder, fit_basis
+from degense.engine.semantics.masks import FrameSemantics, superpixels
 from tests.masks.scenes import latents, overlap
 
 ROOT = Path(os.environ.get("DEGENSE_CLIPS", Path(__file__).parents[2] / ".." / "shared" / "clips")) / "cholec160"
@@ -39,7 +39,7 @@ def test_spoilt_features_are_repaired(frame):
     assert encoder.literal == ()
     vectors = encoder.encode(classes)
     basis = fit_basis(vectors, np.ones(len(vectors)))
-    query = MaskQuery(rgb, latents(np.minimum(labels, len(classes) - 1), basis.project(vectors), 2.0, 0.4, 0.004), basis)
+    query = FrameSemantics(rgb, latents(np.minimum(labels, len(classes) - 1), basis.project(vectors), 2.0, 0.4, 0.004), basis)
     present = [c for c in range(len(classes)) if (labels == c).any()]
     score = {
         d: np.mean([overlap(query.mask(vectors[c], d, 0.5, vectors), labels == c) for c in present])

@@ -4,15 +4,15 @@ import cv2
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.metrics.masks import boundary_f, iou
 from degense.engine.research.bench.mask_scenes import DEGRADATIONS, hand_frame, phantom_frame
 from degense.engine.semantics import EmbeddedEncoder, fit_basis
-from degense.engine.semantics.masks import DECODERS, MaskQuery, rnse, rnse_torch, superpixels
+from degense.engine.semantics.masks import DECODERS, FrameSemantics, rnse, rnse_torch, superpixels
 from degense.engine.semantics.masks.guided_filter import RADIUS, GuidedFilter
 from degense.engine.semantics.masks.rnse_cpu import CpuAggregation, find_evidence
 from degense.engine.semantics.masks.similarity import normalised
 from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
-
 from tests.masks.scenes import latents, overlap, scene
 
 FRAMES = {
@@ -29,7 +29,7 @@ def asked(frame, degradation, seed=0, tensors=False):
     basis = fit_basis(vectors, np.ones(len(vectors)))
     latent = DEGRADATIONS[degradation].apply(frame.labels, basis.project(vectors), seed)
     picture = (torch.from_numpy(frame.rgb), torch.from_numpy(latent)) if tensors else (frame.rgb, latent)
-    return MaskQuery(*picture, basis), vectors
+    return FrameSemantics(*picture, basis), vectors
 
 
 def ramp(value, ends):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from degense.engine.semantics.masks.similarity import cosines, normalised
 
 

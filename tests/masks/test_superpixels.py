@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from degense.engine.semantics.masks.superpixels import superpixels
 
+from degense.engine.semantics.masks.superpixels import superpixels
 from tests.masks.scenes import scene
 
 

@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
+
 from degense.engine.errors import ClipError
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.metrics.masks import MaskScores
 from degense.engine.semantics.masks import DECODERS
-
 from tests.fakes import MemoryClip
 
 #: What `degense eval --json` promises to outside scripts.

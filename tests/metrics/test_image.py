@@ -6,6 +6,7 @@ import types
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.metrics import image
 from degense.engine.metrics.image import ImageScores, psnr, psnr_masked_product, ssim
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+
 from degense.engine.metrics.motion import MotionScores
 
 

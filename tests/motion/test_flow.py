@@ -6,9 +6,9 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.motion import chain, confidence, consistent, flow_between, follow, sample, steps_between
-
 from tests.phantom.files import load
 
 

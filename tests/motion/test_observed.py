@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+
 from degense.engine.motion import observed as module
 from degense.engine.motion.observed import ObservedMotion
-
 from tests.fakes import MovingWall
 
 

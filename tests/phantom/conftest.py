@@ -1,6 +1,7 @@
 """Small phantoms, made once for all tests here."""
 
 import pytest
+
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 
 

@@ -5,10 +5,10 @@ import json
 import cv2
 import numpy as np
 import pytest
-from degense.engine.data.readers import open_clip
-from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from PIL import Image
 
+from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from tests.phantom.files import load
 from tests.phantom.test_phantom import inside, look_up
 

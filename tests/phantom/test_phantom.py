@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from degense.engine.data.synthetic import PhantomOptions, make_phantom
-from degense.engine.errors import Cancelled, DegenseError
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.errors import Cancelled, DegenseError
 from tests.phantom.files import load
 
 

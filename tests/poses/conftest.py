@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.data.synthetic.motion import Script
 

@@ -1,10 +1,11 @@
 """The joint fit against cameras and points written down, and its derivatives against differences."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+
 from degense.engine.camera import Camera
 from degense.engine.data.poses.bundle import _moved, _residuals, _unproject, projected, refine
 from degense.engine.data.poses.tracks import Track
-from scipy.spatial.transform import Rotation
 
 CAMERA = Camera(160, 128, 130.0, 128.0, 81.0, 63.0)
 

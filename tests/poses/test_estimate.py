@@ -1,13 +1,13 @@
 """Poses of phantoms against their truth; a still camera stays still; clips that show nothing say so."""
 
-import degense.engine.data.poses.tracks as tracks
 import numpy as np
 import pytest
+
+import degense.engine.data.poses.tracks as tracks
 from degense.engine.data.poses import PoseEstimate, estimate_poses, find_cameras
 from degense.engine.data.poses.tracks import Lost
 from degense.engine.data.readers import open_clip
 from degense.engine.metrics.poses import pose_errors
-
 from tests.fakes import MemoryClip
 
 

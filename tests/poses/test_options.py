@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from degense.app.cli.main import main
 from degense.engine.data.readers import ClipOptions, open_clip
 from degense.engine.errors import ClipError

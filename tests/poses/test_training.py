@@ -1,8 +1,9 @@
 """Training finds the cameras first, keeps them in the run, and resumes with the same ones."""
 
-import degense.engine.training.job as job
 import numpy as np
 import pytest
+
+import degense.engine.training.job as job
 from degense.engine.data.readers import open_clip
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.scene import Scene

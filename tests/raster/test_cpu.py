@@ -6,6 +6,7 @@ import threading
 
 import pytest
 import torch
+
 from degense.engine.raster import cpu, rasterize
 from degense.engine.raster.check import Case, cases, compare, draw
 from degense.engine.raster.scenes import random_scene

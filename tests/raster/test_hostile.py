@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from degense.engine.camera import Camera
 from degense.engine.raster import check, rasterize
 from degense.engine.raster.check import Case, compare, hostile_cases
 from degense.engine.raster.scenes import random_scene
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 SEED = 5
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.camera import Camera
 from degense.engine.raster import camera_depths, rasterize
 from degense.engine.raster.reference import project

@@ -9,9 +9,9 @@ import zlib
 
 import numpy as np
 import pytest
+
 from degense.engine.data.readers import ClipOptions, detect, open_clip
 from degense.engine.errors import ClipError
-
 from tests.readers.makers import HEIGHT, WIDTH, save, tissue, write_camera, write_endonerf, write_frames
 
 

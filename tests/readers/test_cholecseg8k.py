@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.readers import detect, open_clip
 from degense.engine.data.readers.cholecseg8k import CLASSES, NAMES, from_colours, from_watershed
 from degense.engine.errors import ClipError
-
 from tests.readers.makers import HEIGHT, WIDTH, disc, save, tissue
 
 # written down from the data set's table, independently of the reader's

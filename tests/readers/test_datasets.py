@@ -3,11 +3,11 @@
 import json
 
 import pytest
+
 from degense.app.cli.main import main
 from degense.engine.data.readers import open_clip
 from degense.engine.data.readers.datasets import list_clips
 from degense.engine.errors import ClipError
-
 from tests.readers import test_cholecseg8k, test_endovis18
 from tests.readers.makers import save
 

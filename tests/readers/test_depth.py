@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine.camera import Camera
 from degense.engine.data.depth import STRENGTH, DepthPrior
 from degense.engine.data.readers import open_clip
-
 from tests.readers.makers import save
 
 WIDTH, HEIGHT = 320, 256

@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.readers import detect, open_clip
 from degense.engine.data.readers.endovis18 import CLASSES
 from degense.engine.errors import ClipError
-
 from tests.readers.makers import disc, save, tissue
 
 WIDTH, HEIGHT = 80, 64  # 5 : 4, as the published frames

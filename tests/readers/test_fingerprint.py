@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.data.readers import fingerprint, open_clip
-
 from tests.readers.makers import save, tissue, write_endonerf, write_frames, write_video
 
 

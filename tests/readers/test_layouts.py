@@ -5,9 +5,9 @@ import json
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.readers import ClipOptions, describe, detect, open_clip
-
 from tests.readers.makers import HEIGHT, WIDTH, save, tissue, tool, write_camera, write_endonerf, write_frames, write_poses
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from degense.engine.data.readers import ClipOptions, open_clip
-from degense.engine.errors import ClipError
 from scipy.spatial.transform import Rotation
 
+from degense.engine.data.readers import ClipOptions, open_clip
+from degense.engine.errors import ClipError
 from tests.readers.makers import HEIGHT, WIDTH, write_endonerf, write_poses
 
 

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from degense.engine.data.readers import ClipOptions, detect, open_clip
 from PIL import Image
+
+from degense.engine.data.readers import ClipOptions, detect, open_clip
 
 PACKED = Path(__file__).resolve().parents[2].parent / "shared/clips"
 

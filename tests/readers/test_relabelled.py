@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.readers import open_clip, with_labels
 from degense.engine.errors import ClipError
 from degense.engine.semantics.teachers import teacher_by_name, teacher_choices
-
 from tests.readers.makers import HEIGHT, WIDTH, save, write_frames
 
 

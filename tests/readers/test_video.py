@@ -5,10 +5,10 @@ import tracemalloc
 import cv2
 import numpy as np
 import pytest
+
 from degense.engine.data.readers import ClipOptions, detect, open_clip
 from degense.engine.data.readers.video import VideoFrames
 from degense.engine.errors import ClipError
-
 from tests.readers.makers import disc, tissue, write_video
 
 

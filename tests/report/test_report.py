@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from degense.engine.research.report import Entry, Picture, write_report
 from degense.engine.research.report.charts import Line, chart
 from degense.engine.research.report.entry import Figure

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.layers import LAYERS, LayerRequest
 from degense.engine.scene import Scene, clip_query
 from degense.engine.scene.clip_query import ClipQuestion, masks_at, query_clip
-from degense.engine.semantics.masks import DECODERS, MaskQuery
+from degense.engine.semantics.masks import DECODERS, FrameSemantics
 
 PROMPTS = ("liver", "tool", "gallbladder, not liver", "Fett", "tool, not grasper")
 
@@ -60,7 +61,7 @@ def test_as_many_frames_are_in_flight_as_memory_allows(fresh, monkeypatch):
     frames: list[int] = []
     original = Scene.query
 
-    def counted(self: Scene, frame: float, camera=None) -> MaskQuery:
+    def counted(self: Scene, frame: float, camera=None) -> FrameSemantics:
         frames.append(int(frame))
         return original(self, frame, camera)
 

@@ -7,6 +7,7 @@ import shutil
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.layers import LAYERS, LayerRequest
@@ -86,10 +87,10 @@ def test_states_without_latents_are_the_same_gaussians(fresh):
 def test_drifts_are_drawn_but_are_no_displacement(fresh):
     model, frame = fresh.model, 5
     before = fresh.displacement(frame), fresh.carried(frame)
-    kept = {name: model.canonical[name].clone() for name in ("lifetimes", "drifts")}
+    kept = {name: model.canonical[name].clone() for name in ("temporal_windows", "velocities")}
     with torch.no_grad():
-        model.canonical["lifetimes"].copy_(torch.tensor([fresh.time(frame) + 0.01, 0.1]))
-        model.canonical["drifts"].fill_(0.5)
+        model.canonical["temporal_windows"].copy_(torch.tensor([fresh.time(frame) + 0.01, 0.1]))
+        model.canonical["velocities"].fill_(0.5)
     try:
         there = Scene(fresh.run, model, fresh.basis, fresh.encoder, fresh.clip, support=fresh.support)
         assert torch.allclose(there.displacement(frame), before[0], atol=1e-4)
@@ -107,21 +108,21 @@ def test_displacement_looks_through_what_comes_and_goes(fresh):
     """As if it were not there; where nothing lasts, it counts itself."""
     model, frame, rows = fresh.model, 5, torch.randperm(len(fresh.model), generator=torch.Generator().manual_seed(0))
     brief, others = rows[: len(rows) // 3], rows[len(rows) // 3 :]
-    kept = {name: model.canonical[name].clone() for name in ("lifetimes", "logits")}
+    kept = {name: model.canonical[name].clone() for name in ("temporal_windows", "logits")}
 
     def displacement():
         return Scene(fresh.run, model, fresh.basis, fresh.encoder, fresh.clip).render(frame, None, ("displacement",))["displacement"]
 
     try:
         with torch.no_grad():
-            model.canonical["lifetimes"].zero_()
+            model.canonical["temporal_windows"].zero_()
             before = displacement()
             model.canonical["logits"][brief] = -30.0  # what is not seen does not count
             wanted = displacement()
             model.canonical["logits"].copy_(kept["logits"])
-            model.canonical["lifetimes"][brief] = torch.tensor([fresh.time(frame), 1e-3])
+            model.canonical["temporal_windows"][brief] = torch.tensor([fresh.time(frame), 1e-3])
             through = displacement()
-            model.canonical["lifetimes"][others] = torch.tensor([fresh.time(frame), 1e-3])
+            model.canonical["temporal_windows"][others] = torch.tensor([fresh.time(frame), 1e-3])
             nothing_lasts = displacement()
     finally:
         with torch.no_grad():

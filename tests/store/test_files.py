@@ -4,6 +4,7 @@ import os
 
 import pytest
 import torch
+
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import replacing
 from degense.engine.splats import Splats

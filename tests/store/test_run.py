@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.camera import Camera
 from degense.engine.errors import RunError
 from degense.engine.field import FieldConfig, SceneModel
@@ -58,9 +59,9 @@ def test_damaged_cameras_are_refused(change):
 
 def small(rank=2):
     generator = torch.Generator().manual_seed(3)
-    shapes = {"means": 3, "log_scales": 3, "quats": 4, "colors": 3, "semantics": rank, "lifetimes": 2, "drifts": 3}
+    shapes = {"means": 3, "log_scales": 3, "quats": 4, "colors": 3, "semantics": rank, "temporal_windows": 2, "velocities": 3}
     canonical = {name: torch.randn(5, width, generator=generator) for name, width in shapes.items()}
-    canonical |= {"logits": torch.randn(5, generator=generator), "tints": torch.randn(5, 2, 3, generator=generator)}
+    canonical |= {"logits": torch.randn(5, generator=generator), "color_residuals": torch.randn(5, 2, 3, generator=generator)}
     config = FieldConfig(rank=rank, color_knots=2, channels=2, resolution=4, time_resolution=3, levels=(1,))
     return SceneModel(config, torch.tensor([[-1.0, -1, -1], [1, 1, 1]]), canonical)
 
@@ -98,7 +99,7 @@ def test_a_model_comes_back(moving, responds):
     if moving is not None:
         model.set_moving(torch.tensor(moving))
     if responds:
-        model.set_responses(torch.randn(5, 3, 2))
+        model.set_semantic_coefficients(torch.randn(5, 3, 2))
     again = build_model(model.config.to_json(), dict(model.state_dict()), FILE)
     for name, tensor in model.state_dict().items():
         assert torch.equal(tensor, again.state_dict()[name]), name
@@ -107,9 +108,9 @@ def test_a_model_comes_back(moving, responds):
 def test_a_model_of_a_version_without_drifts_comes_back(tmp_path):
     model, run = small(), Run(tmp_path, {})
     run.info |= {"field": model.config.to_json(), "state": "finished"}
-    write_tensors(tmp_path / "model.safetensors", {n: t for n, t in model.state_dict().items() if n != "canonical.drifts"})
+    write_tensors(tmp_path / "model.safetensors", {n: t for n, t in model.state_dict().items() if n != "canonical.velocities"})
     again = run.load_model().state_dict()
-    assert not again.pop("canonical.drifts").any()
+    assert not again.pop("canonical.velocities").any()
     assert all(torch.equal(tensor, model.state_dict()[name]) for name, tensor in again.items())
 
 
@@ -117,7 +118,7 @@ def test_a_model_of_a_version_without_drifts_comes_back(tmp_path):
     ("damage", "said"),
     [
         (lambda field, tensors: tensors.pop("bounds"), "lacks the canonical Gaussians"),
-        (lambda field, tensors: tensors.update(responses=torch.zeros(5, 3, 9)), "does not fit the configuration"),
+        (lambda field, tensors: tensors.update(semantic_coefficients=torch.zeros(5, 3, 9)), "does not fit the configuration"),
         (lambda field, tensors: tensors.pop("canonical.quats"), "lacks the canonical Gaussians"),
         (lambda field, tensors: tensors.pop("kinematics.states.weight"), "does not fit the configuration"),
         (lambda field, tensors: tensors.update(moving=torch.tensor([5])), "does not fit the configuration"),

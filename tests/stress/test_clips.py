@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.data.files.depth_files import read_depth
 from degense.engine.data.readers import ClipOptions, open_clip
 from degense.engine.errors import ClipError
@@ -14,7 +15,6 @@ from degense.engine.research.stress.long import difference, resumed_finding, tra
 from degense.engine.research.stress.outcome import sound
 from degense.engine.training import TrainConfig
 from degense.engine.training.frames import FARTHEST, TrainingFrames
-
 from tests.fakes import MemoryClip
 
 CASES = {case.name: case for case in clip_cases()}

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.engine.metrics.image import ImageScores
@@ -12,15 +15,12 @@ from degense.engine.metrics.masks import MaskScores
 from degense.engine.metrics.motion import MotionScores
 from degense.engine.research.stress.features import SpoiltTeacher, latent_kinds, loss_finding, mask_finding, teacher_kinds
 from degense.engine.research.stress.outcome import sound
-from degense.engine.semantics.masks import DECODERS, MaskQuery
+from degense.engine.semantics.masks import DECODERS, FrameSemantics
 from degense.engine.semantics.text.basis import Basis
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular, inverse_depth, photometric, region_smoothness, rigidity
 from degense.engine.training.semantic import targets as semantics
 from degense.engine.training.semantic.targets import SemanticTargets
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
 from tests.fakes import MemoryClip
 
 KINDS = latent_kinds()
@@ -54,7 +54,7 @@ def test_masks_of_any_latents_and_sizes(size, numbers, brightness, seed, thresho
     latent = random.choice(np.array(numbers, np.float32), (*size, 4))
     alpha = random.choice(np.array([0, 1, np.nan, np.inf, -1], np.float32), size)
     rgb = np.full((*size, 3), brightness, np.uint8)
-    query = MaskQuery(rgb, latent, Basis(np.eye(8, 4, dtype=np.float32), 1.0), alpha)
+    query = FrameSemantics(rgb, latent, Basis(np.eye(8, 4, dtype=np.float32), 1.0), alpha)
     vectors = random.normal(size=(3, 8)).astype(np.float32)
     for values in (query.similarity(vectors), query.refined(vectors[0])):
         assert values.shape == size
@@ -68,7 +68,7 @@ def test_masks_of_any_latents_and_sizes(size, numbers, brightness, seed, thresho
 
 
 def test_a_zero_prompt_means_nothing():
-    query = MaskQuery(np.zeros((8, 9, 3), np.uint8), np.ones((8, 9, 4), np.float32), Basis(np.eye(8, 4, dtype=np.float32), 1.0))
+    query = FrameSemantics(np.zeros((8, 9, 3), np.uint8), np.ones((8, 9, 4), np.float32), Basis(np.eye(8, 4, dtype=np.float32), 1.0))
     assert not query.similarity(np.zeros(8)).any()
     assert not query.mask(np.zeros(8)).any()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import ClipError
 from degense.engine.research.bench.child import peak_memory

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from degense.engine.raster.check import GRADIENT_TOLERANCE, Case, compare, draw
 from degense.engine.raster.reference import rasterize_reference
 from degense.engine.raster.scenes import draw_scene, random_scene
 from degense.engine.research.stress.outcome import sound
 from degense.engine.research.stress.scenes import draw_large, small_finding, stress_cases
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 TENSORS = 5
 quickly = settings(max_examples=40, deadline=None, derandomize=True)

@@ -8,9 +8,10 @@ import re
 from html.parser import HTMLParser
 
 import cv2
-import degense.engine.research.comparison
 import numpy as np
 import pytest
+
+import degense.engine.research.comparison
 from degense.app.cli.main import main
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.store.files import read_json

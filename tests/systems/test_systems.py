@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import degense.engine.training.job as job
 import numpy as np
 import pytest
 import torch
+
+import degense.engine.training.job as job
 from degense.engine.errors import DegenseError
 from degense.engine.research.systems import SYSTEMS, as_system, words_of
 from degense.engine.scene import Scene
@@ -15,7 +16,6 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.semantic import codebook
 from degense.engine.training.semantic.codebook import separation, two_levels
-
 from tests.fakes import MemoryClip
 
 TINY = {"iterations": 40, "max_gaussians": 400, "resolution": 8, "channels": 8, "device": "cpu", "fit": False, "semantic_steps": 20}
@@ -76,9 +76,11 @@ def test_colours_change_in_place_with_degense_only(scenes):
 def test_no_gaussian_of_a_peer_comes_or_goes(scenes):
     frames = TrainingFrames(MemoryClip(), 10_000, torch.device("cpu"))
     first, _ = initial_gaussians(frames, None, 400, 0, np.random.default_rng(0))
-    assert torch.count_nonzero(first["lifetimes"][:, 1]) > 0, "without flow, what moves would begin as Gaussians that live for a moment"
+    assert torch.count_nonzero(first["temporal_windows"][:, 1]) > 0, (
+        "without flow, what moves would begin as Gaussians that live for a moment"
+    )
     for name, scene in scenes.items():
-        assert name == "degense" or torch.count_nonzero(scene.model.canonical["lifetimes"][:, 1]) == 0, name
+        assert name == "degense" or torch.count_nonzero(scene.model.canonical["temporal_windows"][:, 1]) == 0, name
 
 
 def test_opengaussian_has_no_more_meanings_than_codes(scenes):

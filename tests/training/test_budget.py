@@ -5,19 +5,19 @@ import re
 from dataclasses import replace
 
 import cv2
-import degense.engine.training.job as job
 import numpy as np
 import pytest
 import torch
+
+import degense.engine.training.job as job
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.semantics.text.basis import Basis
 from degense.engine.training import PRESETS, TrainConfig, train
 from degense.engine.training.fitting.budget import choose, fit_budget
 from degense.engine.training.fitting.statistics import Statistics, gaussians_needed, knots_needed, noise_of
-from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
-
 from tests.fakes import MemoryClip, MovingWall
 
 
@@ -33,7 +33,7 @@ class PlainWall(MovingWall):
 def fitted(clip, **changes):
     frames = TrainingFrames(clip, 1 << 20, torch.device("cpu"))
     config = replace(TrainConfig.preset_of("balanced", device="cpu"), **changes)
-    return fit_budget(frames, config, MotionEvidence(frames) if len(clip.train_frames) > 1 else None)
+    return fit_budget(frames, config, FlowSupervision(frames) if len(clip.train_frames) > 1 else None)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_a_plain_still_scene_gets_little_and_a_busy_one_much(still, busy):
     assert full.appearance
     assert not plain.appearance
     assert still.statistics.motion < 0.1 < busy.statistics.motion
-    assert still.statistics.recolour < 2 < busy.statistics.recolour
+    assert still.statistics.delta_color < 2 < busy.statistics.delta_color
 
 
 def test_a_budget_is_never_more_than_the_preset(still, busy):
@@ -81,12 +81,12 @@ def test_what_is_given_by_hand_stays():
     clip = PlainWall(9, 64, 48, (0, 0, 0))
     config = TrainConfig.preset_of("quick", device="cpu", max_gaussians=9000, iterations=700)
     frames = TrainingFrames(clip, 1 << 20, torch.device("cpu"))
-    budget = fit_budget(frames, config, MotionEvidence(frames))
+    budget = fit_budget(frames, config, FlowSupervision(frames))
     assert (budget.config.max_gaussians, budget.config.iterations) == (9000, 700)
     assert {"max_gaussians", "iterations"}.isdisjoint(choice.setting for choice in budget.choices)
     assert budget.config.resolution < config.resolution
     preset = TrainConfig.preset_of("quick", device="cpu", max_gaussians=PRESETS["quick"]["max_gaussians"])
-    assert fit_budget(frames, preset, MotionEvidence(frames)).config.max_gaussians == PRESETS["quick"]["max_gaussians"]
+    assert fit_budget(frames, preset, FlowSupervision(frames)).config.max_gaussians == PRESETS["quick"]["max_gaussians"]
 
 
 def figures(**changes):
@@ -96,7 +96,7 @@ def figures(**changes):
         "unmatched": 0.5,
         "cells": 128,
         "knots": 1000,
-        "recolour": 100.0,
+        "delta_color": 100.0,
         "motion": 10.0,
         "believed": 0.9,
     }
@@ -128,9 +128,9 @@ def test_each_figure_decides_its_own_setting():
     assert set(differences(knots=4)) == {"time_resolution"}
     assert differences(cells=64) == {"levels": (1, 2), "resolution": 48}
     assert differences(cells=10) == {"levels": (1,), "resolution": 16}
-    assert differences(recolour=1.0) == {"appearance": False}
+    assert differences(delta_color=1.0) == {"appearance": False}
     assert differences(believed=0.0) == {"flow": 0.0}
-    assert differences(motion=0.0, recolour=1.0) == {"appearance": False, "iterations": 5_000}
+    assert differences(motion=0.0, delta_color=1.0) == {"appearance": False, "iterations": 5_000}
 
 
 def test_short_clips_need_fewer_steps():

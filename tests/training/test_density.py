@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.density import PRUNE_OPACITY, Density, rotate
@@ -13,7 +14,6 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.optimiser import make_optimiser
 from degense.engine.training.trainer import Trainer
-
 from tests.fakes import MemoryClip
 from tests.field.test_model import make
 
@@ -73,10 +73,10 @@ def test_what_lives_for_one_frame_of_a_long_clip_is_not_pruned_before_its_turn()
     clip = MemoryClip(32)
     frames = TrainingFrames(clip, 1 << 20, torch.device("cpu"))
     canonical, bounds = initial_gaussians(frames, None, 200, 0, np.random.default_rng(0))
-    lasting = canonical["lifetimes"][:, 1] == 0
-    canonical = {name: value[lasting] for name, value in canonical.items()}
+    persistent = canonical["temporal_windows"][:, 1] == 0
+    canonical = {name: value[persistent] for name, value in canonical.items()}
     brief, dead = slice(0, 20), slice(20, 40)
-    canonical["lifetimes"][brief] = torch.tensor([clip.time(17 + 1), 1e4])
+    canonical["temporal_windows"][brief] = torch.tensor([clip.time(17 + 1), 1e4])
     canonical["logits"][dead] = -9.0
     colours = {name: {tuple(c) for c in canonical["colors"][part].tolist()} for name, part in (("brief", brief), ("dead", dead))}
     model = SceneModel(FieldConfig(channels=8, resolution=8, time_resolution=4), bounds, canonical)
@@ -108,7 +108,7 @@ def test_what_is_seen_only_in_a_watched_frame_is_not_pruned():
     canonical, bounds = initial_gaussians(frames, None, 200, 0, np.random.default_rng(0))
     config = TrainConfig.preset_of("quick", iterations=2000, coarse_iterations=0, early_stop=True, rate_opacity=0.0, device="cpu")
     watched = validation_frames(clip.train_frames)[0]
-    canonical["lifetimes"][:40] = torch.tensor([clip.time(watched), 1e4])
+    canonical["temporal_windows"][:40] = torch.tensor([clip.time(watched), 1e4])
     model = SceneModel(FieldConfig(channels=8, resolution=8, time_resolution=4), bounds, canonical)
     trainer = Trainer(model, frames, None, None, config, lambda event: None)
     for _ in range(50):
@@ -141,7 +141,7 @@ def test_adam_keeps_the_moments_of_survivors_and_starts_children_at_zero():
     sum(p.square().sum() for p in model.parameters()).backward()
     optimizer.step()
     learned = {name for name, parameter in model.named_parameters() if parameter.requires_grad}
-    assert learned == {name for name, _ in model.named_parameters()} - {"canonical.lifetimes"}
+    assert learned == {name for name, _ in model.named_parameters()} - {"canonical.temporal_windows"}
     assert len(optimizer.state) == len(learned)
 
 

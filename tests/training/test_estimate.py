@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 import torch
+
 from degense.engine.errors import DegenseError
 from degense.engine.training.config import PRESETS, TrainConfig
 from degense.engine.training.fitting.estimate import estimate
-
 from tests.fakes import MemoryClip
 
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.camera import Camera
 from degense.engine.motion import consistent
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.training.flow.supervision import (
-    MotionEvidence,
+    FlowSupervision,
     Pair,
     look_up,
     motion_error,
@@ -17,7 +18,6 @@ from degense.engine.training.flow.supervision import (
     unproject,
 )
 from degense.engine.training.frames import TrainingFrames
-
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")
@@ -51,7 +51,7 @@ def points_on(clip, evidence, here, there, seed, count=300):
 
 def prepared(velocity, measured=True, **options):
     clip = MovingWall(velocity=velocity, measured=measured, **options)
-    return clip, MotionEvidence(TrainingFrames(clip, 1 << 20, CPU))
+    return clip, FlowSupervision(TrainingFrames(clip, 1 << 20, CPU))
 
 
 @pytest.mark.parametrize(("velocity", "measured", "seed"), [(SLIDING, True, 1), (SLIDING, False, 2), (COMING, True, 3)])
@@ -119,7 +119,7 @@ def test_a_jump_in_depth_is_no_motion():
             return depth
 
     clip = Torn(velocity=(0.0, 0.0, 0.0))
-    evidence = MotionEvidence(TrainingFrames(clip, 1 << 20, CPU))
+    evidence = FlowSupervision(TrainingFrames(clip, 1 << 20, CPU))
     here, _ = points_on(clip, evidence, 0, 4, 6)
     column = project(here, seen_by(clip.cameras[0]))[0][:, 0] * clip.size[0]
     whole = ((column - 48).abs() > 1).float()  # pixels at the rim of the tear see a mixture

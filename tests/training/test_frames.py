@@ -1,8 +1,8 @@
 """What a training keeps of its frames."""
 
 import torch
-from degense.engine.training.frames import TrainingFrames
 
+from degense.engine.training.frames import TrainingFrames
 from tests.fakes import MemoryClip
 
 CPU = torch.device("cpu")

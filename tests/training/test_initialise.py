@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from degense.engine.training.flow.supervision import MotionEvidence
+
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import filled, initial_gaussians, jittered_grid, key_count, unlike
-
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")
@@ -43,7 +43,7 @@ class Visited(MovingWall):
 
 def start(clip, budget=1200, motion=False, seed=0):
     frames = TrainingFrames(clip, 1 << 20, CPU)
-    evidence = MotionEvidence(frames) if motion else None
+    evidence = FlowSupervision(frames) if motion else None
     canonical, bounds = initial_gaussians(frames, evidence, budget, 3, np.random.default_rng(seed))
     position, z = frames.cameras[0].project(canonical["means"].double().numpy())
     return frames, canonical, bounds, position, z
@@ -66,7 +66,7 @@ def test_only_training_frames_are_read():
 def test_what_was_hidden_lasts_and_what_came_later_lives_around_its_time(seed):
     clip = Visited(seed=seed)
     _, canonical, _, position, _ = start(clip, seed=seed)
-    middle, rate = canonical["lifetimes"].numpy().T
+    middle, rate = canonical["temporal_windows"].numpy().T
     behind, patch = inside(position, clip.TOOL), inside(position, clip.PATCH)
     assert behind.sum() > 20
     assert (rate[behind] == 0).all()
@@ -118,19 +118,19 @@ class Passing(MovingWall):
 def test_what_passes_by_drifts_as_its_flow_says_and_what_stands_still_does_not(measured):
     clip = Passing(measured=measured)
     frames, canonical, _, position, z = start(clip, motion=True)
-    middle, rate = canonical["lifetimes"].double().numpy().T
+    middle, rate = canonical["temporal_windows"].double().numpy().T
     plate = np.zeros(len(z), bool)
     for index in clip.train_frames[2:-2]:
         rows, columns = clip.place(index)
         inner = np.s_[rows.start + 5 : rows.stop - 5, columns.start + 5 : columns.stop - 5]
         plate |= (rate > 0) & np.isclose(middle, clip.time(index)) & inside(position, inner)
     assert plate.sum() > 50
-    speed = (canonical["drifts"].double().numpy() * rate[:, None])[plate] * (clip.time(1) - clip.time(0))
+    speed = (canonical["velocities"].double().numpy() * rate[:, None])[plate] * (clip.time(1) - clip.time(0))
     pixels = speed[:, :2] / z[plate, None] * frames.cameras[0].fx
     assert np.abs(np.median(pixels, axis=0) - clip.PACE).max() < 0.3
     assert np.abs(speed[:, 2]).mean() < 0.01
-    assert not canonical["drifts"][canonical["lifetimes"][:, 1] == 0].any()
-    assert not start(clip)[1]["drifts"].any(), "without flow nothing is known"
+    assert not canonical["velocities"][canonical["temporal_windows"][:, 1] == 0].any()
+    assert not start(clip)[1]["velocities"].any(), "without flow nothing is known"
 
 
 def test_tissue_that_only_moved_gives_no_transients_when_its_flow_is_known():
@@ -139,7 +139,7 @@ def test_tissue_that_only_moved_gives_no_transients_when_its_flow_is_known():
     for motion in (False, True):
         _, canonical, _, position, _ = start(clip, motion=motion)
         middle = inside(position, np.s_[14:58, 14:82])  # what enters at the border is new
-        counts[motion] = int(((canonical["lifetimes"][:, 1] > 0).numpy() & middle).sum())
+        counts[motion] = int(((canonical["temporal_windows"][:, 1] > 0).numpy() & middle).sum())
     assert counts[False] > 100
     assert counts[True] < 0.1 * counts[False]
 
@@ -148,9 +148,9 @@ def test_points_lie_on_the_surface_in_its_colour():
     clip = Visited()
     _, canonical, bounds, position, z = start(clip)
     np.testing.assert_allclose(z, 1.0, atol=1e-5)  # median depth is the unit
-    lasting = (canonical["lifetimes"][:, 1] == 0).numpy() & ~inside(position, clip.TOOL)
-    rows, columns = position[lasting, 1].astype(int), position[lasting, 0].astype(int)
-    colour = canonical["colors"].numpy()[lasting] * 255
+    persistent = (canonical["temporal_windows"][:, 1] == 0).numpy() & ~inside(position, clip.TOOL)
+    rows, columns = position[persistent, 1].astype(int), position[persistent, 0].astype(int)
+    colour = canonical["colors"].numpy()[persistent] * 255
     assert np.median(np.abs(colour - cv2.GaussianBlur(clip.frame(0), (0, 0), 1)[rows, columns])) < 6
     means = canonical["means"]
     assert ((means >= bounds[0]) & (means <= bounds[1])).all(1).float().mean() > 0.98
@@ -161,8 +161,8 @@ def test_points_lie_on_the_surface_in_its_colour():
 def test_shapes_and_sizes():
     _, canonical, bounds, *_ = start(Visited())
     count = len(canonical["means"])
-    shapes = {"means": (3,), "log_scales": (3,), "quats": (4,), "logits": (), "colors": (3,), "tints": (0, 3)}
-    shapes |= {"lifetimes": (2,), "drifts": (3,), "semantics": (3,)}
+    shapes = {"means": (3,), "log_scales": (3,), "quats": (4,), "logits": (), "colors": (3,), "color_residuals": (0, 3)}
+    shapes |= {"temporal_windows": (2,), "velocities": (3,), "semantics": (3,)}
     assert {name: tuple(t.shape[1:]) for name, t in canonical.items()} == shapes
     assert all(len(t) == count and t.dtype == torch.float32 and bool(torch.isfinite(t).all()) for t in canonical.values())
     assert bounds.shape == (2, 3)
@@ -180,7 +180,7 @@ def test_the_budget_is_kept(make, budget):
 
 def test_one_frame_is_enough():
     _, canonical, *_ = start(MovingWall(1))
-    assert (canonical["lifetimes"] == 0).all()
+    assert (canonical["temporal_windows"] == 0).all()
 
 
 def test_unknown_depth_is_filled_from_the_nearest_known():

@@ -2,15 +2,15 @@
 
 import json
 
-import degense.engine.training.job as training
 import pytest
 import torch
+
+import degense.engine.training.job as training
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.scene import Scene
 from degense.engine.store import Run
 from degense.engine.store.files import read_tensors
 from degense.engine.training import TrainConfig, train
-
 from tests.fakes import MemoryClip
 
 

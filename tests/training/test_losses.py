@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from degense.engine.training.losses import angular, chord, inverse_depth, photometric, region_smoothness, rigidity, rows_of, ssim_map, unit
 from skimage.metrics import structural_similarity
+
+from degense.engine.training.losses import angular, chord, inverse_depth, photometric, region_smoothness, rigidity, rows_of, ssim_map, unit
 
 
 def test_ssim_agrees_with_scikit_image_away_from_the_border():

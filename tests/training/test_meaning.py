@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.raster import rasterize
 from degense.engine.semantics import EmbeddedEncoder
@@ -16,7 +17,6 @@ from degense.engine.training.semantic.distillation import CONSENT, LOOK_RIDGE, _
 from degense.engine.training.semantic.guided_upsampling import REACH, RIDGE, refined_by_regions
 from degense.engine.training.semantic.patches import BLUR
 from degense.engine.training.semantic.targets import SemanticTargets
-
 from tests.fakes import MemoryClip
 
 CPU = torch.device("cpu")
@@ -50,9 +50,9 @@ def test_where_nothing_changes_colour_the_lift_is_the_weighted_mean_of_what_is_s
     frames, targets = stage
     model = model_for(frames, targets)
     total = sum(spoken(model, targets, frames, frame)[0] for frame in targets.frames)
-    latents, responses = lift(model, targets, frames)
+    latents, semantic_coefficients = lift(model, targets, frames)
     np.testing.assert_allclose(latents, torch.nn.functional.normalize(total, dim=1), atol=2e-3)
-    assert not responses.any()
+    assert not semantic_coefficients.any()
 
 
 def test_where_colours_change_the_lift_is_a_ridge_regression_on_them(stage):
@@ -60,9 +60,11 @@ def test_where_colours_change_the_lift_is_a_ridge_regression_on_them(stage):
     frames, targets = stage
     model = model_for(frames, targets, color_knots=4)
     with torch.no_grad():
-        model.canonical["tints"].copy_(0.2 * torch.randn(model.canonical["tints"].shape, generator=torch.Generator().manual_seed(1)))
+        model.canonical["color_residuals"].copy_(
+            0.2 * torch.randn(model.canonical["color_residuals"].shape, generator=torch.Generator().manual_seed(1))
+        )
     said, share, colour = (torch.stack(parts) for parts in zip(*(spoken(model, targets, frames, i) for i in targets.frames), strict=True))
-    latents, responses = lift(model, targets, frames)
+    latents, semantic_coefficients = lift(model, targets, frames)
     canonical = model.canonical["colors"].detach().double()
     checked = 0
     for i in range(0, len(model), 7):
@@ -75,7 +77,7 @@ def test_where_colours_change_the_lift_is_a_ridge_regression_on_them(stage):
         slope = torch.linalg.solve(
             (centred.T * w) @ centred + LOOK_RIDGE * torch.eye(3, dtype=torch.float64), centred.T @ said[:, i] / share[:, i].sum()
         )
-        np.testing.assert_allclose(responses[i], slope / words.norm(), atol=5e-3)
+        np.testing.assert_allclose(semantic_coefficients[i], slope / words.norm(), atol=5e-3)
         np.testing.assert_allclose(latents[i], (words - (w @ c) @ slope) / words.norm(), atol=5e-3)
         checked += 1
     assert checked > 20
@@ -109,13 +111,13 @@ def test_what_changes_its_look_changes_its_name():
     model = model_for(frames, targets, color_knots=10)
     wanted = torch.tensor([30.0, 20, 20]) / 255 - torch.tensor([220.0, 140, 130]) / 255
     with torch.no_grad():
-        model.canonical["lifetimes"].zero_()  # nothing comes or goes: it changes its colour
+        model.canonical["temporal_windows"].zero_()  # nothing comes or goes: it changes its colour
         x, y = frames.cameras[0].project(model.canonical["means"].double().numpy())[0].T
         inside = torch.from_numpy((x > 16) & (x < 28) & (y > 12) & (y < 24))
-        model.canonical["tints"][inside, 5:] = wanted
-    latents, responses = lift(model, targets, frames)
+        model.canonical["color_residuals"][inside, 5:] = wanted
+    latents, semantic_coefficients = lift(model, targets, frames)
     model.canonical["semantics"].data.copy_(latents)
-    model.set_responses(responses)
+    model.set_semantic_coefficients(semantic_coefficients)
     vectors = torch.from_numpy(targets.basis.project(teacher.vectors)).float()
     for frame in (1, 9):  # both held out
         with torch.no_grad():
@@ -228,14 +230,14 @@ def test_only_meaning_changes_and_it_gets_better(stage):
     assert told == sorted(told)
     changed = {name for name, value in model.state_dict().items() if name not in before or not torch.equal(value, before[name])}
     assert changed
-    assert all(name.startswith(("semantic", "canonical.semantics", "responses")) for name in changed)
-    assert [name for name, parameter in model.named_parameters() if not parameter.requires_grad] == ["canonical.lifetimes"]
+    assert all(name.startswith(("semantic", "canonical.semantics", "semantic_coefficients")) for name in changed)
+    assert [name for name, parameter in model.named_parameters() if not parameter.requires_grad] == ["canonical.temporal_windows"]
     assert loss() < 0.25
     again = model_for(frames, targets)
     fit_meaning(again, targets, frames, config)
     assert all(torch.equal(a, b) for a, b in zip(model.state_dict().values(), again.state_dict().values(), strict=True))
     assert not fit_meaning(again, targets, frames, config, stop=lambda: True)
-    assert again.responses is None  # so that a training that is resumed finds the model it knows
+    assert again.semantic_coefficients is None  # so that a training that is resumed finds the model it knows
 
 
 def test_regions_read_a_line_through_the_patches_at_their_colour():

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.fitting.early_stopping import COOLDOWN
 from degense.engine.training.optimiser import DECAYING, SETTLED, set_rates

@@ -2,12 +2,12 @@
 
 import numpy as np
 import torch
+
 from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.teachers import Degradation, DegradedTeacher, LabelTeacher
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.semantic.patches import BLUR, Patches
 from degense.engine.training.semantic.targets import SemanticTargets
-
 from tests.fakes import MemoryClip
 
 CPU = torch.device("cpu")

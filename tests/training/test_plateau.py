@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
+
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
 from degense.engine.training.fitting.early_stopping import EarlyStop, Plateau, Schedule, validation_frames
-
 from tests.fakes import MemoryClip
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+
 from degense.engine.training.cuda_graphs import recorded
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.engine.field import FieldConfig, SceneModel
@@ -11,13 +12,12 @@ from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.masks import superpixels
 from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.config import TrainConfig
-from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.job import semantic_provenance
 from degense.engine.training.semantic.targets import SemanticTargets
 from degense.engine.training.trainer import Trainer
-
 from tests.fakes import MemoryClip, MovingWall
 
 CPU = torch.device("cpu")
@@ -25,7 +25,7 @@ CPU = torch.device("cpu")
 
 def prepared(clip, max_pixels=1 << 20, motion=False):
     frames = TrainingFrames(clip, max_pixels, CPU)
-    evidence = MotionEvidence(frames) if motion else None
+    evidence = FlowSupervision(frames) if motion else None
     teacher = LabelTeacher(clip, EmbeddedEncoder())
     return frames, evidence, teacher, SemanticTargets(teacher, frames, evidence)
 
@@ -157,7 +157,7 @@ def test_where_the_semantic_loss_of_a_trainer_may_go(routing):
     model = SceneModel(FieldConfig(routing, targets.basis.rank, channels=8, resolution=8, time_resolution=4), bounds, canonical)
     torch.manual_seed(1)
     for parameter in model.parameters():  # zero-initialised last layers would hide a way
-        if not parameter.any() and parameter is not model.canonical["lifetimes"]:
+        if not parameter.any() and parameter is not model.canonical["temporal_windows"]:
             torch.nn.init.normal_(parameter, 0, 0.02)
     trainer = Trainer(model, frames, targets, None, TrainConfig.preset_of("quick", routing=routing, device="cpu"), lambda event: None)
     trainer.iteration = trainer.config.coarse_iterations

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 import torch
+
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.layers import LAYERS, LayerRequest
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
-from degense.engine.training.flow.observability import motion_support
-from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.flow.observability import motion_observability
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
-
 from tests.fakes import MovingWall
 
 HOLE = (slice(10, 34), slice(8, 32))
@@ -40,9 +40,9 @@ def wall_of_gaussians(frames: TrainingFrames, depth: float) -> dict[str, torch.T
         "logits": torch.full((count,), 6.0),
         "colors": torch.full((count, 3), 0.5),
         "semantics": torch.zeros(count, 0),
-        "tints": torch.zeros(count, 0, 3),
-        "lifetimes": torch.zeros(count, 2),
-        "drifts": torch.zeros(count, 3),
+        "color_residuals": torch.zeros(count, 0, 3),
+        "temporal_windows": torch.zeros(count, 2),
+        "velocities": torch.zeros(count, 3),
     }
 
 
@@ -54,7 +54,7 @@ def half_plain():
     front, behind = wall_of_gaussians(frames, 1.0), wall_of_gaussians(frames, 1.2)
     canonical = {name: torch.cat([front[name], behind[name]]) for name in front}
     model = SceneModel(FieldConfig(resolution=4, time_resolution=2, levels=(1,)), torch.tensor([[-1.0, -1, 0], [1, 1, 2]]), canonical)
-    support = motion_support(model, frames, MotionEvidence(frames)).reshape(2, 24, 32)
+    support = motion_observability(model, frames, FlowSupervision(frames)).reshape(2, 24, 32)
     return support[0].numpy(), support[1].numpy()
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from degense.engine.camera import Camera
 from PySide6.QtWidgets import QWidget
+
+from degense.engine.camera import Camera
 
 
 @pytest.fixture

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from degense.engine.camera import Camera
 from scipy.spatial.transform import Rotation
+
+from degense.engine.camera import Camera
 
 
 def splatted(splats, camera: Camera, background=(0.0, 0.0, 0.0), dilation=0.3) -> np.ndarray:

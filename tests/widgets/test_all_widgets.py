@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar, QWidget
+
 from degense.app.features.inspect.probe_panel import ProbePanel
 from degense.app.features.prompts.panel import PromptBar
 from degense.app.features.train.monitor import TrainingMonitor
@@ -13,8 +16,6 @@ from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.theme import THEMES, apply_theme
 from degense.widgets.timeline import Timeline
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar, QWidget
 
 CONTROLS = (QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar)
 

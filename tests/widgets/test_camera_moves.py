@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from degense.widgets.splats.camera_moves import dolly, framing, orbit, pan, splat_at
 
 

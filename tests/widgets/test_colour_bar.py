@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from degense.engine.colour_maps import colour_table
-from degense.widgets.colour_bar import ColourBar
-from degense.widgets.frame.images import to_array
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit
+
+from degense.engine.colour_maps import colour_table
+from degense.widgets.colour_bar import ColourBar
+from degense.widgets.frame.images import to_array
 
 
 @pytest.fixture

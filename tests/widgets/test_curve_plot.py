@@ -6,14 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from degense.widgets.curve_plot import CurvePlot
-from degense.widgets.frame.images import to_array
-from degense.widgets.ticks import linear_ticks, log_ticks, short
 from hypothesis import given
 from hypothesis import strategies as st
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
+
+from degense.widgets.curve_plot import CurvePlot
+from degense.widgets.frame.images import to_array
+from degense.widgets.ticks import linear_ticks, log_ticks, short
 
 RED = QColor(255, 0, 0)
 

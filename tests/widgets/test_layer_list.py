@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from degense.app.features.viewer.layer_list import LayerList
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QCheckBox, QRadioButton, QSlider
+
+from degense.app.features.viewer.layer_list import LayerList
 
 LAYERS = [("rgb", "Colour", "", "what the camera sees"), ("depth", "Depth", "mm", "camera z"), ("warp", "Warp", "px", "‖model − flow‖")]
 

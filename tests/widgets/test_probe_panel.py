@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from degense.app.features.inspect.probe_panel import ProbePanel
-from degense.widgets.curve_plot import CurvePlot
-from degense.widgets.glyphs import GlyphButton
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QTableWidget
+
+from degense.app.features.inspect.probe_panel import ProbePanel
+from degense.widgets.curve_plot import CurvePlot
+from degense.widgets.glyphs import GlyphButton
 
 
 @pytest.fixture

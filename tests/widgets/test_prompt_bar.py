@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QAction, QColor, QKeySequence
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QMainWindow, QSlider
+
 from degense.app.features.prompts.panel import PromptBar
 from degense.app.features.prompts.prompt_row import PromptRow
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import consumes_key
 from degense.widgets.theme import class_colour
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QAction, QColor, QKeySequence
-from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QMainWindow, QSlider
 
 
 @pytest.fixture

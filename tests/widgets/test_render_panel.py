@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QColor, QWheelEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
 from degense.widgets.frame import picture_stack
 from degense.widgets.frame.images import to_array, to_qimage
 from degense.widgets.frame.panel_tools import RegionTool
 from degense.widgets.frame.picture_stack import COMPARE_MODES
 from degense.widgets.frame.render_panel import RenderPanel
-from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtGui import QColor, QWheelEvent
-from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication
 
 LEFT = Qt.MouseButton.LeftButton
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.scene_painter import as_bytes, draw_offscreen, projection_matrix
-
 from tests.widgets.splatting import psnr, splatted
 
 

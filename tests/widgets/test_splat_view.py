@@ -7,15 +7,15 @@ import weakref
 
 import numpy as np
 import pytest
-from degense.engine.colour_maps import colourise
-from degense.widgets.frame.images import to_array
-from degense.widgets.splats.camera_moves import letterboxed
-from degense.widgets.splats.splat_view import SplatView
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QColor, QMouseEvent, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
+from degense.engine.colour_maps import colourise
+from degense.widgets.frame.images import to_array
+from degense.widgets.splats.camera_moves import letterboxed
+from degense.widgets.splats.splat_view import SplatView
 from tests.widgets.splatting import psnr, splatted
 
 LEFT, NONE, SHIFT = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier

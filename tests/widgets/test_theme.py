@@ -7,8 +7,9 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from degense.widgets.theme import CLASS_COLOURS, THEMES, apply_theme, class_colour, error_colour, is_dark, picture_background
 from PySide6.QtGui import QColor, QPalette
+
+from degense.widgets.theme import CLASS_COLOURS, THEMES, apply_theme, class_colour, error_colour, is_dark, picture_background
 
 ROLE = QPalette.ColorRole
 

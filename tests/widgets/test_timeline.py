@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from degense.widgets.frame_track import FrameTrack
-from degense.widgets.glyphs import GlyphButton
-from degense.widgets.timeline import PATIENCE, SPEEDS, Timeline, played_frame
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QLabel
+
+from degense.widgets.frame_track import FrameTrack
+from degense.widgets.glyphs import GlyphButton
+from degense.widgets.timeline import PATIENCE, SPEEDS, Timeline, played_frame
 
 NONE = Qt.KeyboardModifier.NoModifier
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from degense.app.features.train.monitor import STATES, TrainingMonitor, duration
-from degense.widgets.curve_plot import CurvePlot
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton
+
+from degense.app.features.train.monitor import STATES, TrainingMonitor, duration
+from degense.widgets.curve_plot import CurvePlot
 
 
 @pytest.fixture

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from degense.widgets.frame.panel_tools import paint_outline
 from PySide6.QtCore import QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPen, QPolygonF
+
+from degense.widgets.frame.panel_tools import paint_outline
 
 #: How near a click must come to the first corner to close a polygon; screen pixels.
 CLOSING = 10.0

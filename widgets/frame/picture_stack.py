@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from degense.widgets.frame.images import to_array, to_qimage
 from PySide6.QtCore import QRectF
 from PySide6.QtGui import QImage, QPainter
+
+from degense.widgets.frame.images import to_array, to_qimage
 
 COMPARE_MODES = ("off", "wipe", "blink", "difference")
 

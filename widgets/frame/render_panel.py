@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, QSize, QSizeF, Qt, QTimer, Signal
+from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPalette, QPen, QPolygonF, QResizeEvent, QWheelEvent
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
 from degense.widgets.frame.images import to_qimage
 from degense.widgets.frame.panel_marks import paint_cross, paint_legend, paint_tag, paint_wipe_handle
 from degense.widgets.frame.panel_tools import PanelTool, paint_outline
@@ -12,9 +16,6 @@ from degense.widgets.frame.panel_zoom import MAX_ZOOM, MIN_ZOOM, PanelZoom
 from degense.widgets.frame.picture_stack import COMPARE_MODES, PictureStack
 from degense.widgets.keys import keep_keys
 from degense.widgets.theme import picture_background
-from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, QSize, QSizeF, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPalette, QPen, QPolygonF, QResizeEvent, QWheelEvent
-from PySide6.QtWidgets import QSizePolicy, QWidget
 
 #: From this zoom on (screen pixels an image pixel) pixels are drawn as squares.
 NEAREST_FROM = 3.0

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
+from PySide6.QtWidgets import QWidget
+
 from degense.engine.camera import Camera
 from degense.widgets.frame.images import to_array, to_qimage
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.gaussians import Gaussians
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
-from PySide6.QtWidgets import QWidget
 
 #: A picture that is asked for so soon after the last one is drawn coarsely, and again finely when nothing changes for so long (ms).
 REST_MS = 120
@@ -67,7 +68,7 @@ class StillSurface(QObject):
         self._coarse = False
 
     def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None:
-        """Show other splats, colours uint8 [N, 3], from the next `look` on."""
+        """Show other splats, colours uint8 [N, 3], from the next `view_state` on."""
         self._gaussians, self._colours = gaussians, colours
 
     def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
@@ -80,7 +81,7 @@ class StillSurface(QObject):
         self.widget.set_background(colour)
         self._ask()
 
-    def look(self, camera: Camera, lowpass_scale: float, moving: bool) -> None:
+    def view_state(self, camera: Camera, lowpass_scale: float, moving: bool) -> None:
         """Look through a camera whose image fills the widget."""
         self._camera = camera
         self._ask()

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 import pyvista as pv
-from degense.engine.camera import Camera
-from degense.widgets.splats.gaussians import Gaussians, as_bytes, tamed
 from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
+
+from degense.engine.camera import Camera
+from degense.widgets.splats.gaussians import Gaussians, as_bytes, tamed
 
 #: Screen-space dilation of every splat, squared pixels: what rasterizers of Gaussians add against aliasing.
 LOWPASS = 0.3

@@ -5,6 +5,10 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent, QMouseEvent, QResizeEvent, QWheelEvent
+from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
+
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import colourise
 from degense.widgets.keys import ARROWS, keep_keys
@@ -12,9 +16,6 @@ from degense.widgets.splats.camera_moves import dolly, framing, letterboxed, orb
 from degense.widgets.splats.gaussians import Gaussians, as_bytes, tamed
 from degense.widgets.splats.rendered_surface import StillDrawer, StillRequest, StillSurface
 from degense.widgets.theme import picture_background
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QKeyEvent, QMouseEvent, QResizeEvent, QWheelEvent
-from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
 #: The hand rests when it has not moved the camera for so long, milliseconds.
 IDLE_MS = 120
@@ -35,7 +36,7 @@ class Surface(Protocol):
     def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None: ...
     def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None: ...
     def set_background(self, colour: QColor) -> None: ...
-    def look(self, camera: Camera, lowpass_scale: float, moving: bool) -> None: ...
+    def view_state(self, camera: Camera, lowpass_scale: float, moving: bool) -> None: ...
     def picture(self) -> np.ndarray: ...
 
 
@@ -217,7 +218,7 @@ class SplatView(QWidget):
         camera = self._viewport_camera()
         # Locked, the pixels of the clip are dilated, as in the 2D panel; free, those of the screen.
         lowpass = camera.fx / self._home.fx if self._home is not None and self._free is None else 1.0
-        self._surface.look(camera, lowpass, moving=self._idle.isActive())
+        self._surface.view_state(camera, lowpass, moving=self._idle.isActive())
 
     def _write_note(self) -> None:
         self._note.setText("Surgeon’s view" if self.is_locked() else "Free look — R goes back" if self._home is not None else "Free look")

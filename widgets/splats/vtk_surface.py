@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QWidget
+from pyvistaqt import QtInteractor
+
 from degense.engine.camera import Camera
 from degense.widgets.frame.images import to_array
 from degense.widgets.splats.gaussians import Gaussians
 from degense.widgets.splats.scene_painter import ScenePainter
-from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QWidget
-from pyvistaqt import QtInteractor
 
 
 class VtkSurface:
@@ -26,7 +27,7 @@ class VtkSurface:
         self._painter = ScenePainter(self.widget)
 
     def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None:
-        """Show other splats, colours uint8 [N, 3], from the next `look` on."""
+        """Show other splats, colours uint8 [N, 3], from the next `view_state` on."""
         self._painter.set_splats(gaussians, colours)
 
     def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
@@ -37,7 +38,7 @@ class VtkSurface:
         self.widget.renderer.SetBackground(colour.redF(), colour.greenF(), colour.blueF())
         self.widget.update()
 
-    def look(self, camera: Camera, lowpass_scale: float, moving: bool) -> None:
+    def view_state(self, camera: Camera, lowpass_scale: float, moving: bool) -> None:
         """Look through a camera whose image fills the widget; `lowpass_scale` as in `ScenePainter.set_camera`."""
         self._painter.show_points(moving)
         self._painter.set_camera(camera, lowpass_scale)

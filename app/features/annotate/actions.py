@@ -40,7 +40,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         return on() and session.clip is not None and not window.service.busy("annotate")
 
     def has_prompt() -> bool:
-        return on() and session.scene is not None and bool(session.look.visible_prompts)
+        return on() and session.scene is not None and bool(session.view_state.visible_prompts)
 
     def has_labels() -> bool:
         return part.work is not None and any(record.labels is not None for record in part.work.records.values())

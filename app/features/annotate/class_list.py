@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from degense.widgets.frame.images import to_qimage
-from degense.widgets.theme import CLASS_COLOURS
 from PySide6.QtCore import QPoint, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
 from PySide6.QtWidgets import QAbstractItemView, QColorDialog, QListWidget, QListWidgetItem, QMenu, QWidget
+
+from degense.widgets.frame.images import to_qimage
+from degense.widgets.theme import CLASS_COLOURS
 
 SWATCH = 22
 

@@ -6,6 +6,8 @@ from collections.abc import Callable, Generator, Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from PySide6.QtCore import QObject, Qt, QTimer, Signal
+
 from degense.app.features.annotate.class_list import SWATCH
 from degense.app.features.annotate.keys import AnnotationKeys
 from degense.app.features.annotate.state import Tool
@@ -23,7 +25,6 @@ from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.widgets.frame.paint_tools import ClickTool, PolygonTool, StrokeTool
 from degense.widgets.frame.panel_tools import PanelTool
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
 
 if TYPE_CHECKING:
     from degense.engine.annotation.propagation.proposal import Carried
@@ -180,14 +181,14 @@ class Annotating(QObject):
 
     def take_prompt(self) -> None:
         """Paint the masks of the visible prompts, each into the class of its name, which is made where there is none."""
-        scene, look, frame = self.session.scene, self.session.look, self.session.frame
+        scene, view_state, frame = self.session.scene, self.session.view_state, self.session.frame
         assert scene is not None
-        texts = [prompt.text for prompt in look.visible_prompts]
+        texts = [prompt.text for prompt in view_state.visible_prompts]
 
         def masks() -> list[np.ndarray]:
             from degense.app.features.viewer.view import prompt_masks
 
-            return prompt_masks(scene, frame, texts, look.decoder, look.threshold)
+            return prompt_masks(scene, frame, texts, view_state.decoder, view_state.threshold)
 
         def done(found: list[np.ndarray]) -> None:
             if frame != self.session.frame or scene is not self.session.scene:

@@ -7,6 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QFileDialog
+
 from degense.app.features.annotate.label_sets import annotated, label_format, names_of, write_labels
 from degense.app.features.annotate.state import folder_beside
 from degense.app.features.train.controller import Training
@@ -17,8 +20,6 @@ from degense.app.shell.worker import RenderService
 from degense.engine.annotation.folder import NAME
 from degense.engine.annotation.formats import MapSet
 from degense.engine.errors import DegenseError
-from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QFileDialog
 
 TEACHER = "teacher"
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from degense.widgets.keys import consumes_key
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QApplication, QMainWindow
+
+from degense.widgets.keys import consumes_key
 
 if TYPE_CHECKING:
     from degense.app.features.annotate.controller import Annotating

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from degense.app.features.viewer.pictures import check_decoder
 from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.classes import named_classes

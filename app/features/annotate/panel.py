@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import log2
 
-from degense.app.features.annotate.class_list import ClassList
-from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
@@ -23,6 +21,9 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.app.features.annotate.class_list import ClassList
+from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 
 #: Steps of the size slider an octave of the radius.
 OCTAVE = 12

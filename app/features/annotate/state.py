@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
+
 from degense.app.session import session_file
 from degense.app.session.clip_journal import ClipJournal
 from degense.app.session.persistent_state import Part

@@ -6,6 +6,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtWidgets import QFileDialog
+
 from degense.app.features.cameras.movie import camera_movie
 from degense.app.features.cameras.state import CameraBook, CameraPath, Stop, load_path, save_path
 from degense.app.features.viewer.controller import Drawing
@@ -16,8 +19,6 @@ from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError
-from PySide6.QtCore import QObject, QTimer, Signal
-from PySide6.QtWidgets import QFileDialog
 
 TICK_MS = 30
 
@@ -160,10 +161,10 @@ class Cameras(QObject):
 
     def write_movie(self, out: Path) -> None:
         """Write a movie of what is shown along the path, in the worker; Export ▸ Stop exporting ends it."""
-        scene, stops, look = self.session.scene, self.book.stops, self.session.look
+        scene, stops, view_state = self.session.scene, self.book.stops, self.session.view_state
         assert scene is not None
         words = f"Exporting {out.name}"
-        write_in_worker(self.service, self.parts, words, lambda: camera_movie(scene, stops, look, out), detailed=True)
+        write_in_worker(self.service, self.parts, words, lambda: camera_movie(scene, stops, view_state, out), detailed=True)
 
     def ask_to_save(self) -> None:
         file, _ = QFileDialog.getSaveFileName(

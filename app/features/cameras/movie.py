@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from degense.app.features.cameras.state import CameraPath, Stop
 from degense.app.features.viewer.pictures import Movie, get_layer
 from degense.app.features.viewer.view import View, ViewRequest, draw_view
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
 from degense.widgets.splats.camera_moves import letterboxed
@@ -23,7 +24,7 @@ FPS = 25.0
 
 
 def camera_movie(
-    scene: Scene, stops: tuple[Stop, ...], look: Look, out: Path, fps: float = FPS, size: tuple[int, int] | None = None
+    scene: Scene, stops: tuple[Stop, ...], view_state: ViewState, out: Path, fps: float = FPS, size: tuple[int, int] | None = None
 ) -> Steps[str]:
     """Write an .mp4 of `size` (width, height; None for the clip's) along the stops. Yields (fraction, words).
 
@@ -34,20 +35,20 @@ def camera_movie(
     """
     if out.suffix.lower() != ".mp4":
         raise DegenseError(f"{out} must end in .mp4.")
-    path, layer = CameraPath(stops), get_layer(look.layer)
-    look = replace(look, compare="off")
+    path, layer = CameraPath(stops), get_layer(view_state.layer)
+    view_state = replace(view_state, compare="off")
     span = None
     if layer.kind == "scalar":
         yield 0.0, "finding the range of the whole sequence"
-        span = _span(scene, look)
+        span = _span(scene, view_state)
     count = max(2, round(path.seconds * FPS) + 1)
     with Movie(out, FPS) as movie:
         for i in range(count):
             yield i / count, f"picture {i + 1} of {count}"
             camera, frame = path.at(i / FPS)
             camera = letterboxed(camera, *scene.clip_size)
-            request = ViewRequest(min(frame, scene.frames - 1.0), look, span, splats=False, camera=camera)
-            movie.add(flat(_last(draw_view(scene, request)), look.overlay_opacity))
+            request = ViewRequest(min(frame, scene.frames - 1.0), view_state, span, splats=False, camera=camera)
+            movie.add(flat(_last(draw_view(scene, request)), view_state.overlay_opacity))
     return f"{out}: {count} pictures along {len(stops)} cameras"
 
 
@@ -59,14 +60,14 @@ def flat(view: View, opacity: float) -> np.ndarray:
     return (view.rgb * (1 - alpha) + view.masks[..., :3] * alpha + 0.5).astype(np.uint8)
 
 
-def _span(scene: Scene, look: Look) -> tuple[float, float]:
+def _span(scene: Scene, view_state: ViewState) -> tuple[float, float]:
     from degense.app.features.viewer.view import layer_request
     from degense.engine.layers import layer_range
 
-    chosen = look.range(look.layer)
+    chosen = view_state.range(view_state.layer)
     if chosen.mode == "fixed":
         return chosen.low, chosen.high
-    return layer_range(scene, get_layer(look.layer), layer_request(look, 0), "sequence", chosen.clip)
+    return layer_range(scene, get_layer(view_state.layer), layer_request(view_state, 0), "sequence", chosen.clip)
 
 
 def _last(steps: Generator[View, None, View]) -> View:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from degense.widgets.glyphs import GlyphButton
-from degense.widgets.keys import PRESS, TYPING, keep_keys
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -18,6 +16,9 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.widgets.glyphs import GlyphButton
+from degense.widgets.keys import PRESS, TYPING, keep_keys
 
 _NAME, _FRAME, _SECONDS = range(3)
 

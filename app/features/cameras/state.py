@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from degense.app.session.persistent_state import Part
 from degense.app.session.undo import UndoStack
 from degense.engine.camera import Camera

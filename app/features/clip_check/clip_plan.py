@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+
 from degense.app.session.view_state import PROMPT_COLOURS, Colour
 from degense.engine.colour_maps import UNKNOWN, colourise
 

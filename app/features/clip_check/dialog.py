@@ -6,11 +6,6 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from degense.app.features.clip_check.state import ASPECTS, CheckPicture, check_picture, field_of_view_words
-from degense.app.shell.worker import RenderService
-from degense.engine.data.clip_options import LAYOUTS, ClipOptions
-from degense.widgets.frame.render_panel import RenderPanel
-from degense.widgets.theme import error_colour
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
@@ -28,6 +23,12 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.app.features.clip_check.state import ASPECTS, CheckPicture, check_picture, field_of_view_words
+from degense.app.shell.worker import RenderService
+from degense.engine.data.clip_options import LAYOUTS, ClipOptions
+from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.theme import error_colour
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip

@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from PySide6.QtCore import QObject, QTimer, Signal
+from PySide6.QtWidgets import QFileDialog
+
 from degense.app.features.viewer.controller import Drawing
 from degense.app.features.viewer.view import View, ViewRequest, draw_view
 from degense.app.session.session import Session
@@ -14,8 +17,6 @@ from degense.app.shell.settings import SettingsFile
 from degense.app.shell.worker import RenderService
 from degense.engine.errors import RunError
 from degense.widgets.frame.render_panel import RenderPanel
-from PySide6.QtCore import QObject, QTimer, Signal
-from PySide6.QtWidgets import QFileDialog
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -111,11 +112,11 @@ class Runs(QObject):
 
     def _draw(self, first: View) -> None:
         """Draw the other run as the first one was drawn: the same instant, camera and colours."""
-        scene, look = self.scene, self.session.look
+        scene, view_state = self.scene, self.session.view_state
         if scene is None:
             return
         camera = first.camera if self.drawing.free_camera() is not None else None
-        wanted = ViewRequest(first.frame, look, first.span, splats=False, quick=self.session.playing, camera=camera)
+        wanted = ViewRequest(first.frame, view_state, first.span, splats=False, quick=self.session.playing, camera=camera)
         self.service.submit("second-view", lambda: draw_view(scene, wanted), self._show, self._failed, self._show)
 
     def _show(self, view: View) -> None:

@@ -8,6 +8,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtWidgets import QApplication, QMessageBox
+
 from degense.app.demo import is_demo
 from degense.app.session import session_file
 from degense.app.session.session import Session
@@ -17,8 +20,6 @@ from degense.app.shell.messages import show_error
 from degense.app.shell.parts import Parts
 from degense.app.shell.settings import SettingsFile
 from degense.engine.errors import DegenseError
-from PySide6.QtCore import QObject, Qt, QTimer
-from PySide6.QtWidgets import QApplication, QMessageBox
 
 log = logging.getLogger(__name__)
 

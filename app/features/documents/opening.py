@@ -7,6 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from PySide6.QtCore import QMimeData, QObject, Signal
+from PySide6.QtWidgets import QFileDialog
+
 from degense.app.demo import demo_run, is_demo
 from degense.app.features.clip_check.dialog import CheckDialog
 from degense.app.features.documents.autosave import Keeping
@@ -17,8 +20,6 @@ from degense.app.shell.parts import Parts
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.worker import RenderService
 from degense.engine.errors import DegenseError
-from PySide6.QtCore import QMimeData, QObject, Signal
-from PySide6.QtWidgets import QFileDialog
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip

@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QFileDialog
+
 from degense.app.features.export.formats import FORMATS, ExportOptions
 from degense.app.features.viewer.controller import Drawing
 from degense.app.features.viewer.pictures import get_layer, with_colour_bar, write_png
@@ -14,8 +17,6 @@ from degense.app.shell.messages import show_error
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
 from degense.engine.errors import DegenseError
-from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QFileDialog
 
 
 class Exporting(QObject):
@@ -26,7 +27,7 @@ class Exporting(QObject):
         self.session, self.service, self.parts, self.drawing = session, service, parts, drawing
 
     def ask_for_picture(self) -> None:
-        name = f"{self.session.name}-{self.session.look.layer}-{self.session.frame:06d}.png"
+        name = f"{self.session.name}-{self.session.view_state.layer}-{self.session.frame:06d}.png"
         file, _ = QFileDialog.getSaveFileName(self.parts.window, "Export picture", name, "PNG (*.png)")
         if file:
             self.save_picture(Path(file))
@@ -38,7 +39,7 @@ class Exporting(QObject):
     def _write(self, path: Path, picture: np.ndarray) -> None:
         view = self.drawing.view
         if view is not None and view.span is not None:
-            title = get_layer(self.session.look.layer).title
+            title = get_layer(self.session.view_state.layer).title
             picture = with_colour_bar(picture, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain))
         try:
             write_png(path, picture)
@@ -48,7 +49,7 @@ class Exporting(QObject):
             self.parts.say(f"Saved {path}")
 
     def ask_for_screenshot(self) -> None:
-        name = f"{self.session.name}-3d-{self.session.look.layer}-{self.session.frame:06d}.png"
+        name = f"{self.session.name}-3d-{self.session.view_state.layer}-{self.session.frame:06d}.png"
         file, _ = QFileDialog.getSaveFileName(self.parts.window, "Export 3D view", name, "PNG (*.png)")
         if file:
             self.save_screenshot(Path(file))
@@ -69,14 +70,14 @@ class Exporting(QObject):
 
     def export(self, name: str, out: Path) -> None:
         """Write a format to `out` in the worker. Masks are those of the visible prompts, or of all classes when there are none."""
-        scene, look, view = self.session.scene, self.session.look, self.drawing.view
+        scene, view_state, view = self.session.scene, self.session.view_state, self.drawing.view
         assert scene is not None
         options = ExportOptions(
-            prompts=tuple(prompt.text for prompt in look.visible_prompts),
-            decoder=look.decoder,
-            threshold=look.threshold,
+            prompts=tuple(prompt.text for prompt in view_state.visible_prompts),
+            decoder=view_state.decoder,
+            threshold=view_state.threshold,
             frame=self.session.frame,
-            layer=look.layer,
+            layer=view_state.layer,
             span=view.span if view is not None else None,
             source="masks",
         )

@@ -7,10 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from PySide6.QtWidgets import QFileDialog
+
 from degense.app.shell.actions import Action, ActionRegistry
 from degense.app.shell.messages import show_error
 from degense.engine.errors import DegenseError
-from PySide6.QtWidgets import QFileDialog
 
 if TYPE_CHECKING:
     from degense.app.shell.main_window import MainWindow
@@ -55,7 +56,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
             probing.follow_mask,
             menu,
             ("K",),
-            lambda: has_scene() and bool(session.look.visible_prompts),
+            lambda: has_scene() and bool(session.view_state.visible_prompts),
             help="probe curves class area",
         ),
         Action("inspect.unpin", "Follow nothing", probing.unpin, menu, ("Escape",), lambda: session.probe is not None, help="probe"),

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from degense.app.features.viewer.pictures import get_layer
 from degense.app.features.viewer.view import layer_request, masks_of
 from degense.app.session.targets import Found, Target, material
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
@@ -50,16 +51,20 @@ class Curves:
     area: np.ndarray | None = None
 
 
-def followed_layers(scene: Scene, look: Look) -> list[Layer]:
+def followed_layers(scene: Scene, view_state: ViewState) -> list[Layer]:
     """Those of `ALWAYS`, and the layer that is shown when it holds numbers."""
     layers = [get_layer(name) for name in ALWAYS]
-    shown = get_layer(look.layer)
-    if shown.kind == "scalar" and shown not in layers and not shown.missing(scene, tuple(prompt.text for prompt in look.visible_prompts)):
+    shown = get_layer(view_state.layer)
+    if (
+        shown.kind == "scalar"
+        and shown not in layers
+        and not shown.missing(scene, tuple(prompt.text for prompt in view_state.visible_prompts))
+    ):
         layers.append(shown)
     return layers
 
 
-def follow(scene: Scene, place: Target, look: Look) -> Steps[Curves]:
+def follow(scene: Scene, place: Target, view_state: ViewState) -> Steps[Curves]:
     """Follow a place through the whole sequence. Yields (fraction, words).
 
     A spot or a region is followed as material: the mean over its Gaussians, wherever they go. What a prompt finds is looked for in each
@@ -70,8 +75,8 @@ def follow(scene: Scene, place: Target, look: Look) -> Steps[Curves]:
     DegenseError
         When nothing is reconstructed at the place, or the prompt cannot be answered.
     """
-    layers = followed_layers(scene, look)
-    texts = tuple(prompt.text for prompt in look.visible_prompts)
+    layers = followed_layers(scene, view_state)
+    texts = tuple(prompt.text for prompt in view_state.visible_prompts)
     values = {layer.name: np.full((3, scene.frames), np.nan) for layer in layers}
     curves = Curves(np.arange(scene.frames), values, {layer.name: layer.unit(scene) for layer in layers}, str(place))
     yield 0.0, "finding the place"
@@ -84,7 +89,7 @@ def follow(scene: Scene, place: Target, look: Look) -> Steps[Curves]:
         measure = _gaussians(scene, *material(scene, place), curves)
     for frame in range(scene.frames):
         yield frame / scene.frames, f"frame {frame}"
-        request = layer_request(look, frame)
+        request = layer_request(view_state, frame)
         for layer, (numbers, weights) in measure(request, layers).items():
             values[layer][:, frame] = summary(numbers, weights)
     return curves

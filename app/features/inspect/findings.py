@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+
 from degense.app.features.inspect.curves import table_of
 from degense.app.features.viewer.pictures import BACKGROUND, FONT, INK, get_layer, layer_picture, write_png
 from degense.engine.errors import DegenseError

@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QColor
+
 from degense.app.features.inspect.curves import Curves, follow, to_csv
 from degense.app.features.inspect.probe_maps import ProbeMaps, probe_maps
 from degense.app.features.viewer.controller import Drawing
@@ -13,15 +16,13 @@ from degense.app.features.viewer.pictures import get_layer, write_png
 from degense.app.features.viewer.view import View
 from degense.app.session.session import Session
 from degense.app.session.targets import Found, Region, Spot, Target, material
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 from degense.widgets.frame.images import to_array
 from degense.widgets.frame.panel_tools import RegionTool
-from PySide6.QtCore import QObject, Signal
-from PySide6.QtGui import QColor
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -54,7 +55,7 @@ class Probing(QObject):
         drawing.shown.connect(self._drawn)
         session.opened.connect(self._opened)
         session.probe_changed.connect(self._probe_changed)
-        session.look_changed.connect(self._look_changed)
+        session.view_state_changed.connect(self._view_state_changed)
         session.frame_changed.connect(self._frame_changed)
         parts.similarity.x_clicked.connect(lambda x: session.go_to(round(x)))
 
@@ -148,7 +149,7 @@ class Probing(QObject):
 
     def follow_mask(self) -> None:
         """Follow what the first visible prompt finds; with several, each call takes the next."""
-        texts = [prompt.text for prompt in self.session.look.visible_prompts]
+        texts = [prompt.text for prompt in self.session.view_state.visible_prompts]
         place = self.session.probe
         last = texts.index(place.prompt) if isinstance(place, Found) and place.prompt in texts else -1
         self.session.probe = Found(texts[(last + 1) % len(texts)])
@@ -182,7 +183,7 @@ class Probing(QObject):
         if place is None and splats is not None:
             splats.highlight(None)
 
-    def _look_changed(self, before: Look, after: Look) -> None:
+    def _view_state_changed(self, before: ViewState, after: ViewState) -> None:
         place = self.session.probe
         if isinstance(place, Found) and place.prompt not in {prompt.text for prompt in after.visible_prompts}:
             self.session.probe = None
@@ -193,13 +194,13 @@ class Probing(QObject):
             self._show_curves(self.curves) if known else self._follow(place)
 
     def _follow(self, place: Target) -> None:
-        scene, look = self.session.scene, self.session.look
+        scene, view_state = self.session.scene, self.session.view_state
         assert scene is not None
 
         def progress(step: tuple[float, str]) -> None:
             self.parts.probe.set_pinned(f"{place}: following it, {step[0]:.0%}")
 
-        self.service.submit("curves", lambda: follow(scene, place, look), self._show_curves, self.parts.probe.set_pinned, progress)
+        self.service.submit("curves", lambda: follow(scene, place, view_state), self._show_curves, self.parts.probe.set_pinned, progress)
         self._light_up(scene, place)
 
     def _light_up(self, scene: Scene, place: Target) -> None:
@@ -214,7 +215,7 @@ class Probing(QObject):
         self.service.submit("material", lambda: material(scene, place)[0], splats.highlight, failed)
 
     def _show_curves(self, curves: Curves) -> None:
-        probe, layer = self.parts.probe, get_layer(self.session.look.layer).name
+        probe, layer = self.parts.probe, get_layer(self.session.view_state.layer).name
         self.curves = curves
         probe.set_pinned(curves.where)
         self._clear_curves(forget=False)
@@ -222,7 +223,7 @@ class Probing(QObject):
         mean, low, high = curves.layers[shown]
         probe.set_curve(shown, curves.frames, mean, probe.palette().text().color(), unit=curves.units[shown], band=(low, high))
         for text, values in curves.similarity.items():
-            self.parts.similarity.set_series(text, curves.frames, values, QColor(*self.session.look.prompt(text).colour))
+            self.parts.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
         self.parts.similarity.setVisible(bool(curves.similarity))
         self._set_cursor(self.session.frame)
 
@@ -260,6 +261,6 @@ class Probing(QObject):
             write_png(path, np.concatenate(edge))
 
 
-def _decides(look: Look) -> tuple[float, str, tuple[str, ...]]:
+def _decides(view_state: ViewState) -> tuple[float, str, tuple[str, ...]]:
     """What a mask depends on besides its prompt."""
-    return look.threshold, look.decoder, look.negative_texts
+    return view_state.threshold, view_state.decoder, view_state.negative_texts

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from degense.app.features.prompts.statistics import Meanings
 from degense.app.features.viewer.pictures import get_layer
 

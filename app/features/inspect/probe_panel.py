@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from degense.widgets.curve_plot import CurvePlot
-from degense.widgets.frame.images import to_array
-from degense.widgets.glyphs import GlyphButton
-from degense.widgets.keys import ARROWS, keep_keys
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QColor, QPixmap
 from PySide6.QtWidgets import (
@@ -22,6 +18,11 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.widgets.curve_plot import CurvePlot
+from degense.widgets.frame.images import to_array
+from degense.widgets.glyphs import GlyphButton
+from degense.widgets.keys import ARROWS, keep_keys
 
 #: Rows of values that are seen without scrolling however little room there is.
 FEWEST_ROWS = 4

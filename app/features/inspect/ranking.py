@@ -5,19 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from PySide6.QtCore import QObject, Signal
+
 from degense.app.features.inspect.findings import findings_sheet, findings_table
 from degense.app.features.viewer.controller import Drawing
 from degense.app.features.viewer.pictures import get_layer
 from degense.app.features.viewer.view import layer_request
 from degense.app.session.session import Session
 from degense.app.session.targets import Spot
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.app.shell.background import write_in_worker
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
-from PySide6.QtCore import QObject, Signal
 
 if TYPE_CHECKING:
     from degense.engine.layers.ranking import Finding, Ranking
@@ -42,17 +43,17 @@ class RankingControl(QObject):
         parts.ranking.kind_changed.connect(lambda kind: self._list())
         parts.ranking.chosen.connect(self._go)
         session.opened.connect(self._forget)
-        session.look_changed.connect(self._look_changed)
+        session.view_state_changed.connect(self._view_state_changed)
 
     def can_search(self) -> bool:
         """Whether the layer that is shown has worst places."""
-        scene, look = self.session.scene, self.session.look
-        layer = get_layer(look.layer)
+        scene, view_state = self.session.scene, self.session.view_state
+        layer = get_layer(view_state.layer)
         return scene is not None and layer.of_motion and not layer.missing(scene, ())
 
     def search(self) -> None:
-        scene, look = self.session.scene, self.session.look
-        layer = get_layer(look.layer)
+        scene, view_state = self.session.scene, self.session.view_state
+        layer = get_layer(view_state.layer)
         if scene is None or not self.can_search():
             self.parts.ranking.set_note("Show a layer of motion first, such as displacement, speed or spurious warp.")
             return
@@ -61,7 +62,7 @@ class RankingControl(QObject):
         def failed(message: str) -> None:
             self.parts.ranking.set_note(message)
 
-        request = layer_request(look, 0)
+        request = layer_request(view_state, 0)
         self.parts.ranking_dock.show()
         self.parts.ranking_dock.raise_()
         self.service.submit("rank", lambda: rank(scene, layer, request), self._take, failed, self._take)
@@ -102,7 +103,7 @@ class RankingControl(QObject):
         self.parts.ranking.set_note("")
         self._list()
 
-    def _look_changed(self, before: Look, after: Look) -> None:
+    def _view_state_changed(self, before: ViewState, after: ViewState) -> None:
         if before.layer != after.layer:
             self._forget()
 
@@ -123,7 +124,7 @@ class RankingControl(QObject):
             write_text(path, findings_table(findings, ranking.unit, scene.fps))
             self.parts.say(f"Saved {path}")
             return
-        request, view = layer_request(self.session.look, 0), self.drawing.view
+        request, view = layer_request(self.session.view_state, 0), self.drawing.view
         span = view.span if view is not None and view.span is not None else (0.0, 1.0)
         words = f"Drawing {path.name}"
         write_in_worker(self.service, self.parts, words, lambda: findings_sheet(scene, ranking, findings, request, span, path))

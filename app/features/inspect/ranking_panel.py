@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from degense.widgets.keys import ARROWS, PRESS, keep_keys
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -18,6 +17,8 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.widgets.keys import ARROWS, PRESS, keep_keys
 
 KINDS = (("frames", "Worst frames"), ("places", "Worst places"))
 

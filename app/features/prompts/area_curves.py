@@ -6,8 +6,9 @@ from collections.abc import Generator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
 from degense.app.session.persistent_state import Part
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.engine.errors import RunError
 
 if TYPE_CHECKING:
@@ -20,9 +21,9 @@ LONGEST = 1_000_000
 Key = tuple[str, str, float, tuple[str, ...]]
 
 
-def key_of(text: str, look: Look) -> Key:
+def key_of(text: str, view_state: ViewState) -> Key:
     """What the area of a prompt depends on: its words, and how masks are decided."""
-    return text.casefold(), look.decoder, round(look.threshold, 4), look.negative_texts
+    return text.casefold(), view_state.decoder, round(view_state.threshold, 4), view_state.negative_texts
 
 
 class AreaBook(Part):
@@ -34,20 +35,20 @@ class AreaBook(Part):
         super().__init__()
         self._curves: dict[Key, np.ndarray] = {}
 
-    def curve(self, text: str, look: Look, frames: int) -> np.ndarray:
+    def curve(self, text: str, view_state: ViewState, frames: int) -> np.ndarray:
         """The curve of a prompt, float [frames]; what is written into it is kept."""
-        key = key_of(text, look)
+        key = key_of(text, view_state)
         if key not in self._curves or len(self._curves[key]) != frames:
             self._curves[key] = np.full(frames, np.nan)
             while len(self._curves) > KEPT:
                 del self._curves[next(iter(self._curves))]
         return self._curves[key]
 
-    def missing(self, look: Look, frames: int, around: int) -> list[int]:
+    def missing(self, view_state: ViewState, frames: int, around: int) -> list[int]:
         """Frames at which the area of a visible prompt is not known yet, those near `around` first."""
         unknown = np.zeros(frames, bool)
-        for prompt in look.visible_prompts:
-            unknown |= np.isnan(self.curve(prompt.text, look, frames))
+        for prompt in view_state.visible_prompts:
+            unknown |= np.isnan(self.curve(prompt.text, view_state, frames))
         return sorted(map(int, np.flatnonzero(unknown)), key=lambda frame: abs(frame - around))
 
     def clear(self) -> None:
@@ -71,10 +72,10 @@ class AreaBook(Part):
         self._curves = curves
 
 
-def areas(scene: Scene, look: Look, frames: list[int]) -> Generator[tuple[int, dict[str, float]], None, None]:
+def areas(scene: Scene, view_state: ViewState, frames: list[int]) -> Generator[tuple[int, dict[str, float]], None, None]:
     """Areas (share of the picture) of the visible prompts' masks in these frames. Yields (frame, {text: area})."""
     from degense.engine.scene.clip_query import ClipQuestion, query_clip
 
-    texts = tuple(prompt.text for prompt in look.visible_prompts)
-    for found in query_clip(scene, ClipQuestion(texts, look.decoder, look.threshold, look.negative_texts), frames):
+    texts = tuple(prompt.text for prompt in view_state.visible_prompts)
+    for found in query_clip(scene, ClipQuestion(texts, view_state.decoder, view_state.threshold, view_state.negative_texts), frames):
         yield found.frame, dict(zip(texts, found.areas.tolist(), strict=True))

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtWidgets import QFileDialog
+
 from degense.app.features.prompts.area_curves import areas
 from degense.app.features.prompts.controller import Answering
 from degense.app.features.prompts.segment import write_clip_masks
@@ -14,8 +17,6 @@ from degense.app.session.session import Session
 from degense.app.shell.messages import show_error
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
-from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QFileDialog
 
 if TYPE_CHECKING:
     from degense.engine.scene.clip_query import ClipQuestion
@@ -46,28 +47,30 @@ class ClipQuerying(QObject):
     def can_ask(self) -> bool:
         """Whether there is something to ask, and something to ask it of."""
         scene = self.session.scene
-        return scene is not None and scene.has_semantics and bool(self.session.look.visible_prompts) and not self.running
+        return scene is not None and scene.has_semantics and bool(self.session.view_state.visible_prompts) and not self.running
 
     def ask(self) -> None:
         """Find the area of each visible prompt in every frame that was not looked at yet, from this one outwards."""
-        scene, look = self.session.scene, self.session.look
+        scene, view_state = self.session.scene, self.session.view_state
         assert scene is not None
-        frames = self.answering.areas.missing(look, scene.frames, self.session.frame)
+        frames = self.answering.areas.missing(view_state, scene.frames, self.session.frame)
         known = scene.frames - len(frames)
 
         def found(step: tuple[int, dict[str, float]]) -> None:
             nonlocal known
             known += 1
-            self.answering.take(scene, look, *step)
+            self.answering.take(scene, view_state, *step)
             self.parts.set_busy("Asking the whole clip", known / scene.frames)
 
         def done(result: object) -> None:
-            curves = {prompt.text: self.answering.areas.curve(prompt.text, look, scene.frames) for prompt in look.visible_prompts}
+            curves = {
+                prompt.text: self.answering.areas.curve(prompt.text, view_state, scene.frames) for prompt in view_state.visible_prompts
+            }
             self._end("The whole clip: " + "; ".join(_in_words(text, values) for text, values in curves.items()))
 
         self.service.cancel("areas")  # it would look at the same frames
         self._begin()
-        self.service.submit(CHANNEL, lambda: areas(scene, look, frames), done, self._failed, found)
+        self.service.submit(CHANNEL, lambda: areas(scene, view_state, frames), done, self._failed, found)
         self.changed.emit()
 
     def ask_for_folder(self) -> None:
@@ -97,8 +100,10 @@ class ClipQuerying(QObject):
     def _question(self) -> ClipQuestion:
         from degense.engine.scene.clip_query import ClipQuestion
 
-        look = self.session.look
-        return ClipQuestion(tuple(prompt.text for prompt in look.visible_prompts), look.decoder, look.threshold, look.negative_texts)
+        view_state = self.session.view_state
+        return ClipQuestion(
+            tuple(prompt.text for prompt in view_state.visible_prompts), view_state.decoder, view_state.threshold, view_state.negative_texts
+        )
 
     def _opened(self) -> None:
         if self.running:

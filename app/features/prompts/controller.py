@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtGui import QColor
+
 from degense.app.features.prompts.area_curves import AreaBook, areas
 from degense.app.features.prompts.statistics import Answer, answers
 from degense.app.features.viewer.controller import Drawing
 from degense.app.features.viewer.view import View
 from degense.app.session.session import Session
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
-from PySide6.QtCore import QObject, QTimer
-from PySide6.QtGui import QColor
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -35,7 +36,7 @@ class Answering(QObject):
         self._quiet.setInterval(QUIET_MS)
         self._quiet.timeout.connect(self._look_further)
         drawing.shown.connect(self._drawn)
-        session.look_changed.connect(self._look_changed)
+        session.view_state_changed.connect(self._view_state_changed)
         session.frame_changed.connect(lambda frame: self._wait())
         session.opened.connect(self._opened)
 
@@ -45,7 +46,7 @@ class Answering(QObject):
         self._show_strips()
         self._show_answers(())
 
-    def _look_changed(self, before: Look, after: Look) -> None:
+    def _view_state_changed(self, before: ViewState, after: ViewState) -> None:
         self._wait()
         self._show_strips()
 
@@ -54,50 +55,50 @@ class Answering(QObject):
         self._quiet.start()
 
     def _drawn(self, view: View) -> None:
-        scene, look = self.session.scene, self.session.look
-        if scene is None or not scene.has_semantics or self.session.playing or not look.visible_prompts:
+        scene, view_state = self.session.scene, self.session.view_state
+        if scene is None or not scene.has_semantics or self.session.playing or not view_state.visible_prompts:
             self._show_answers(())
             return
         frame = round(view.frame)
-        self.service.submit("answers", lambda: answers(scene, frame, look), self._show_answers, self.parts.say, self._show_answers)
+        self.service.submit("answers", lambda: answers(scene, frame, view_state), self._show_answers, self.parts.say, self._show_answers)
 
     def _show_answers(self, known: tuple[Answer, ...]) -> None:
-        bar, look = self.parts.prompts, self.session.look
+        bar, view_state = self.parts.prompts, self.session.view_state
         by_text = {answer.text.casefold(): answer for answer in known}
         for chip in bar.prompts():
             answer = by_text.get(chip.text.casefold())
             bar.set_answer(chip.id, *((answer.area, answer.confidence) if answer is not None else (None, None)))
-        shown = [(answer, prompt) for prompt in look.visible_prompts if (answer := by_text.get(prompt.text.casefold())) is not None]
+        shown = [(answer, prompt) for prompt in view_state.visible_prompts if (answer := by_text.get(prompt.text.casefold())) is not None]
         bar.set_histograms([(answer.histogram, QColor(*prompt.colour)) for answer, prompt in shown])
 
     # Over time
 
     def _look_further(self) -> None:
-        scene, look = self.session.scene, self.session.look
-        if scene is None or not scene.has_semantics or self.session.playing or not look.visible_prompts:
+        scene, view_state = self.session.scene, self.session.view_state
+        if scene is None or not scene.has_semantics or self.session.playing or not view_state.visible_prompts:
             return
         if self.service.busy("query"):  # the whole clip is being asked already
             self._quiet.start()
             return
-        wanted = self.areas.missing(look, scene.frames, self.session.frame)
+        wanted = self.areas.missing(view_state, scene.frames, self.session.frame)
         if not wanted:
             return
 
         def found(step: tuple[int, dict[str, float]]) -> None:
-            self.take(scene, look, *step)
+            self.take(scene, view_state, *step)
 
-        self.service.submit("areas", lambda: areas(scene, look, wanted), lambda result: self._show_strips(), self.parts.say, found)
+        self.service.submit("areas", lambda: areas(scene, view_state, wanted), lambda result: self._show_strips(), self.parts.say, found)
 
-    def take(self, scene: Scene, look: Look, frame: int, found: dict[str, float]) -> None:
+    def take(self, scene: Scene, view_state: ViewState, frame: int, found: dict[str, float]) -> None:
         """Keep the areas of a frame, and show them."""
         for text, area in found.items():
-            self.areas.curve(text, look, scene.frames)[frame] = area
+            self.areas.curve(text, view_state, scene.frames)[frame] = area
         self._show_strips()
 
     def _show_strips(self) -> None:
         """The areas of the visible prompts under the timeline."""
-        scene, look, timeline = self.session.scene, self.session.look, self.parts.timeline
+        scene, view_state, timeline = self.session.scene, self.session.view_state, self.parts.timeline
         timeline.clear_strips()
         if scene is not None and scene.has_semantics and timeline.count() == scene.frames:
-            for prompt in look.visible_prompts:
-                timeline.set_strip(prompt.text, self.areas.curve(prompt.text, look, scene.frames), QColor(*prompt.colour))
+            for prompt in view_state.visible_prompts:
+                timeline.set_strip(prompt.text, self.areas.curve(prompt.text, view_state, scene.frames), QColor(*prompt.colour))

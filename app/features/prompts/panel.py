@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from PySide6.QtCore import QStringListModel, Qt, Signal
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QCheckBox, QComboBox, QCompleter, QHBoxLayout, QLabel, QLineEdit, QSlider, QVBoxLayout, QWidget
+
 from degense.app.features.prompts.prompt_row import PromptRow
 from degense.app.features.prompts.similarity_histogram import SimilarityHistogram
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 from degense.widgets.theme import class_colour
-from PySide6.QtCore import QStringListModel, Qt, Signal
-from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QCheckBox, QComboBox, QCompleter, QHBoxLayout, QLabel, QLineEdit, QSlider, QVBoxLayout, QWidget
 
 _STEPS = 1000
 #: How a prompt begins that takes pixels from the masks of the others.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from degense.widgets.glyphs import GlyphButton
-from degense.widgets.keys import PRESS, keep_keys
-from degense.widgets.theme import CLASS_COLOURS, error_colour
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPaintEvent, QPixmap, QResizeEvent
 from PySide6.QtWidgets import QColorDialog, QFrame, QGridLayout, QLabel, QMenu, QSizePolicy, QToolButton, QWidget
+
+from degense.widgets.glyphs import GlyphButton
+from degense.widgets.keys import PRESS, keep_keys
+from degense.widgets.theme import CLASS_COLOURS, error_colour
 
 RIGHT_MARGIN = 4
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from degense.app.features.viewer.view import layer_request, masks_of
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -39,15 +40,15 @@ class Answer:
     histogram: np.ndarray
 
 
-def answers(scene: Scene, frame: int, look: Look) -> Generator[tuple[Answer, ...], None, tuple[Answer, ...]]:
+def answers(scene: Scene, frame: int, view_state: ViewState) -> Generator[tuple[Answer, ...], None, tuple[Answer, ...]]:
     """The answers of the visible prompts; yields those that are known."""
     from degense.engine.semantics.masks.decoders import reads_regions
 
-    query, request = scene.query(frame), layer_request(look, frame)
-    classes = scene.vectors((*scene.classes, *look.negative_texts))
-    similarity = query.refined if reads_regions(look.decoder) else query.similarity
+    query, request = scene.query(frame), layer_request(view_state, frame)
+    classes = scene.vectors((*scene.classes, *view_state.negative_texts))
+    similarity = query.refined if reads_regions(view_state.decoder) else query.similarity
     known: tuple[Answer, ...] = ()
-    for prompt in look.visible_prompts:
+    for prompt in view_state.visible_prompts:
         meaning = scene.meanings(prompt.text)
         [mask] = masks_of(scene, request, [prompt.text])
         counts, _ = np.histogram(np.clip(similarity(meaning), 0.0, 1.0), BINS, (0.0, 1.0))

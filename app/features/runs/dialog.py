@@ -8,15 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from degense.app.features.documents.opening import Opening
-from degense.app.features.runs.catalogue import SCORES, RunSummary, list_runs, training_answers
-from degense.app.features.train.controller import Training
-from degense.app.features.train.monitor import duration
-from degense.app.session.session import Session
-from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.settings import SettingsFile
-from degense.engine.errors import DegenseError
 from PySide6.QtCore import QObject, QProcess, Qt
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -31,6 +22,16 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.app.features.documents.opening import Opening
+from degense.app.features.runs.catalogue import SCORES, RunSummary, list_runs, training_answers
+from degense.app.features.train.controller import Training
+from degense.app.features.train.monitor import duration
+from degense.app.session.session import Session
+from degense.app.shell.messages import show_error
+from degense.app.shell.parts import Parts
+from degense.app.shell.settings import SettingsFile
+from degense.engine.errors import DegenseError
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,9 @@ from typing import Any
 
 import cv2
 import numpy as np
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtWidgets import QFileDialog, QMessageBox
+
 from degense.app.features.documents.opening import Opening
 from degense.app.features.train.dialog import TrainDialog
 from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob
@@ -19,8 +22,6 @@ from degense.app.shell.messages import show_error
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
 from degense.engine.errors import DegenseError
-from PySide6.QtCore import QObject, Qt, Signal
-from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 log = logging.getLogger(__name__)
 

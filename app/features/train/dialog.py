@@ -6,13 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from degense.app.features.train import settings_help as words
-from degense.app.features.train.job import TrainingJob
-from degense.app.features.train.teacher_folder import TeacherFolder
-from degense.app.shell.settings_table import SettingsTable
-from degense.engine.errors import DegenseError
-from degense.engine.semantics.teachers import default_teacher, teacher_choices
-from degense.widgets.theme import error_colour
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QCheckBox,
@@ -30,6 +23,14 @@ from PySide6.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
+
+from degense.app.features.train import settings_help as words
+from degense.app.features.train.job import TrainingJob
+from degense.app.features.train.teacher_folder import TeacherFolder
+from degense.app.shell.settings_table import SettingsTable
+from degense.engine.errors import DegenseError
+from degense.engine.semantics.teachers import default_teacher, teacher_choices
+from degense.widgets.theme import error_colour
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip

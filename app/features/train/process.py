@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from degense.app.features.train.job import TrainingJob
 from PySide6.QtCore import QObject, QProcess, QTimer, Signal
+
+from degense.app.features.train.job import TrainingJob
 
 log = logging.getLogger(__name__)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from degense.widgets.keys import ARROWS, PRESS, keep_keys
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QListWidget, QPushButton, QVBoxLayout, QWidget
+
+from degense.widgets.keys import ARROWS, PRESS, keep_keys
 
 
 class RunQueue(QWidget):

@@ -45,23 +45,23 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
             return False
         from degense.engine.layers import LAYERS
 
-        return not LAYERS[layer].missing(session.scene, tuple(prompt.text for prompt in session.look.visible_prompts))
+        return not LAYERS[layer].missing(session.scene, tuple(prompt.text for prompt in session.view_state.visible_prompts))
 
     def has_scene() -> bool:
         return session.scene is not None
 
     def cycle_compare() -> None:
         names = [name for name, _ in COMPARES]
-        session.set_compare(names[(names.index(session.look.compare) + 1) % len(names)])
+        session.set_compare(names[(names.index(session.view_state.compare) + 1) % len(names)])
 
     def can_compare() -> bool:
         return session.scene is not None and session.scene.clip is not None
 
     def is_shown(layer: str) -> bool:
-        return session.scene is not None and session.look.layer == layer
+        return session.scene is not None and session.view_state.layer == layer
 
     def is_compared(name: str) -> bool:
-        return session.look.compare == name
+        return session.view_state.compare == name
 
     def is_theme(name: str) -> bool:
         return settings.value.theme == name
@@ -70,7 +70,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         session.camera_mode = "free" if session.camera_mode == "surgeon" else "surgeon"
 
     def more_opacity(step: float) -> None:
-        session.set_overlay_opacity(session.look.overlay_opacity + step)
+        session.set_overlay_opacity(session.view_state.overlay_opacity + step)
 
     registry.add(
         *(
@@ -114,11 +114,11 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         Action(
             "masks.shown",
             "Show masks",
-            lambda: session.set_masks_shown(not session.look.masks_shown),
+            lambda: session.set_masks_shown(not session.view_state.masks_shown),
             ("View",),
             ("M",),
             has_scene,
-            lambda: session.look.masks_shown,
+            lambda: session.view_state.masks_shown,
             group=2,
         ),
         Action("masks.more", "More opaque masks", lambda: more_opacity(0.1), ("View",), ("Shift+Up",), has_scene, group=2),

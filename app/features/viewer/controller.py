@@ -8,10 +8,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QColor
+
 from degense.app.features.viewer.pictures import get_layer
 from degense.app.features.viewer.view import EXCLUDED, SplatArrays, View, ViewRequest, draw_clip, draw_still, draw_view, layer_request
 from degense.app.session.session import Session
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.app.shell.parts import WELCOME, Parts
 from degense.app.shell.worker import RenderService
 from degense.engine.camera import Camera
@@ -19,8 +22,6 @@ from degense.engine.colour_maps import UNKNOWN
 from degense.engine.progress import Steps
 from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.splats.camera_moves import letterboxed
-from PySide6.QtCore import QObject, Signal
-from PySide6.QtGui import QColor
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -57,7 +58,7 @@ class Drawing(QObject):
         self.recorded = False
         session.opened.connect(self._opened)
         session.frame_changed.connect(lambda frame: self.request())
-        session.look_changed.connect(lambda before, after: self.request())
+        session.view_state_changed.connect(lambda before, after: self.request())
         session.playing_changed.connect(self._playing_changed)
         session.camera_mode_changed.connect(lambda mode: self._aim(force=True))
 
@@ -75,9 +76,11 @@ class Drawing(QObject):
         session = self.session
         self._asked = time.perf_counter()
         if session.scene is not None:
-            scene, look = session.scene, session.look
+            scene, view_state = session.scene, session.view_state
             splats = self.parts.splats is not None and not self.parts.splats.isHidden()
-            wanted = ViewRequest(session.frame, look, self._span(scene, look), splats, session.playing, self.free_camera(), self.recorded)
+            wanted = ViewRequest(
+                session.frame, view_state, self._span(scene, view_state), splats, session.playing, self.free_camera(), self.recorded
+            )
             self.service.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
             clip, frame = session.clip, session.frame
@@ -103,15 +106,15 @@ class Drawing(QObject):
 
     # Ranges
 
-    def _span(self, scene: Scene, look: Look) -> tuple[float, float] | None:
-        chosen = look.range(look.layer)
+    def _span(self, scene: Scene, view_state: ViewState) -> tuple[float, float] | None:
+        chosen = view_state.range(view_state.layer)
         if chosen.mode == "fixed":
             return chosen.low, chosen.high
-        if chosen.mode == "frame" or get_layer(look.layer).kind != "scalar":
+        if chosen.mode == "frame" or get_layer(view_state.layer).kind != "scalar":
             return None
-        texts = tuple(prompt.text for prompt in look.visible_prompts) if get_layer(look.layer).needs_prompt else ()
-        key = (look.layer, texts, chosen.clip)
-        if key not in self._spans and not get_layer(look.layer).missing(scene, texts):
+        texts = tuple(prompt.text for prompt in view_state.visible_prompts) if get_layer(view_state.layer).needs_prompt else ()
+        key = (view_state.layer, texts, chosen.clip)
+        if key not in self._spans and not get_layer(view_state.layer).missing(scene, texts):
 
             def found(span: tuple[float, float]) -> None:
                 self._spans[key] = span
@@ -125,7 +128,7 @@ class Drawing(QObject):
             def progress(step: tuple[float, str]) -> None:
                 self.parts.set_busy("Range of the whole sequence", step[0])
 
-            self.service.submit("range", lambda: _sequence_range(scene, look), found, failed, progress)
+            self.service.submit("range", lambda: _sequence_range(scene, view_state), found, failed, progress)
         return self._spans.get(key)
 
     # Answers
@@ -161,14 +164,14 @@ class Drawing(QObject):
 
         With `keep_overlay` the masks that lie there stay until the new ones are known.
         """
-        look = self.session.look
+        view_state = self.session.view_state
         panel.set_image(view.rgb)
         if view.complete or not keep_overlay:
             panel.set_overlay(view.masks)
-        panel.set_overlay_opacity(look.overlay_opacity)
+        panel.set_overlay_opacity(view_state.overlay_opacity)
         panel.set_observed(view.observed)
-        panel.set_compare_mode(look.compare)
-        shown = look.visible_prompts if view.masks is not None or look.layer == "mask" else ()
+        panel.set_compare_mode(view_state.compare)
+        shown = view_state.visible_prompts if view.masks is not None or view_state.layer == "mask" else ()
         legend = [(prompt.text, QColor(*prompt.colour)) for prompt in shown]
         if self.session.scene is None and view.masks is not None:
             legend = [("left out: instrument or outside the field of view", QColor(*EXCLUDED))]
@@ -178,7 +181,7 @@ class Drawing(QObject):
 
     def _show_bars(self, view: View) -> None:
         """The colour bar in both views."""
-        title = get_layer(self.session.look.layer).title
+        title = get_layer(self.session.view_state.layer).title
         for bar in self.parts.bars:
             if view.span is None:
                 bar.hide()
@@ -231,13 +234,13 @@ class Drawing(QObject):
         self.session.camera_mode = "surgeon" if locked else "free"
 
 
-def _sequence_range(scene: Scene, look: Look) -> Steps[tuple[float, float]]:
+def _sequence_range(scene: Scene, view_state: ViewState) -> Steps[tuple[float, float]]:
     """The range of a layer over the whole sequence. Its frames are drawn one a step, and kept by the scene, so that nobody waits long."""
     from degense.engine.layers.ranges import SEQUENCE_SAMPLES, layer_range
 
-    layer, request = get_layer(look.layer), layer_request(look, 0)
+    layer, request = get_layer(view_state.layer), layer_request(view_state, 0)
     frames = [round(index * (scene.frames - 1) / max(1, SEQUENCE_SAMPLES - 1)) for index in range(SEQUENCE_SAMPLES)]
     for done, frame in enumerate(frames):
         yield done / len(frames), "range"
         layer.image(scene, replace(request, frame=float(frame)))
-    return layer_range(scene, layer, request, "sequence", look.range(look.layer).clip)
+    return layer_range(scene, layer, request, "sequence", view_state.range(view_state.layer).clip)

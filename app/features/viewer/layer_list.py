@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from degense.widgets.keys import ARROWS, PRESS, keep_keys
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QButtonGroup, QCheckBox, QGridLayout, QHBoxLayout, QLabel, QRadioButton, QSlider, QVBoxLayout, QWidget
+
+from degense.widgets.keys import ARROWS, PRESS, keep_keys
 
 #: So many layers stand in two columns, one below the other in each.
 TWO_COLUMNS_FROM = 7

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+
 from degense.engine.colour_maps import colour_table, mask_overlay
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from degense.app.features.viewer.pictures import get_layer
-from degense.app.session.view_state import Look
+from degense.app.session.view_state import ViewState
 from degense.engine.colour_maps import colourise, greyed, mask_overlay
 from degense.engine.errors import DegenseError
 
@@ -47,7 +48,7 @@ class ViewRequest:
     """
 
     frame: float
-    look: Look
+    view_state: ViewState
     span: tuple[float, float] | None = None
     splats: bool = True
     quick: bool = False
@@ -96,12 +97,14 @@ class View:
     uncertain: str = ""
 
 
-def layer_request(look: Look, frame: float) -> LayerRequest:
+def layer_request(view_state: ViewState, frame: float) -> LayerRequest:
     """What the layers need to know of a look."""
     from degense.engine.layers import LayerRequest
 
-    texts = tuple(prompt.text for prompt in look.visible_prompts)
-    return LayerRequest(frame=frame, prompts=texts, threshold=look.threshold, decoder=look.decoder, negatives=look.negative_texts)
+    texts = tuple(prompt.text for prompt in view_state.visible_prompts)
+    return LayerRequest(
+        frame=frame, prompts=texts, threshold=view_state.threshold, decoder=view_state.decoder, negatives=view_state.negative_texts
+    )
 
 
 def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
@@ -109,21 +112,21 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     from degense.engine.layers import layer_range
     from degense.engine.layers.colour import colourise as layer_colours
 
-    look, frame = request.look, request.frame
-    layer = get_layer(look.layer)
-    masked = look.visible_prompts if look.masks_shown and layer.name not in PROMPTED else ()
-    if missing := layer.missing(scene, tuple(prompt.text for prompt in look.visible_prompts)):
+    view_state, frame = request.view_state, request.frame
+    layer = get_layer(view_state.layer)
+    masked = view_state.visible_prompts if view_state.masks_shown and layer.name not in PROMPTED else ()
+    if missing := layer.missing(scene, tuple(prompt.text for prompt in view_state.visible_prompts)):
         raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
     if masked:
         scene.splats(frame, semantics=True)  # picture and masks from one look at the field
     if request.quick:
-        look = replace(look, decoder="threshold")
-    query = replace(layer_request(look, frame), camera=request.camera)
+        view_state = replace(view_state, decoder="threshold")
+    query = replace(layer_request(view_state, frame), camera=request.camera)
     image = layer.image(scene, query)
     scalar = image.kind == "scalar"
-    cmap = look.range(layer.name).cmap or layer.cmap
-    span = (request.span or layer_range(scene, layer, query, "frame", look.range(layer.name).clip)) if scalar else None
-    rgb = mask_colours(look)[image.values] if image.kind == "mask" else layer_colours(image, *(span or (0.0, 1.0)), cmap)
+    cmap = view_state.range(layer.name).cmap or layer.cmap
+    span = (request.span or layer_range(scene, layer, query, "frame", view_state.range(layer.name).clip)) if scalar else None
+    rgb = mask_colours(view_state)[image.values] if image.kind == "mask" else layer_colours(image, *(span or (0.0, 1.0)), cmap)
     view = View(
         frame=frame,
         camera=request.camera or scene.camera(frame),
@@ -131,8 +134,8 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         span=span,
         unit=image.unit,
         cmap=cmap,
-        observed=scene.observed(round(frame)) if look.compare != "off" and request.camera is None else None,
-        splats=splat_arrays(scene, layer, query, look, span, cmap) if request.splats else None,
+        observed=scene.observed(round(frame)) if view_state.compare != "off" and request.camera is None else None,
+        splats=splat_arrays(scene, layer, query, view_state, span, cmap) if request.splats else None,
         uncertain=layer.uncertain_words if image.uncertain is not None and image.uncertain.any() else "",
     )
     if request.recorded and (recorded := scene.observed(round(frame))) is not None:
@@ -141,20 +144,22 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         return view
     yield replace(view, complete=False)
     masks = masks_of(scene, query, [prompt.text for prompt in masked])
-    fill = 0.0 if scalar or look.compare == "difference" else MASK_FILL  # numbers and differences keep their colours: outlines only
+    fill = 0.0 if scalar or view_state.compare == "difference" else MASK_FILL  # numbers and differences keep their colours: outlines only
     return replace(view, masks=mask_overlay([(mask, prompt.colour) for mask, prompt in zip(masks, masked, strict=True)], fill))
 
 
-def splat_arrays(scene: Scene, layer: Layer, query: LayerRequest, look: Look, span: tuple[float, float] | None, cmap: str) -> SplatArrays:
+def splat_arrays(
+    scene: Scene, layer: Layer, query: LayerRequest, view_state: ViewState, span: tuple[float, float] | None, cmap: str
+) -> SplatArrays:
     """The Gaussians of an instant in the layer's colours, tinted where a visible prompt finds them."""
     splats = scene.splats(query.frame)
     values = layer.splats(scene, query)
     if layer.kind == "colour":
-        if query.prompts and look.masks_shown:
-            values = tinted(values, get_layer("mask").splats(scene, query), look)
+        if query.prompts and view_state.masks_shown:
+            values = tinted(values, get_layer("mask").splats(scene, query), view_state)
         colours = (values.clip(0, 1) * 255 + 0.5).astype(np.uint8)
     elif layer.kind == "mask":
-        colours = mask_colours(look)[values]
+        colours = mask_colours(view_state)[values]
     else:
         colours = colourise(values, cmap, *(span or (0.0, 1.0)))
         if (uncertain := layer.uncertain_splats(scene, query)) is not None:
@@ -163,16 +168,16 @@ def splat_arrays(scene: Scene, layer: Layer, query: LayerRequest, look: Look, sp
     return SplatArrays(means, quats, scales, opacities, colours)
 
 
-def tinted(colours: np.ndarray, found: np.ndarray, look: Look) -> np.ndarray:
+def tinted(colours: np.ndarray, found: np.ndarray, view_state: ViewState) -> np.ndarray:
     """Colours [N, 3] in [0, 1] mixed with those of the prompts that found each Gaussian (`found` [N]: 0 none, k the k-th)."""
-    share = np.where(found > 0, MASK_FILL * look.overlay_opacity, 0.0)[:, None]
-    return colours * (1 - share) + mask_colours(look)[found] / 255 * share
+    share = np.where(found > 0, MASK_FILL * view_state.overlay_opacity, 0.0)[:, None]
+    return colours * (1 - share) + mask_colours(view_state)[found] / 255 * share
 
 
-def mask_colours(look: Look) -> np.ndarray:
+def mask_colours(view_state: ViewState) -> np.ndarray:
     """Colours of the mask layer's values, uint8 [256, 3]: dark grey for nothing, then the visible prompts in their order."""
     table = np.full((256, 3), NO_MASK, np.uint8)
-    for index, prompt in enumerate(look.visible_prompts, 1):
+    for index, prompt in enumerate(view_state.visible_prompts, 1):
         table[index] = prompt.colour
     return table
 
@@ -204,6 +209,7 @@ def draw_clip(clip: Clip, frame: int) -> View:
 def draw_still(request: StillRequest) -> np.ndarray:
     """Splats as the 3D view wants them, drawn by the rasterizer, uint8 [H, W, 3]."""
     import torch
+
     from degense.engine.raster import rasterize
 
     values = (*request.gaussians, request.colours.astype(np.float32) / 255)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from degense.engine.colour_maps import colour_table
-from degense.widgets.frame.images import to_qimage
-from degense.widgets.ticks import short
 from PySide6.QtCore import QEvent, QObject, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
+
+from degense.engine.colour_maps import colour_table
+from degense.widgets.frame.images import to_qimage
+from degense.widgets.ticks import short
 
 _EDGE, _BAR, _GAP, _HEIGHT = 8, 12, 5, 110
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from degense.engine.annotation.classes import check_classes, named_classes
 from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, read_text
 from degense.engine.annotation.formats.run_lengths import from_run_lengths, run_lengths

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from degense.engine.annotation.classes import LabelClass
 from degense.engine.annotation.formats.map_set import MapSet, frame_of
 from degense.engine.clip import UNLABELLED

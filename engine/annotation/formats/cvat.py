@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
+
 from degense.engine.annotation.classes import LabelClass, check_classes, default_colour
 from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, read_text
 from degense.engine.annotation.formats.run_lengths import from_run_lengths, run_lengths

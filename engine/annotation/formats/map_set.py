@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.annotation.classes import LabelClass
 from degense.engine.data.files.numbered import last_number, shown
 from degense.engine.errors import ClipError

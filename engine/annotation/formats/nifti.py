@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+
 from degense.engine.annotation.classes import LabelClass, check_classes, named_classes
 from degense.engine.annotation.formats.map_set import MapSet, check_picture_size
 from degense.engine.clip import UNLABELLED

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from degense.engine.annotation.classes import check_classes, named_classes
 from degense.engine.annotation.formats.map_set import MapSet, frame_of, read_text
 from degense.engine.annotation.painting import polygon

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import torch
-from degense.engine.threads import one_torch_thread
 from torch import nn
+
+from degense.engine.threads import one_torch_thread
 
 #: Pixels of each class and corrected frame to learn from.
 SAMPLES = 1500

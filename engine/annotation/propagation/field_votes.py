@@ -6,10 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.annotation.propagation.nearness import nearness
 from degense.engine.raster import rasterize
 from degense.engine.scene import Scene
-from torch import Tensor
 
 #: Share of a pixel below which what was seen of a Gaussian counts little.
 LEAST_SEEN = 0.1

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+
 from degense.engine.annotation.packed import pack, unpack
 from degense.engine.annotation.propagation.nearness import nearness
 from degense.engine.clip import Clip

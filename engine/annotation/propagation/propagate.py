@@ -16,6 +16,7 @@ from collections.abc import Generator, Mapping, Sequence
 
 import cv2
 import numpy as np
+
 from degense.engine.annotation.packed import pack
 from degense.engine.annotation.propagation.appearance import Looks
 from degense.engine.annotation.propagation.field_votes import FieldVotes

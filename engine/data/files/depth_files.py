@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.data.files.images import checked, read_raw
 from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.numpy_header import open_npy

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.images import check_sizes, checked, read_index
 from degense.engine.data.files.numbered import list_files, regular_file, shown

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+
 from degense.engine.data.files.images import checked, read_index
 
 SURE = 2.0  # votes; less is an assumption and is called one

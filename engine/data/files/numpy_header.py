@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError
 

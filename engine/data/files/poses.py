@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+
 from degense.engine.camera import Camera
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.files.numbered import shown

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+
 from degense.engine.clip import Clip, Truth
 from degense.engine.data.depth import DepthPrior
 from degense.engine.data.files.cache import ArrayCache

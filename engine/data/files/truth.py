@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.clip import Truth
 from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.numpy_header import npz_headers, read_npz

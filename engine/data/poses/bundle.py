@@ -11,11 +11,12 @@ itself in some frames loses its vote in the others. λ is far below one point: i
 from __future__ import annotations
 
 import numpy as np
-from degense.engine.camera import Camera
-from degense.engine.data.poses.tracks import Track
 from scipy.sparse import coo_array, eye_array
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
+
+from degense.engine.camera import Camera
+from degense.engine.data.poses.tracks import Track
 
 LOOSE, TIGHT = 16.0, 0.7  # pixels: scale of ρ at the start and at the end
 SHRINK = 0.75  # of the scale, a step

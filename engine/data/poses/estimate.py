@@ -6,13 +6,14 @@ import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.data.poses.bundle import projected, refine
 from degense.engine.data.poses.tracks import Lost, Track, close_loops, follow_tissue
 from degense.engine.data.poses.views import SIDE, Views
 from degense.engine.progress import Progress, silent
-from scipy.spatial.transform import Rotation
 
 NOTICED = 1.5  # pixels of a reduced frame: tracks whose median motion is smaller say nothing of the camera
 STAYS = 0.7  # pixels: a point that is never farther from its place stands still

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import tee
 
 import numpy as np
+
 from degense.engine.data.poses.views import Views
 from degense.engine.motion import consistent, flow_between, follow, sample, steps_between
 from degense.engine.progress import Progress

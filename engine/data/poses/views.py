@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.motion import confidence

@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.depth import DepthPrior

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.files.numbered import regular_file

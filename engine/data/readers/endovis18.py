@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.depth import DepthPrior

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.camera import Camera
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.depth import DepthPrior

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.depth import DepthPrior

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
 from degense.engine.data.synthetic.paint import (
     CHANGE_START,
     CHANGE_STRENGTH,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from degense.engine.data.synthetic.kidney import BLOOD, CLASSES, CUT, SCISSORS, SUCTION, Kidney, build_kidney, suction_path
 from degense.engine.data.synthetic.motion import approach, breathing
 from degense.engine.data.synthetic.paint import distance_to_path, smoothstep

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from degense.engine.data.synthetic.anatomy import CHARRED, CLASSES, Anatomy, build_anatomy
 from degense.engine.data.synthetic.motion import BURN, CHAR_RISE, Script, write_script
 from degense.engine.data.synthetic.render import CHARS

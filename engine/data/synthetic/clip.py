@@ -12,10 +12,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
+
 from degense.engine.data.synthetic.scene import KINDS, PhantomScene, View
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
-from PIL import Image
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
 from degense.engine.data.synthetic.anatomy import REFERENCE_DEPTH
 from degense.engine.data.synthetic.paint import (
     CHANGE_START,

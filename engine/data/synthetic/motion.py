@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from degense.engine.data.synthetic.anatomy import CHAR_RADIUS, Anatomy
 from degense.engine.data.synthetic.paint import distance_to_path, smoothstep
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from degense.engine.data.synthetic.paint import BLUE, CHANGE_START, CHANGE_STRENGTH, GREEN, RED, SLOPE_X, SLOPE_Y, WETNESS, WIPED
 from numba import njit
+
+from degense.engine.data.synthetic.paint import BLUE, CHANGE_START, CHANGE_STRENGTH, GREEN, RED, SLOPE_X, SLOPE_Y, WETNESS, WIPED
 
 CHARS, BLEEDS = 0, 1  # how tissue changes its look
 

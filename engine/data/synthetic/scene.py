@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
 from degense.engine.camera import Camera
 from degense.engine.data.synthetic.anatomy import REFERENCE_DEPTH
 from degense.engine.data.synthetic.bleeding import Bleeding

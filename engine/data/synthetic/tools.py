@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+
 from degense.engine.data.synthetic.anatomy import GRASPER, HOOK, Anatomy
 from degense.engine.data.synthetic.motion import BURN, GRASP, Script, approach, burn_point
 from degense.engine.data.synthetic.paint import smoothstep

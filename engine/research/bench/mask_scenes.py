@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import torch
+
 from degense.engine.camera import Camera
 from degense.engine.data.synthetic.anatomy import CLASSES
 from degense.engine.data.synthetic.scene import PhantomScene
 from degense.engine.raster import Render, rasterize
-from degense.engine.semantics.masks.query import MaskQuery, query_of
+from degense.engine.semantics.masks.query import FrameSemantics, query_of
 from degense.engine.semantics.text.basis import fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 
@@ -184,6 +185,6 @@ class MaskScene:
     def draw(self) -> Render:
         return rasterize(self._means, self._quats, self._scales, self._opacities, self._features, self._camera)
 
-    def query(self) -> MaskQuery:
+    def query(self) -> FrameSemantics:
         """As `Scene.new_query` from a baked state."""
         return query_of(self.draw(), self.basis)

@@ -6,14 +6,15 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from degense.engine.files import replacing
-from degense.engine.research.bench.table import Cell, Column, Table
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, NullFormatter
 from matplotlib.transforms import Bbox, BboxBase
+
+from degense.engine.files import replacing
+from degense.engine.research.bench.table import Cell, Column, Table
 
 # Okabe and Ito's colours, told apart by every kind of colour vision.
 FRONT, OTHERS, INK, PALE, GRID = "#0072B2", "#E69F00", "#222222", "#6b6b6b", "#e4e4e4"

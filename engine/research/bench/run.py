@@ -11,6 +11,7 @@ from datetime import date
 from pathlib import Path
 
 import torch
+
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
 from degense.engine.research.bench.options import BenchOptions

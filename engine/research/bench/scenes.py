@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.field import SceneModel
@@ -51,20 +52,20 @@ def with_count(scene: Scene, count: int) -> Scene:
     """The same scene with exactly `count` Gaussians, and nothing baked yet."""
     model = scene.model
     canonical = {name: value.detach().clone() for name, value in model.canonical.items()}
-    if model.responses is not None:
-        canonical["responses"] = model.responses.clone()
+    if model.semantic_coefficients is not None:
+        canonical["semantic_coefficients"] = model.semantic_coefficients.clone()
     if len(model) > count:
         kept = canonical["logits"].topk(count).indices.sort().values
         canonical = {name: value[kept] for name, value in canonical.items()}
     while (present := len(canonical["means"])) < count:
         largest = canonical["log_scales"].sum(1).topk(min(present, count - present)).indices
         canonical = _split(canonical, largest)
-    responses = canonical.pop("responses", None)
+    semantic_coefficients = canonical.pop("semantic_coefficients", None)
     other = SceneModel(model.config, model.bounds, canonical).to(model.bounds.device)
     values = model.state_dict() | {f"canonical.{name}": value for name, value in canonical.items()}
     other.load_state_dict({name: values[name] for name in other.state_dict()})
-    if responses is not None:
-        other.set_responses(responses)
+    if semantic_coefficients is not None:
+        other.set_semantic_coefficients(semantic_coefficients)
     return Scene(scene.run, other.eval().requires_grad_(False), scene.basis, scene.encoder, scene.clip)
 
 

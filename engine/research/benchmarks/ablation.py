@@ -25,7 +25,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "meaning from nothing, not lifted": {"lift": False},
     "teacher's patches as they are": {"guided": False},
     "baseline: coupled, L1, no Ψ_app, patches as they are": PEERS,
-    "baseline, and no motion evidence": PEERS | {"flow": 0.0, "drifts": False},
+    "baseline, and no motion evidence": PEERS | {"flow": 0.0, "velocities": False},
 }
 SCENE = {
     "spurious_displacement": ("spurious, mm", 3),

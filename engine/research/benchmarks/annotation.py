@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import cv2
 import numpy as np
+
 from degense.engine.annotation.propagation.propagate import propagate
 from degense.engine.annotation.propagation.proposal import Carried
 from degense.engine.clip import Clip

@@ -9,6 +9,8 @@ from functools import partial
 from statistics import median
 
 import torch
+from torch import Tensor
+
 from degense.engine.field import SceneModel
 from degense.engine.metrics.image import psnr
 from degense.engine.progress import Progress
@@ -21,7 +23,6 @@ from degense.engine.research.bench.timing import measure, thread_counts, threads
 from degense.engine.research.benchmarks.savings import savings_table
 from degense.engine.scene import Scene
 from degense.engine.splats import Splats
-from torch import Tensor
 
 COUNTS = {"cpu": 30_000, "cuda": 100_000}
 QUICK_COUNT = 3_000

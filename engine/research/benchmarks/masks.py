@@ -9,17 +9,18 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+from skimage.segmentation import slic
+
 from degense.engine.metrics.masks import boundary_f, iou
 from degense.engine.progress import Progress, silent
 from degense.engine.research.bench.mask_scenes import DEGRADATIONS, Frame, MaskScene, hand_frame, phantom_frame
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure
-from degense.engine.semantics.masks import DECODERS, MaskQuery, superpixels
+from degense.engine.semantics.masks import DECODERS, FrameSemantics, superpixels
 from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
 from degense.engine.semantics.text.basis import Basis, fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
-from skimage.segmentation import slic
 
 TOOLS = ("grasper", "L-hook electrocautery")
 TIMES = (0.3, 0.45, 0.6)  # of the phantom's story: grasped, burning, burnt
@@ -183,7 +184,7 @@ def _decoder_row(scene: str, degradation: str, decoder: str, frames: dict[int, l
             basis = fit_basis(vectors, np.ones(len(vectors)))
             latent = DEGRADATIONS[degradation].apply(frame.labels, basis.project(vectors), seed)
             rgb, latent = _on(options.device, frame.rgb, latent)
-            query = MaskQuery(rgb, latent, basis)
+            query = FrameSemantics(rgb, latent, basis)
             found = query.label_map(vectors, decoder)
             for c, name in enumerate(frame.classes):
                 truth = frame.labels == c
@@ -207,7 +208,7 @@ def _decoder_row(scene: str, degradation: str, decoder: str, frames: dict[int, l
 
 
 def _label_map(rgb: Any, latent: Any, basis: Basis, vectors: np.ndarray, decoder: str) -> np.ndarray:
-    return MaskQuery(rgb, latent, basis).label_map(vectors, decoder)
+    return FrameSemantics(rgb, latent, basis).label_map(vectors, decoder)
 
 
 # -- prompts -------------------------------------------------------------------------------------------------------------------------------

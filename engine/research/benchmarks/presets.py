@@ -115,6 +115,7 @@ def train_and_score(clip_folder: Path, out: Path, config: TrainConfig, started: 
     held-out frame has a label map).
     """
     import torch
+
     from degense.engine.data.readers import open_clip
     from degense.engine.metrics.evaluate import evaluate
     from degense.engine.scene import Scene

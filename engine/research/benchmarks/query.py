@@ -8,6 +8,7 @@ from statistics import median
 
 import numpy as np
 import torch
+
 from degense.engine.camera import Camera
 from degense.engine.progress import Progress
 from degense.engine.research.bench.options import BenchOptions

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from statistics import median
 
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.progress import Progress
 from degense.engine.raster import rasterize
@@ -16,7 +18,6 @@ from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.run import cores
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure, thread_counts, threads
-from torch import Tensor
 
 CHANNELS = (4, 20)
 COUNTS, SIZES = (1_000, 10_000, 30_000, 100_000), ((320, 256), (640, 512), (854, 480), (1920, 1080))

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 import torch
 import torch.nn.functional as F
+from torch import Tensor
+
 from degense.engine.field.hexplane import HexPlane, sample_levels
 from degense.engine.field.still import find_moving
 from degense.engine.metrics.image import psnr
@@ -22,8 +24,7 @@ from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure_in_turn
 from degense.engine.scene import Scene
-from degense.engine.semantics.masks import MaskQuery
-from torch import Tensor
+from degense.engine.semantics.masks import FrameSemantics
 
 SAMPLED = 256  # pixels on which early termination is looked at
 
@@ -190,9 +191,9 @@ def _kept_maps(scene: Scene) -> Iterator[Saving]:
     basis = scene.basis
 
     def anew(threshold: float = 0.5) -> np.ndarray:
-        return MaskQuery(rgb, latent, basis, alpha).mask(vectors[0], threshold=threshold)
+        return FrameSemantics(rgb, latent, basis, alpha).mask(vectors[0], threshold=threshold)
 
-    kept = MaskQuery(rgb, latent, basis, alpha)
+    kept = FrameSemantics(rgb, latent, basis, alpha)
     kept.mask(vectors[1])
     turn = np.random.default_rng(0)
 

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from statistics import median
 
 import numpy as np
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.progress import Progress
 from degense.engine.raster import rasterize
@@ -16,7 +18,6 @@ from degense.engine.research.bench.timing import measure, percentile, throughput
 from degense.engine.research.benchmarks.raster import back_ends
 from degense.engine.scene import Scene
 from degense.engine.splats import Splats
-from torch import Tensor
 
 #: Gaussians and picture of what is played.
 STAGES = ((30_000, 640, 512), (100_000, 854, 480))

@@ -11,6 +11,7 @@ from itertools import groupby
 from pathlib import Path
 
 import cv2
+
 from degense.engine.files import write_text
 from degense.engine.research.report.charts import Line, chart, legend
 from degense.engine.research.report.entry import Entry

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.colour_maps import mask_overlay
 from degense.engine.layers.colour import MASK_COLOURS

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from PIL import Image
+
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
 
 WIDTH, HEIGHT, FRAMES = 64, 48, 12
 FIRST, HELD_OUT, MIDDLE = 0, (1, 9), 5

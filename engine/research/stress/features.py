@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.data.readers import open_clip
 from degense.engine.progress import Progress, silent
 from degense.engine.research.bench.options import BenchOptions
@@ -16,13 +18,12 @@ from degense.engine.research.bench.table import Table
 from degense.engine.research.stress.long_clips import write_pictures
 from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row, verdict
 from degense.engine.semantics import EmbeddedEncoder, TextEncoder
-from degense.engine.semantics.masks import DECODERS, MaskQuery
+from degense.engine.semantics.masks import DECODERS, FrameSemantics
 from degense.engine.semantics.masks.similarity import SHORTEST
 from degense.engine.semantics.text.basis import Basis
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular
 from degense.engine.training.semantic.targets import SemanticTargets
-from torch import Tensor
 
 HEIGHT, WIDTH, RANK, DIMENSION = 48, 64, 6, 32
 TOLERANCE, GRADIENT_TOLERANCE = 1e-5, 1e-4
@@ -102,7 +103,7 @@ def mask_finding(latent: np.ndarray) -> Finding:
     """Similarities and masks of a frame of one colour."""
     basis = Basis(np.eye(DIMENSION, RANK, dtype=np.float32), 1.0)
     vectors = np.random.default_rng(2).normal(size=(3, DIMENSION)).astype(np.float32)
-    query = MaskQuery(np.full((HEIGHT, WIDTH, 3), 99, np.uint8), latent, basis)
+    query = FrameSemantics(np.full((HEIGHT, WIDTH, 3), 99, np.uint8), latent, basis)
     out = [
         query.similarity(vectors[0]),
         query.refined(vectors[0]),

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import torch
+
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.progress import Progress, silent

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+
 from degense.engine.errors import DegenseError
 from degense.engine.research.bench.table import Cell, Column
 

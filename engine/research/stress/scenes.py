@@ -8,6 +8,8 @@ from functools import partial
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.camera import Camera
 from degense.engine.progress import Progress, silent
 from degense.engine.raster.check import GRADIENT_TOLERANCE, OUTLIER_TOLERANCE, Case, compare, hostile_cases
@@ -18,7 +20,6 @@ from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Table
 from degense.engine.research.stress.child import in_child
 from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row, verdict
-from torch import Tensor
 
 WINDOW = (48, 32)  # pixels in the middle of a large picture that the reference draws too
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.semantics.masks.cleaning import without_holes, without_specks
 

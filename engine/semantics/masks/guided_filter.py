@@ -10,8 +10,9 @@ Bars on a and b are means over the windows that hold a pixel. Windows at the bor
 from __future__ import annotations
 
 import numpy as np
-from degense.engine.threads import run_kernel, take_ticket
 from numba import njit
+
+from degense.engine.threads import run_kernel, take_ticket
 
 #: r and the side of a window, pixels. Constants, for the kernels: loops of known length become vector instructions.
 RADIUS = 3

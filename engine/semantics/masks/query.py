@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from torch import Tensor
+
 from degense.engine.clip import UNLABELLED
 from degense.engine.raster import Render
 from degense.engine.semantics.masks.decoders import DEFAULT_DECODER, DEFAULT_THRESHOLD, decode_labels, decode_mask, reads_regions
@@ -15,7 +17,6 @@ from degense.engine.semantics.masks.rnse_cpu import CpuAggregation
 from degense.engine.semantics.masks.rnse_torch import TorchAggregation
 from degense.engine.semantics.text.basis import Basis
 from degense.engine.semantics.text.directions import unit_rows
-from torch import Tensor
 
 #: Similarity maps kept per frame, one a text vector and kind: the classes of a session, so that a moved threshold computes none anew.
 KEPT_MAPS = 32
@@ -53,7 +54,7 @@ class Maps:
 
 
 @dataclass(frozen=True)
-class Unread:
+class PendingMaps:
     """Similarities that may still lie on a GPU, where nothing has waited for them.
 
     Attributes
@@ -74,7 +75,7 @@ class Unread:
         return [Maps(meant, rivals, excluded) for meant, rivals, excluded in read if meant is not None]
 
 
-class MaskQuery:
+class FrameSemantics:
     """Answers prompts on one frame. Superpixels, normalised latents, filter statistics and similarity maps are computed once and kept.
 
     What is handed over as tensors stays on their device until a mask is read.
@@ -159,9 +160,9 @@ class MaskQuery:
 
     def maps(self, questions: Sequence[Question], decoder: str = DEFAULT_DECODER, negatives: np.ndarray | None = None) -> list[Maps]:
         """What decides about each question's mask, in memory. `Maps.mask` may be called in any thread."""
-        return self.unread(questions, decoder, negatives).read()
+        return self.pending(questions, decoder, negatives).read()
 
-    def unread(self, questions: Sequence[Question], decoder: str = DEFAULT_DECODER, negatives: np.ndarray | None = None) -> Unread:
+    def pending(self, questions: Sequence[Question], decoder: str = DEFAULT_DECODER, negatives: np.ndarray | None = None) -> PendingMaps:
         """`maps`, computed in one pass and still where they were computed."""
         refined = reads_regions(decoder)
         rivals = [None if decoder == "threshold" else self._rivals(question.meant, negatives) for question in questions]
@@ -169,7 +170,7 @@ class MaskQuery:
         given = [[rows for rows in kinds if rows is not None and len(rows)] for kinds in wanted]
         self._found(np.concatenate([np.atleast_2d(rows) for kinds in given for rows in kinds]), refined)  # all that is new, at once
         best = [[None if rows is None or not len(rows) else self._best(rows, refined) for rows in kinds] for kinds in wanted]
-        return Unread(best, self._aggregation.numpy)
+        return PendingMaps(best, self._aggregation.numpy)
 
     def label_map(self, vectors: np.ndarray, decoder: str = DEFAULT_DECODER) -> np.ndarray:
         """Index of the best class in each pixel, uint8 [H, W], of class vectors [n, D], n ≤ 255; `UNLABELLED` where nothing is similar."""
@@ -220,10 +221,10 @@ class MaskQuery:
         return array
 
 
-def query_of(drawn: Render, basis: Basis) -> MaskQuery:
+def query_of(drawn: Render, basis: Basis) -> FrameSemantics:
     """The query of a picture that was drawn with colours and latents [H, W, 3 + d]; from a GPU nothing is read back."""
     rgb = (drawn.image[..., :3].clamp(0, 1) * 255 + 0.5).byte()
     latent = drawn.image[..., 3:]
     if rgb.is_cuda:
-        return MaskQuery(rgb, latent, basis, drawn.alpha)
-    return MaskQuery(rgb.numpy(), latent.numpy(), basis, drawn.alpha.numpy())
+        return FrameSemantics(rgb, latent, basis, drawn.alpha)
+    return FrameSemantics(rgb.numpy(), latent.numpy(), basis, drawn.alpha.numpy())

@@ -8,12 +8,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numba import njit, prange
+
 from degense.engine.semantics.masks import rnse
 from degense.engine.semantics.masks.guided_filter import GuidedFilter
 from degense.engine.semantics.masks.similarity import cosines, normalised
 from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.threads import KERNEL_LOCK
-from numba import njit, prange
 
 BANDS = 8  # of rows, that sums over regions are shared out in
 # Kernels get the constants of `rnse` as arguments: numba's cache would not notice that another file changed.

@@ -11,13 +11,14 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from torch import Tensor
+from torch.nn import functional
+
 from degense.engine.semantics.masks import rnse
 from degense.engine.semantics.masks.guided_filter import SIZE
 from degense.engine.semantics.masks.similarity import SHORTEST
 from degense.engine.semantics.masks.superpixels import dense
 from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
-from torch import Tensor
-from torch.nn import functional
 
 
 class TorchAggregation(rnse.Aggregation[Tensor]):

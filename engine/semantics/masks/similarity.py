@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from degense.engine.threads import run_kernel, take_ticket
 from numba import njit
+
+from degense.engine.threads import run_kernel, take_ticket
 
 #: Latents shorter than this say nothing: their direction is rounding.
 SHORTEST = 1e-6

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from degense.engine.threads import run_kernel, take_ticket
 from numba import njit
+
+from degense.engine.threads import run_kernel, take_ticket
 
 #: Side of a superpixel, pixels.
 REGION_SIZE = 12

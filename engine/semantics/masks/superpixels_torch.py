@@ -6,8 +6,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import torch
-from degense.engine.semantics.masks.superpixels import COMPACTNESS, LINEAR, REGION_SIZE, ROUNDS
 from torch import Tensor
+
+from degense.engine.semantics.masks.superpixels import COMPACTNESS, LINEAR, REGION_SIZE, ROUNDS
 
 #: Linear light → (X, Y, Z) of D65, each relative to white.
 XYZ = (

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.models.model_folder import OPEN_CLIP_WEIGHTS, transformers_library

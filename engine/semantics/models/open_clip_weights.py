@@ -6,11 +6,12 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from safetensors import SafetensorError, safe_open
+from torch import Tensor
+
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.models.model_folder import OPEN_CLIP_CONFIG
-from safetensors import SafetensorError, safe_open
-from torch import Tensor
 
 #: Parts of transformers' names, and what open_clip calls them. `TEXT` stands for "text." where the text tower is a module of its own.
 NAMES = {

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 
 import numpy as np
+
 from degense.engine.semantics.text.directions import unit_rows
 
 Embed = Callable[[Sequence[str]], np.ndarray]

@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.models.model_folder import is_open_clip, model_config, model_digest, transformers_library
 from degense.engine.semantics.models.open_clip import read_open_clip
 from degense.engine.semantics.models.templates import PLAIN
-from torch import Tensor
 
 #: Mean and deviation of the pictures that CLIP was trained on, where the model's own folder does not say.
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)

@@ -19,6 +19,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import platformdirs
+
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing, write_text
 from degense.engine.progress import Progress, silent

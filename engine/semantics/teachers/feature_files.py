@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+
 from degense.engine.data.files.numbered import list_files, shown
 from degense.engine.data.files.numpy_header import open_npy
 from degense.engine.errors import ClipError

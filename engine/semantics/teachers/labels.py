@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.errors import ClipError
 from degense.engine.semantics.teachers.teacher import Targets

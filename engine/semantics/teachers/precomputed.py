@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.clip import Clip
 from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.stored import StoredClip

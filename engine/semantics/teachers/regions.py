@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from degense.engine.semantics.masks.superpixels import superpixels
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import splu
+
+from degense.engine.semantics.masks.superpixels import superpixels
 
 REGIONS = 6400  # about so many, whatever the size of the frame
 COLOUR_STEP = 3.0  # CIELAB units between neighbours across which a walker passes e times more rarely

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from degense.engine.semantics.teachers.teacher import Targets
 from degense.engine.semantics.text.directions import unit_rows
 

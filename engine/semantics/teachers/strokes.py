@@ -15,6 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import ClipError

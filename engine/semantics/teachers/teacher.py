@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+
 from degense.engine.semantics.text.encoder import TextEncoder
 
 #: Unit vectors float32 [k, D], and int32 [H, W] that says which of them a pixel should have; −1 where the teacher says nothing.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+
 from degense.engine.clip import Clip
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import ClipError

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence
 
 import numpy as np
+
 from degense.engine.semantics.text.encoder import WordedEncoder
 from degense.engine.semantics.text.vocabulary import Vocabulary
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+
 from degense.engine.errors import PromptError
 from degense.engine.semantics.text.class_names import ClassNames
 from degense.engine.semantics.text.negatives import split_negatives
@@ -102,7 +103,7 @@ class WordedEncoder(ABC):
     def expand(self, text: str) -> np.ndarray:
         """float32 [m, D]: a row for each session class the text covers (all instruments for "tool"), else its own row.
 
-        A `MaskQuery` keeps the best of such rows in each pixel: sharper than the one vector of `encode` when a kind has many members.
+        A `FrameSemantics` keeps the best of such rows in each pixel: sharper than the one vector of `encode` when a kind has many members.
         """
         return np.stack(list(self._read(text)[0].values())).astype(np.float32)
 

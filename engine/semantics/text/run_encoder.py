@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
 from degense.engine.errors import PromptError, RunError
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder

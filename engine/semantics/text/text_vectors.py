@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.files import replacing
 from degense.engine.semantics.text.class_names import ClassNames
 from degense.engine.semantics.text.encoder import WordedEncoder
 from degense.engine.semantics.text.vocabulary import Vocabulary
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 MOST_NAMES, MOST_DIMENSIONS, LONGEST_NAME = 10_000, 65_536, 200
 MOST_BYTES = 256 << 20

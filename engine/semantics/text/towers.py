@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
+
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.models.model_folder import find_model, model_config, model_digest, transformers_library
 from degense.engine.semantics.models.templates import Embed, asked_in_templates

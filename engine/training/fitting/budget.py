@@ -10,7 +10,7 @@ from typing import Any
 from degense.engine.semantics import Basis
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.fitting.statistics import CELLS, Statistics, measure
-from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 
 SPARE_GAUSSIANS = 3.5  # times what the pictures need: densification puts them where they are missing, not where they fit best
@@ -77,7 +77,7 @@ def said(value: Any) -> str:
     return f"{value:,}"
 
 
-def fit_budget(frames: TrainingFrames, config: TrainConfig, evidence: MotionEvidence | None, basis: Basis | None = None) -> Budget:
+def fit_budget(frames: TrainingFrames, config: TrainConfig, evidence: FlowSupervision | None, basis: Basis | None = None) -> Budget:
     """Settings that fit the clip: the preset's or smaller, never larger. What was given by hand (`TrainConfig.given`) stays.
 
     Parameters
@@ -133,8 +133,8 @@ def _times(found: Statistics, config: TrainConfig, count: int) -> Choice:
 
 
 def _appearance(found: Statistics, config: TrainConfig) -> Choice:
-    needed = config.appearance and found.recolour > STILL_COLOUR
-    why = f"colours change by {found.recolour:.1f} grey levels along their way ({STILL_COLOUR:g} can be left out)"
+    needed = config.appearance and found.delta_color > STILL_COLOUR
+    why = f"colours change by {found.delta_color:.1f} grey levels along their way ({STILL_COLOUR:g} can be left out)"
     return Choice("appearance", config.appearance, needed, why)
 
 
@@ -145,7 +145,7 @@ def _flow(found: Statistics, config: TrainConfig) -> Choice:
 
 
 def _iterations(found: Statistics, config: TrainConfig, train_count: int) -> Choice:
-    still = found.believed > 0 and found.motion < STILL and found.recolour <= STILL_COLOUR
+    still = found.believed > 0 and found.motion < STILL and found.delta_color <= STILL_COLOUR
     enough = min(config.iterations, max(LEAST_STEPS, VISITS * train_count))
     why = f"{train_count} frames to learn from" + (", in which nothing moves and no colour changes" if still else "")
     return Choice("iterations", config.iterations, round(STILL_SHARE * enough) if still else enough, why)

@@ -9,7 +9,8 @@ from typing import TypeVar
 
 import cv2
 import numpy as np
-from degense.engine.training.flow.supervision import MotionEvidence
+
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 
 Item = TypeVar("Item")
@@ -41,7 +42,7 @@ class Statistics:
         Grid cells across the picture that hold the motion and the change of colour, see `cells_needed`.
     knots : int
         Moments between which motion and colour change evenly, see `knots_needed`.
-    recolour : float
+    delta_color : float
         Grey levels by which the colour of tissue changes along its way, 99th percentile.
     motion : float
         Pixels (of the flow) that tissue moves, 99th percentile.
@@ -54,12 +55,12 @@ class Statistics:
     unmatched: float
     cells: int
     knots: int
-    recolour: float
+    delta_color: float
     motion: float
     believed: float
 
 
-def measure(frames: TrainingFrames, evidence: MotionEvidence | None) -> Statistics:
+def measure(frames: TrainingFrames, evidence: FlowSupervision | None) -> Statistics:
     """The statistics of a clip at its working size. Without evidence (one frame, or no flow wanted) motion is unknown: the finest."""
     train = frames.clip.train_frames
     near, many = spread(train, PICTURES), spread(train, MOMENTS)
@@ -91,7 +92,7 @@ def measure(frames: TrainingFrames, evidence: MotionEvidence | None) -> Statisti
         unmatched=float(np.mean([unmatched(frames, evidence, i) for i in near[1:]])),
         cells=max(cells),
         knots=max(knots_needed(moments, LOST_CHANGE), knots_needed(coarse_ways, LOST_MOTION)),
-        recolour=float(np.percentile(np.concatenate([np.abs(change[both]).max(1) for change, both in changes]), 99)),
+        delta_color=float(np.percentile(np.concatenate([np.abs(change[both]).max(1) for change, both in changes]), 99)),
         motion=float(np.percentile(lengths, 99)),
         believed=float(np.mean(weights)),
     )
@@ -132,7 +133,7 @@ def gaussians_needed(rgb: np.ndarray, valid: np.ndarray, noise: float) -> float:
 
 
 def way_from_first(
-    evidence: MotionEvidence, index: int, before: np.ndarray, after: np.ndarray, noise: float
+    evidence: FlowSupervision, index: int, before: np.ndarray, after: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Flow of the first training frame to another, float32 [h, w, 2] in pixels of the flow, and where it is believed, bool [h, w].
 
@@ -150,21 +151,21 @@ def smooth(rgb: np.ndarray) -> np.ndarray:
     return cv2.GaussianBlur(rgb.astype(np.float32), (0, 0), 2.0)
 
 
-def unmatched(frames: TrainingFrames, evidence: MotionEvidence, index: int) -> float:
+def unmatched(frames: TrainingFrames, evidence: FlowSupervision, index: int) -> float:
     """Share of the valid pixels of a training frame without a believed way to the first."""
     first = frames.clip.train_frames[0]
     valid = cv2.resize(frames.valid(index).astype(np.uint8), evidence.size, interpolation=cv2.INTER_NEAREST) > 0
     return float(1 - _believed(evidence, index, first)[valid].mean()) if valid.any() else 1.0
 
 
-def _believed(evidence: MotionEvidence, here: int, there: int) -> np.ndarray:
+def _believed(evidence: FlowSupervision, here: int, there: int) -> np.ndarray:
     """Where the flow between two frames of a pair is believed, bool [h, w]."""
     pair = evidence.pair(here, there)
     assert pair is not None
     return pair.weight[0].float().cpu().numpy() > 0.5
 
 
-def recolouring(frames: TrainingFrames, evidence: MotionEvidence, index: int) -> tuple[np.ndarray, np.ndarray]:
+def recolouring(frames: TrainingFrames, evidence: FlowSupervision, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Grey levels by which the colours of a frame differ from those of the first, float32 [H, W, 3], blurred by 2 pixels; and where both
     frames are valid, bool [H, W].
 

@@ -5,19 +5,20 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.field import SceneModel
 from degense.engine.motion import confidence
 from degense.engine.motion.observed import TEXTURE
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import camera_depths, rasterize
 from degense.engine.raster.camera_tensors import view_and_lens
-from degense.engine.training.flow.supervision import MotionEvidence, look_up, project, surface_visibility
+from degense.engine.training.flow.supervision import FlowSupervision, look_up, project, surface_visibility
 from degense.engine.training.frames import TrainingFrames
-from torch import Tensor
 
 
 @torch.no_grad()
-def motion_support(model: SceneModel, frames: TrainingFrames, evidence: MotionEvidence, progress: Progress = silent) -> Tensor:
+def motion_observability(model: SceneModel, frames: TrainingFrames, evidence: FlowSupervision, progress: Progress = silent) -> Tensor:
     """In which share of its frames the images reveal how far a Gaussian has moved, float32 [N] in [0, 1].
 
         support_i = Σ_t v_i(t) · s(p_i(t), t) / Σ_t v_i(t)
@@ -53,7 +54,7 @@ def motion_support(model: SceneModel, frames: TrainingFrames, evidence: MotionEv
     return supported / seen.clamp_min(1)
 
 
-def revealed_motion(frames: TrainingFrames, evidence: MotionEvidence, index: int) -> np.ndarray:
+def revealed_motion(frames: TrainingFrames, evidence: FlowSupervision, index: int) -> np.ndarray:
     """s(p, t) for one training frame, float32 [h, w] at the size of the flow: 1 where the recording shows how far tissue has moved.
 
     That is where its way to the reference frame is the same forwards and backwards, begins and ends on valid pixels that are no

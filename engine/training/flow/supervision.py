@@ -14,12 +14,13 @@ import cv2
 import numpy as np
 import torch
 import torch.nn.functional as F
+from torch import Tensor
+
 from degense.engine.motion import consistent, follow, sample, steps_between
 from degense.engine.progress import Progress, silent
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.semantics.text.vocabulary import surgical_vocabulary
 from degense.engine.training.frames import TrainingFrames
-from torch import Tensor
 
 FLOW_PIXELS = 100_000
 PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
@@ -47,7 +48,7 @@ class Pair:
     weight: Tensor
 
 
-class MotionEvidence:
+class FlowSupervision:
     """Flow of every training frame to its neighbours and to the first training frame, computed once.
 
     Neighbours are matched directly, which is exact for small motion; the way to the first frame is followed from frame to frame, since a

@@ -11,6 +11,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import rasterize
@@ -20,7 +22,6 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import rows_of
 from degense.engine.training.semantic.distillation import heard
 from degense.engine.training.semantic.targets import SemanticTargets
-from torch import Tensor
 
 INSTANCE = 6  # length of an instance feature
 CODES = (64, 5)  # coarse clusters, and fine ones in each of them

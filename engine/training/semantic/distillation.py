@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import rasterize
@@ -23,7 +25,6 @@ from degense.engine.training.passes import SemanticPass
 from degense.engine.training.semantic.consistency import consent, trust
 from degense.engine.training.semantic.targets import SemanticTargets
 from degense.engine.training.trainer import draw_latents
-from torch import Tensor
 
 TELL_EVERY = 25  # steps
 #: What is left of the learning rates after a lift: canonical latents, planes, networks. A coarse teacher's frames contradict each other;
@@ -84,22 +85,22 @@ def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, pr
     -------
     latents : float [N, d]
         f_i; zero for Gaussians never seen where the teacher speaks.
-    responses : float [N, 3, d]
+    semantic_coefficients : float [N, 3, d]
         R_i.
     """
     count, rank = model.canonical["semantics"].shape
     moments = model.bounds.new_zeros(count, 4, rank + 4)  # Σ share (1, c)ᵀ (v, 1, c): all sums of the line at once
     for said, share, colour in heard(model, targets, frames, progress):
-        look = torch.nn.functional.pad(colour, (1, 0), value=1.0)
-        moments += look[:, :, None] * torch.cat([said, share[:, None] * look], 1)[:, None]
+        view_state = torch.nn.functional.pad(colour, (1, 0), value=1.0)
+        moments += view_state[:, :, None] * torch.cat([said, share[:, None] * view_state], 1)[:, None]
     moments = moments / moments[:, :1, rank : rank + 1].clamp_min(1e-12)
-    words, look = moments[:, 0, :rank], moments[:, 0, rank + 1 :]
-    both = moments[:, 1:, :rank] - look[:, :, None] * words[:, None]
-    colours = moments[:, 1:, rank + 1 :] - look[:, :, None] * look[:, None]
-    responses = torch.linalg.solve(colours + LOOK_RIDGE * torch.eye(3, device=look.device), both)
+    words, view_state = moments[:, 0, :rank], moments[:, 0, rank + 1 :]
+    both = moments[:, 1:, :rank] - view_state[:, :, None] * words[:, None]
+    colours = moments[:, 1:, rank + 1 :] - view_state[:, :, None] * view_state[:, None]
+    semantic_coefficients = torch.linalg.solve(colours + LOOK_RIDGE * torch.eye(3, device=view_state.device), both)
     length = words.norm(dim=1).clamp_min(1e-12)[:, None]
-    latents = (words - (look[:, :, None] * responses).sum(1)) / length
-    return latents, responses / length[:, None]
+    latents = (words - (view_state[:, :, None] * semantic_coefficients).sum(1)) / length
+    return latents, semantic_coefficients / length[:, None]
 
 
 def fit_meaning(
@@ -115,7 +116,7 @@ def fit_meaning(
     Parameters
     ----------
     config : TrainConfig
-        `lift`, `semantic_steps`, `angular`, `region`, `resemantics` and the learning rates.
+        `lift`, `semantic_steps`, `angular`, `region`, `delta_semantics` and the learning rates.
     """
     random = np.random.default_rng(config.seed)
     if config.lift:
@@ -134,15 +135,15 @@ def fit_meaning(
         scene = recorded(SemanticPass(model, config, deform=True), (moments[spoken[0]],), list(model.parameters()))
         for step in range(steps):
             if stop():
-                model.responses = None  # a resumed training lifts again
+                model.semantic_coefficients = None  # a resumed training lifts again
                 return False
             for group in optimizer.param_groups:
                 group["lr"] = group["first"] * config.rate_final ** (step / steps)
             order = order or [spoken[k] for k in random.permutation(len(spoken))]
             frame = order.pop()
-            *state, price = scene(moments[frame])
+            *state, regularizer = scene(moments[frame])
             latent = draw_latents(state, frames.cameras[frame], detached=True)
-            loss = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region) + price / config.semantic
+            loss = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region) + regularizer / config.semantic
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             optimizer.step()
@@ -151,10 +152,10 @@ def fit_meaning(
     return True
 
 
-def _settle(model: SceneModel, latents: Tensor, responses: Tensor) -> None:
+def _settle(model: SceneModel, latents: Tensor, semantic_coefficients: Tensor) -> None:
     """Give the Gaussians what `lift` found."""
     model.canonical["semantics"].data.copy_(latents)
-    model.set_responses(responses)
+    model.set_semantic_coefficients(semantic_coefficients)
 
 
 @contextmanager

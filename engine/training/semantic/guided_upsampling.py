@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+
 from degense.engine.training.semantic.patches import BLUR, means_of, patch_side
 
 REACH = 1.0  # patch sides: how far around a region patches are heard

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from degense.engine.training.losses import rows_of
 from scipy.spatial import cKDTree
 from torch import Tensor
+
+from degense.engine.training.losses import rows_of
 
 BLUR = 0.7  # patch sides: how far around itself a patch sees
 AROUND = 25  # nearest patches that it may see, itself included

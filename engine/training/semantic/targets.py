@@ -9,17 +9,18 @@ from typing import NamedTuple, TypeVar
 import cv2
 import numpy as np
 import torch
+from torch import Tensor
+
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics import Basis, Teacher, fit_basis
 from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.semantics.text.directions import unit_rows
-from degense.engine.training.flow.supervision import MotionEvidence
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular, chord, region_smoothness
 from degense.engine.training.semantic.guided_upsampling import refined_by_regions
 from degense.engine.training.semantic.patches import Patches
-from torch import Tensor
 
 SPARSE = 0.25  # a teacher that speaks about a smaller share of the training frames has its words carried to the others
 LIKE = 8  # power of the cosine with which vectors count as saying the same
@@ -113,7 +114,7 @@ class SemanticTargets:
         self,
         teacher: Teacher,
         frames: TrainingFrames,
-        evidence: MotionEvidence | None = None,
+        evidence: FlowSupervision | None = None,
         progress: Progress = silent,
         *,
         guided: bool = True,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from degense.app.shell.actions import Action, ActionRegistry
 from degense.engine.errors import DegenseError
 

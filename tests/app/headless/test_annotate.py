@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
+
 from degense.app.cli.main import main
 from degense.app.session.session import Session
 from degense.engine.annotation.folder import INDEX, NAME
 from degense.engine.annotation.painting import brush
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import DegenseError
-from PIL import Image
-
 from tests.app.painting import FakeScene
 
 #: Paints a stroke twenty times a second until it is killed; tells how many are done.

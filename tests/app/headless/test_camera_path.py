@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from degense.app.features.cameras.state import CameraBook, CameraPath, Stop, load_path, save_path
 from degense.app.session.playback import Playback
 from degense.app.session.undo import UndoStack

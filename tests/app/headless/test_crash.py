@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from degense.app.session import session_file
 from degense.app.session.session import Session
 from degense.app.session.session_file import DamagedSession
 from degense.app.session.store import JOURNAL, waiting
 from degense.engine.annotation.painting import Region
 from degense.engine.errors import DegenseError
-
 from tests.app.painting import FakeClip, FakeScene, Strokes, opened
 
 
@@ -233,4 +233,4 @@ def test_small_parts_are_told_once_a_tick_and_places_never(tmp_path):
     session.close()
     again, _ = opened(tmp_path)
     again.recover()
-    assert (again.look.threshold, again.frame) == (0.95, 0)
+    assert (again.view_state.threshold, again.frame) == (0.95, 0)

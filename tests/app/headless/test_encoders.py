@@ -6,9 +6,10 @@ import json
 
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
+
 from degense.app.cli.main import main
 from degense.engine.scene import Scene
-from safetensors.numpy import save_file
 
 SHORT = ("--preset", "quick", "--iterations", "60", "--max-gaussians", "1500", "--device", "cpu")
 

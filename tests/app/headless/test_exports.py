@@ -7,12 +7,13 @@ import json
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
+
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.export.formats import FORMATS, ExportOptions, get_format
 from degense.engine.annotation.formats.run_lengths import run_lengths
 from degense.engine.errors import DegenseError
 from degense.engine.store.ply import load_ply
-from PIL import Image
 
 
 def export(name, scene, out, **options):

@@ -8,15 +8,15 @@ import sys
 from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from degense.app.session.session import Session
 from degense.app.session.signal import Signal
 from degense.app.session.targets import Spot
 from degense.app.session.undo import UndoStack
-from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Look, Prompt
+from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
 from degense.engine.errors import DegenseError, PromptError, RunError
-from hypothesis import given
-from hypothesis import strategies as st
-
 from tests.app.painting import FakeScene, Strokes
 from tests.fakes import MemoryClip
 from tests.house.source import ROOT
@@ -132,7 +132,7 @@ def test_one_history_over_several_places():
 
 
 looks = st.builds(
-    Look,
+    ViewState,
     layer=st.sampled_from(["rgb", "warp"]),
     prompts=st.lists(st.builds(Prompt, st.text(max_size=20), st.sampled_from(PROMPT_COLOURS), st.booleans()), max_size=3).map(tuple),
     threshold=st.floats(0, 1),
@@ -144,8 +144,8 @@ looks = st.builds(
 
 
 @given(looks)
-def test_look_survives_json(look):
-    assert Look.from_json(json.loads(json.dumps(look.to_json())), "here") == look
+def test_look_survives_json(view_state):
+    assert ViewState.from_json(json.loads(json.dumps(view_state.to_json())), "here") == view_state
 
 
 @pytest.mark.parametrize(
@@ -159,35 +159,35 @@ def test_look_survives_json(look):
     ],
 )
 def test_a_spoilt_look_is_refused_in_a_sentence(spoil):
-    data = Look(prompts=(Prompt("liver", (1, 2, 3)),)).to_json()
+    data = ViewState(prompts=(Prompt("liver", (1, 2, 3)),)).to_json()
     spoil(data)
     with pytest.raises(RunError, match=r"session\.json .*delete it"):
-        Look.from_json(data, "session.json")
+        ViewState.from_json(data, "session.json")
 
 
 def test_prompts_take_free_colours_and_undo(session):
     for text in ("liver", "fat", "gallbladder"):
         session.add_prompt(text)
-    assert [prompt.colour for prompt in session.look.prompts] == list(PROMPT_COLOURS[:3])
+    assert [prompt.colour for prompt in session.view_state.prompts] == list(PROMPT_COLOURS[:3])
     session.remove_prompt("FAT")
     assert session.undo.undo_name == "Remove fat"
     session.undo.undo()
-    assert [prompt.text for prompt in session.look.prompts] == ["liver", "fat", "gallbladder"]
+    assert [prompt.text for prompt in session.view_state.prompts] == ["liver", "fat", "gallbladder"]
     session.undo.undo()
     session.undo.undo()
     assert session.undo.redo_name == "Prompt fat"
     session.set_visible("liver", False)
-    assert session.look.visible_prompts == ()
+    assert session.view_state.visible_prompts == ()
     assert session.undo.redo_name is None
 
 
 @pytest.mark.parametrize(("text", "words"), [("  ", "Type what"), ("Liver", "already"), ("xyzzy", "vocabulary")])
 def test_prompts_that_cannot_be_answered_change_nothing(session, text, words):
     session.add_prompt("liver")
-    before = session.look
+    before = session.view_state
     with pytest.raises(PromptError, match=words):
         session.add_prompt(text)
-    assert session.look is before
+    assert session.view_state is before
 
 
 def test_no_prompt_without_a_scene():
@@ -216,7 +216,7 @@ def test_the_look_is_saved_with_the_run_and_found_again(session, tmp_path):
     session.close()
     again = Session()
     again.open_scene(FakeScene(tmp_path))
-    assert (again.look.layer, [prompt.text for prompt in again.look.prompts]) == ("depth", ["liver"])
+    assert (again.view_state.layer, [prompt.text for prompt in again.view_state.prompts]) == ("depth", ["liver"])
     assert not again.dirty
     again.set_layer("rgb")
     again.undo.undo()
@@ -239,7 +239,7 @@ def test_parts_are_saved_by_name_and_those_of_others_stay_in_the_file(session, t
     other.save()
     other.close()
     session.open_scene(FakeScene(tmp_path))
-    assert (strokes.strokes, session.look.layer, session.dirty) == ([7], "depth", False)
+    assert (strokes.strokes, session.view_state.layer, session.dirty) == ([7], "depth", False)
     session.open_clip(MemoryClip())
     assert strokes.strokes == []
 
@@ -262,7 +262,7 @@ def test_a_clip_replaces_a_scene(session):
     session.set_layer("depth")
     session.go_to(4)
     session.open_clip(MemoryClip())
-    assert (session.scene, session.frames, session.size, session.frame, session.look) == (None, 10, (48, 40), 0, Look())
+    assert (session.scene, session.frames, session.size, session.frame, session.view_state) == (None, 10, (48, 40), 0, ViewState())
     assert session.undo.undo_name is None
 
 
@@ -276,7 +276,7 @@ def test_save_into_a_folder_that_is_gone(session, tmp_path):
 
 
 def test_ranges_are_kept_by_layer():
-    look = Look().with_range("depth", ColourRange("fixed", 1, 2)).with_range("warp", ColourRange("frame"))
-    assert look.range("depth") == ColourRange("fixed", 1, 2)
-    assert look.range("displacement") == ColourRange()
-    assert replace(look, layer="warp").range("warp").mode == "frame"
+    view_state = ViewState().with_range("depth", ColourRange("fixed", 1, 2)).with_range("warp", ColourRange("frame"))
+    assert view_state.range("depth") == ColourRange("fixed", 1, 2)
+    assert view_state.range("displacement") == ColourRange()
+    assert replace(view_state, layer="warp").range("warp").mode == "frame"

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.inspect.curves import follow, summary, to_csv
 from degense.app.features.inspect.probe_maps import probe_maps
@@ -14,14 +15,14 @@ from degense.app.features.prompts.area_curves import AreaBook
 from degense.app.features.prompts.statistics import Meanings, answers
 from degense.app.features.viewer.view import ViewRequest, draw_view
 from degense.app.session.targets import Found, Region, Spot, inside_of, material
-from degense.app.session.view_state import Look, Prompt
+from degense.app.session.view_state import Prompt, ViewState
 from degense.engine.errors import DegenseError, RunError
 
-LOOK = Look(prompts=(Prompt("gallbladder", (230, 159, 0)), Prompt("liver", (86, 180, 233))))
+LOOK = ViewState(prompts=(Prompt("gallbladder", (230, 159, 0)), Prompt("liver", (86, 180, 233))))
 
 
-def curves_of(scene, place, look=LOOK):
-    return run_steps(follow(scene, place, look), Bar())
+def curves_of(scene, place, view_state=LOOK):
+    return run_steps(follow(scene, place, view_state), Bar())
 
 
 def test_the_curve_is_the_motion_of_the_gaussians_there(scene):
@@ -64,9 +65,9 @@ def test_inside_of_an_outline_by_its_pixel_middles():
 
 
 def test_what_a_prompt_finds_is_looked_for_in_each_frame(scene):
-    look = replace(LOOK, decoder="threshold", layer="depth")
-    curves = curves_of(scene, Found("gallbladder"), look)
-    mask = scene.query(6).similarity(scene.meanings("gallbladder")) > look.threshold
+    view_state = replace(LOOK, decoder="threshold", layer="depth")
+    curves = curves_of(scene, Found("gallbladder"), view_state)
+    mask = scene.query(6).similarity(scene.meanings("gallbladder")) > view_state.threshold
     assert curves.area[6] == pytest.approx(mask.mean())
     assert curves.layers["depth"][0, 6] == pytest.approx(np.nanmean(scene.render(6, what=("depth",))["depth"][mask]), rel=1e-4)
     assert curves.similarity == {}
@@ -90,7 +91,7 @@ def test_a_summary_is_weighted_and_ignores_what_is_not_known():
 def test_nothing_is_followed_where_nothing_is(scene):
     scene.splats(0).opacities.zero_()
     with pytest.raises(DegenseError, match="Nothing is reconstructed"):
-        curves_of(scene, Spot(0, 5, 5), Look())
+        curves_of(scene, Spot(0, 5, 5), ViewState())
 
 
 def test_maps_hold_what_the_layers_show(scene):
@@ -107,14 +108,14 @@ def test_maps_hold_what_the_layers_show(scene):
 
 
 def test_a_view_comes_first_without_and_then_with_masks(scene):
-    look = Look(prompts=(Prompt("gallbladder", (230, 159, 0)),), decoder="threshold")
-    steps = draw_view(scene, ViewRequest(3, look))
+    view_state = ViewState(prompts=(Prompt("gallbladder", (230, 159, 0)),), decoder="threshold")
+    steps = draw_view(scene, ViewRequest(3, view_state))
     early = next(steps)
     assert (early.complete, early.masks) == (False, None)
     with pytest.raises(StopIteration) as end:
         next(steps)
     view = end.value.value
-    mask = scene.query(3).similarity(scene.meanings("gallbladder")) > look.threshold
+    mask = scene.query(3).similarity(scene.meanings("gallbladder")) > view_state.threshold
     assert np.array_equal(view.masks[..., 3] > 0, mask)
     assert np.array_equal(view.rgb, scene.picture(3))
     assert len(view.splats.colours) == len(scene.splats(3))
@@ -136,7 +137,7 @@ def test_a_guess_is_called_one(scene):
     for wanted in (True, False):
         y, x = np.argwhere(guesses == wanted)[0]
         assert dict(maps.rows(int(x), int(y)))["displacement"].endswith("(a guess)") == wanted
-    request = ViewRequest(5, Look(layer="displacement"))
+    request = ViewRequest(5, ViewState(layer="displacement"))
     marked = result_of(draw_view(scene, request))
     assert "guess" in marked.uncertain
     scene.support = None
@@ -159,11 +160,11 @@ def test_why_a_pixel_is_what_it_is(scene):
 
 
 def test_answers_know_area_confidence_and_similarities(scene):
-    look = replace(LOOK, decoder="threshold")
-    known = result_of(answers(scene, 3, look))
+    view_state = replace(LOOK, decoder="threshold")
+    known = result_of(answers(scene, 3, view_state))
     assert [answer.text for answer in known] == ["gallbladder", "liver"]
     query, meaning = scene.query(3), scene.meanings("gallbladder")
-    mask = query.similarity(meaning) > look.threshold
+    mask = query.similarity(meaning) > view_state.threshold
     assert known[0].area == pytest.approx(mask.mean())
     assert known[0].confidence == pytest.approx(query.confidence(meaning, mask, scene.vectors(scene.classes)))
     assert known[0].histogram.sum() == mask.size
@@ -183,17 +184,17 @@ def test_a_negative_takes_its_pixels(scene):
 
 
 def test_areas_are_kept_and_saved_when_whole():
-    book, look = AreaBook(), LOOK
-    assert book.missing(look, 4, around=2) == [2, 1, 3, 0]
-    for prompt in look.prompts:
-        book.curve(prompt.text, look, 4)[:] = 0.25
-    book.curve("liver", look, 4)[3] = np.nan
-    assert book.missing(look, 4, around=0) == [3]
-    assert book.missing(replace(look, threshold=0.6), 4, around=0) == [0, 1, 2, 3]
+    book, view_state = AreaBook(), LOOK
+    assert book.missing(view_state, 4, around=2) == [2, 1, 3, 0]
+    for prompt in view_state.prompts:
+        book.curve(prompt.text, view_state, 4)[:] = 0.25
+    book.curve("liver", view_state, 4)[3] = np.nan
+    assert book.missing(view_state, 4, around=0) == [3]
+    assert book.missing(replace(view_state, threshold=0.6), 4, around=0) == [0, 1, 2, 3]
     again = AreaBook()
     again.from_json(json.loads(json.dumps(book.to_json())), "here")
-    assert again.curve("gallbladder", look, 4).tolist() == [0.25] * 4
-    assert np.isnan(again.curve("liver", look, 4)).all()
+    assert again.curve("gallbladder", view_state, 4).tolist() == [0.25] * 4
+    assert np.isnan(again.curve("liver", view_state, 4)).all()
     for wrong in ([["a"]], [["a", "b", "c", [], []]], 7, [["a", "b", 0.5, [], ["x"]]]):
         with pytest.raises(RunError, match="here"):
             again.from_json(wrong, "here")

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from degense.app.shell.settings import RECENT_LIMIT, Settings, SettingsFile
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing, write_text

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from degense.app.cli.main import main
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.images import read_index
@@ -19,7 +20,6 @@ from degense.engine.scene import Scene
 from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.teachers import answer_store as store
 from degense.engine.semantics.text.text_vectors import write_vectors
-
 from tests.language import peers
 from tests.language.tiny_models import write_model
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
 from degense.app.features.runs.catalogue import list_runs, training_answers
 from degense.app.features.train.job import TrainingJob, parse_settings
 from degense.app.features.train.queue import TrainingQueue
