@@ -4,9 +4,11 @@
 # make lint    the checks of the house only: formatting, lint, types, import direction
 #
 # PYTHON=python3.12       another interpreter for .venv
+# TESTS='tests/field'     some of the tests only: what pytest is told, e.g. TESTS='-m real_clips'
 # TORCH_INDEX=URL         one more package index, e.g. https://download.pytorch.org/whl/cpu for a PyTorch without CUDA
 
 PYTHON ?= python3
+TESTS ?=
 TORCH_INDEX ?=
 export PYTHON
 
@@ -20,7 +22,7 @@ demo: system-$(DISPLAY_KIND) .venv/installed
 	$(VENV)/degense demo $(if $(filter headless,$(DISPLAY_KIND)),--headless demo-out)
 
 test: system-test .venv/installed
-	env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb xvfb-run -a -s '-screen 0 1600x1000x24' $(VENV)/python -m pytest -n 2 --durations=10
+	env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb xvfb-run -a -s '-screen 0 1600x1000x24' $(VENV)/python -m pytest -n 2 --durations=10 $(TESTS)
 
 lint: system-headless .venv/installed
 	$(VENV)/python -m pytest -q tests/house

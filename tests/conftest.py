@@ -6,6 +6,7 @@ import functools
 import gc
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -58,15 +59,30 @@ def qtbot(qtbot, monkeypatch: pytest.MonkeyPatch):
 
 @pytest.fixture(scope="session")
 def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the real clips, `pulling` and `cholec160`: DEGENSE_CLIPS, else unpacked from `shared/clips` beside the project."""
-    if folder := os.environ.get("DEGENSE_CLIPS"):
-        return Path(folder)
-    unpack = ROOT.parent / "shared" / "clips" / "unpack"
-    if not unpack.is_file():
-        pytest.skip("real clips absent: DEGENSE_CLIPS is not set, and shared/clips does not lie beside the project")
+    """The folder of the real clips, unpacked: `pulling`, `cholec160`, `pulling.mp4`, the first as it was packed, and what else there is.
+
+    They come from the folder that DEGENSE_CLIPS names, else from `shared/clips` beside the project.
+    A test that asks for this fixture is marked `real_clips`; without the clips it is skipped.
+    """
+    packed = Path(os.environ.get("DEGENSE_CLIPS", ROOT.parent / "shared" / "clips"))
+    if not (packed / "unpack").is_file():
+        pytest.skip("real clips absent: DEGENSE_CLIPS names no folder of them, and shared/clips does not lie beside the project")
     folder = tmp_path_factory.mktemp("clips")
-    subprocess.run([sys.executable, str(unpack), str(folder)], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, str(packed / "unpack"), str(folder)], check=True, stdout=subprocess.DEVNULL)
+    shutil.copy(packed / "pulling" / "clip.mp4", folder / "pulling.mp4")
     return folder
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "real_clips: needs the real clips, which do not come with the project")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Marks the tests that need the real clips, before any are chosen by their marks."""
+    for item in items:
+        if "clips" in getattr(item, "fixturenames", ()):
+            item.add_marker("real_clips")
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -18,6 +18,7 @@ class Suite:
     def __init__(self, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
         self.pytester = pytester
         monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")  # what is left behind is the same without a display
+        monkeypatch.delenv("PYTHONPATH", raising=False)  # else it may show the project itself
         self.write("tests/conftest.py", RULES.read_text(encoding="utf-8"))
 
     def write(self, path: str, text: str) -> None:

@@ -1,8 +1,6 @@
 """On a real frame with a hand-drawn label map: superpixels keep to the anatomy, and region aggregation repairs spoilt features."""
 
 import json
-import os
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,16 +10,14 @@ from degense.engine.semantics import EmbeddedEncoder, fit_basis
 from degense.engine.semantics.masks import FrameSemantics, superpixels
 from tests.masks.scenes import latents, overlap
 
-ROOT = Path(os.environ.get("DEGENSE_CLIPS", Path(__file__).parents[2] / ".." / "shared" / "clips")) / "cholec160"
 
-
-@pytest.fixture(scope="module")
-def frame():
-    if not ROOT.is_dir():
-        pytest.skip("no real clips: set DEGENSE_CLIPS to their folder")
-    path = next((ROOT / "labels").glob("*.png"))
-    image = next((ROOT / "images").glob(f"{path.stem}.*"))
-    classes = json.loads((ROOT / "classes.json").read_text())["classes"]
+@pytest.fixture
+def frame(clips):
+    """The annotated frame of a clip: colours, labels and the names of the classes."""
+    folder = clips / "cholec160"
+    path = next((folder / "labels").glob("*.png"))
+    image = next((folder / "images").glob(f"{path.stem}.*"))
+    classes = json.loads((folder / "classes.json").read_text())["classes"]
     return cv2.cvtColor(cv2.imread(str(image)), cv2.COLOR_BGR2RGB), cv2.imread(str(path), cv2.IMREAD_UNCHANGED), classes
 
 

@@ -1,14 +1,10 @@
 """The real clips, where they are at hand."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
 
 from degense.engine.data.readers import ClipOptions, detect, open_clip
-
-PACKED = Path(__file__).resolve().parents[2].parent / "shared/clips"
 
 
 def test_pulling(clips):
@@ -52,10 +48,7 @@ def test_cholec160(clips):
 
 
 def test_the_packed_video_is_exact_at_random(clips):
-    video = PACKED / "pulling/clip.mp4"
-    if not video.exists():
-        pytest.skip("real clips absent: shared/clips does not lie beside the project")
-    clip = open_clip(video, ClipOptions(focal=569.4682))
+    clip = open_clip(clips / "pulling.mp4", ClipOptions(focal=569.4682))
     folder = open_clip(clips / "pulling")
     clip.cache.limit = 0
     for i in (62, 0, 31, 30, 59, 7):
