@@ -19,7 +19,7 @@ def modules(*packages: str) -> list[Path]:
 def texts() -> list[Path]:
     """Every text file that belongs to the project: of the code, the documents and the scripts, and the loose files beside them."""
     folders = [ROOT / name for name in (*CODE, "docs", "scripts", "assets", ".ci")]
-    files = [path for folder in folders for path in folder.rglob("*")] + list(ROOT.iterdir())
+    files = [path for folder in folders for path in folder.rglob("*")] + [path for path in ROOT.iterdir() if path.name != ".git"]
     return sorted(path for path in files if path.is_file() and path.suffix in TEXT_SUFFIXES and "__pycache__" not in path.parts)
 
 

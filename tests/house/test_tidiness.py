@@ -1,4 +1,4 @@
-"""What a reader of the project may rely on: formatted, typed, in files of a readable size, with no path of anybody's machine."""
+"""What a reader of the project may rely on: formatted, typed, with no path of anybody's machine."""
 
 from __future__ import annotations
 
@@ -8,16 +8,10 @@ import sys
 
 import pytest
 
-from tests.house.source import ROOT, modules, texts
+from tests.house.source import ROOT, texts
 
-LONGEST = 400
 #: A folder that exists on one machine only: a home, a scratch folder, a mounted drive. Examples in documents use ~ or relative paths.
 MACHINE_PATH = re.compile(r"(?<![\w.~/])/(?:home|Users|root|work|workspace|mnt|data|tmp|var/folders)/\w[\w./-]*|\b[A-Z]:\\\\?Users\b")
-
-
-def test_no_file_is_too_long():
-    lines = {path: len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in modules("engine", "widgets", "app", "tests")}
-    assert not {str(path): count for path, count in lines.items() if count > LONGEST}
 
 
 def test_no_path_of_a_machine():
