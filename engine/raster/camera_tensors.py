@@ -27,6 +27,13 @@ def intrinsic_matrix(camera: Camera, device: torch.device, dtype: torch.dtype = 
     return _tensor(camera.intrinsics.tobytes(), 3, device, dtype)
 
 
+def camera_depths(means: Tensor, camera: Camera) -> Tensor:
+    """Camera z [N] of world points [N, 3], differentiable; draw it as one more feature channel."""
+    means = means if means.dtype == torch.float64 else means.float()
+    row = view_matrix(camera, means.device, means.dtype)[2]
+    return means @ row[:3] + row[3]
+
+
 @lru_cache(maxsize=1024)
 def _tensor(values: bytes, rows: int, device: torch.device, dtype: torch.dtype) -> Tensor:
     with torch.inference_mode(False):  # kept tensors must stay usable where gradients are recorded

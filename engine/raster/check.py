@@ -17,6 +17,7 @@ from torch import Tensor
 from degense.engine.camera import Camera
 from degense.engine.raster.render import Backend, Render, rasterize
 from degense.engine.raster.scenes import random_scene
+from degense.engine.splats import Splats
 
 INPUTS = ("means", "quats", "scales", "opacities", "features", "background", "offsets")
 IMAGE_TOLERANCE, OUTLIERS, OUTLIER_TOLERANCE, GRADIENT_TOLERANCE, RADII_TOLERANCE = 1e-3, 2e-3, 6e-3, 1e-2, 0.01
@@ -25,12 +26,21 @@ ROUNDING = 1e-5  # of a case's largest gradient: what float32 leaves of sums tha
 
 @dataclass
 class Case:
-    """Gaussians to draw: tensors in the order of INPUTS (the last two may be None), and which of them need gradients."""
+    """Gaussians to draw, whose semantics are the features, and which of INPUTS need gradients."""
 
     name: str
-    tensors: list[Tensor | None]
+    splats: Splats
     camera: Camera
+    background: Tensor | None = None
+    offsets: Tensor | None = None
     wanted: tuple[str, ...] = INPUTS
+
+    @property
+    def inputs(self) -> dict[str, Tensor]:
+        """Those of INPUTS that are there."""
+        s = self.splats
+        tensors = (s.means, s.quats, s.scales, s.opacities, s.semantics, self.background, self.offsets)
+        return {name: tensor for name, tensor in zip(INPUTS, tensors, strict=True) if tensor is not None}
 
 
 @dataclass
@@ -72,13 +82,10 @@ class Comparison:
 
 def draw(case: Case, device: str, backend: Backend = "auto") -> tuple[Render, dict[str, Tensor]]:
     """The picture, and gradients of a fixed random loss over image and alpha for the wanted inputs."""
-    given = {name: tensor for name, tensor in zip(INPUTS, case.tensors, strict=True) if tensor is not None}
-    inputs = {name: tensor.detach().to(device).requires_grad_(name in case.wanted) for name, tensor in given.items()}
-    means, quats, scales, opacities, features = (inputs[name] for name in INPUTS[:5])
+    inputs = {name: tensor.detach().to(device).requires_grad_(name in case.wanted) for name, tensor in case.inputs.items()}
+    splats = replace(case.splats.to(device), **{name: inputs[name] for name in INPUTS[:4]})
     background, offsets = inputs.get("background"), inputs.get("offsets")
-    render = rasterize(
-        means, quats, scales, opacities, features, case.camera, background=background, screen_offsets=offsets, backend=backend
-    )
+    render = rasterize(splats, inputs["features"], case.camera, background=background, screen_offsets=offsets, backend=backend)
     generator = torch.Generator().manual_seed(1)
     image_pull, alpha_pull = (torch.randn(part.shape, generator=generator).to(part) for part in (render.image, render.alpha))
     loss = (render.image * image_pull).sum() + (render.alpha * alpha_pull).sum()
@@ -113,13 +120,13 @@ def cases(seed: int) -> Iterator[Case]:
     """Well-behaved scenes: sizes, channels, cameras, and combinations of gradients."""
 
     def case(name: str, count: int, width: int, height: int, channels: int, **options) -> Case:
-        tensors, camera = random_scene(count, width, height, channels, seed, **options)
+        splats, camera = random_scene(count, width, height, channels, seed, **options)
         generator = torch.Generator().manual_seed(seed + 1)
-        return Case(name, [*tensors, torch.rand(channels, generator=generator), torch.randn(count, 2, generator=generator) * 0.1], camera)
+        return Case(name, splats, camera, torch.rand(channels, generator=generator), torch.randn(count, 2, generator=generator) * 0.1)
 
     plain = case("plain, 4 channels", 400, 96, 72, 4)
     yield plain
-    yield replace(plain, name="no background, no offsets", tensors=[*plain.tensors[:5], None, None])
+    yield replace(plain, name="no background, no offsets", background=None, offsets=None)
     yield replace(plain, name="features only need gradients", wanted=("features",))
     yield replace(plain, name="geometry only needs gradients", wanted=("means", "quats", "scales", "opacities"))
     yield case("turned camera", 400, 96, 72, 3, turned=True)
@@ -155,21 +162,21 @@ def hostile_cases(seed: int) -> Iterator[Case]:
         ("far away", "means", lambda means: means[::3].mul_(1e12)),
         ("NaN means", "means", lambda means: means[::3, 1].fill_(nan)),
         ("infinite means", "means", lambda means: means[::3, 0].fill_(inf)),
-        ("NaN features", "features", lambda features: features[::3, -1].fill_(nan)),
-        ("all features infinite", "features", lambda features: features.fill_(inf)),
+        ("NaN features", "semantics", lambda features: features[::3, -1].fill_(nan)),
+        ("all features infinite", "semantics", lambda features: features.fill_(inf)),
     ]
     background = torch.linspace(0.1, 0.7, 4)
     for name, changed, change in changes:
-        tensors, camera = random_scene(200, 47, 33, 4, seed)
-        change(tensors[INPUTS.index(changed)])
-        yield Case(name, [*tensors, background, torch.zeros(200, 2)], camera)
-    tensors, camera = random_scene(200, 47, 33, 4, seed)
+        splats, camera = random_scene(200, 47, 33, 4, seed)
+        change(getattr(splats, changed))
+        yield Case(name, splats, camera, background, torch.zeros(200, 2))
+    splats, camera = random_scene(200, 47, 33, 4, seed)
     offsets = torch.zeros(200, 2)
     offsets[::3] = torch.nan
-    yield Case("NaN offsets", [*tensors, None, offsets], camera)
-    yield Case("no Gaussians", [*(tensor[:0] for tensor in tensors), background, torch.zeros(0, 2)], camera)
-    wide = torch.cat([tensors[0], tensors[0]], 1)[:, :3]
-    yield Case("not contiguous", [wide, tensors[1].flip(1), tensors[2].T.contiguous().T, tensors[3], tensors[4], None, None], camera)
+    yield Case("NaN offsets", splats, camera, None, offsets)
+    yield Case("no Gaussians", splats.map(lambda tensor: tensor[:0]), camera, background, torch.zeros(0, 2))
+    wide, turned = torch.cat([splats.means, splats.means], 1)[:, :3], splats.quats.flip(1)
+    yield Case("not contiguous", replace(splats, means=wide, quats=turned, scales=splats.scales.T.contiguous().T), camera)
 
 
 def main() -> int:

@@ -12,25 +12,19 @@ from degense.engine.raster.binning import bin_by_tile, sort_by_depth
 from degense.engine.raster.blend import blend
 from degense.engine.raster.blend_backward import add_slots, blend_backward, first_slots
 from degense.engine.raster.project import FIELDS, MOMENTS, TILE_HEIGHT, TILE_WIDTH, project, project_backward
+from degense.engine.splats import Splats
 from degense.engine.threads import run_kernel
 
 SLOT_BYTES = 256 << 20  # the backward pass works through the picture in bands of tile rows that need no more than this
 
 
 def rasterize_cpu(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    features: Tensor,
-    camera: Camera,
-    background: Tensor | None,
-    screen_offsets: Tensor | None,
+    splats: Splats, features: Tensor, camera: Camera, background: Tensor | None, screen_offsets: Tensor | None
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Image float32 [H, W, C], alpha float32 [H, W], radii int32 [N]; arguments as for `engine.raster.rasterize`."""
     background = features.new_zeros(features.shape[1]) if background is None else background
-    screen_offsets = means.new_zeros(0, 2) if screen_offsets is None else screen_offsets
-    tensors = (means, quats, scales, opacities, features, background, screen_offsets)
+    screen_offsets = features.new_zeros(0, 2) if screen_offsets is None else screen_offsets
+    tensors = (splats.means, splats.quats, splats.scales, splats.opacities, features, background, screen_offsets)
     return _Rasterize.apply(camera, *(tensor.float().contiguous() for tensor in tensors))
 
 

@@ -5,6 +5,7 @@ gsplat is imported at the first drawing: its import compiles kernels wherever it
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from types import ModuleType
 
@@ -15,24 +16,21 @@ from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError
 from degense.engine.raster.camera_tensors import intrinsic_matrix, view_matrix
 from degense.engine.raster.limits import EPS2D, FAR, MAX_SCALE, MAX_SQUARE, MIN_QUAT, NEAR
+from degense.engine.splats import Splats
 
 TILE = 16
 CHANNELS_AT_ONCE = 64  # more would need more shared memory than common GPUs have
 
 
 def rasterize_cuda(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    features: Tensor,
-    camera: Camera,
-    background: Tensor | None,
-    screen_offsets: Tensor | None,
+    splats: Splats, features: Tensor, camera: Camera, background: Tensor | None, screen_offsets: Tensor | None, *, clean: bool = False
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Image float32 [H, W, C], alpha float32 [H, W], radii int32 [N]; arguments of `engine.raster.rasterize`, `cleaned`."""
-    width, height, device = camera.width, camera.height, means.device
-    means, quats, scales, opacities, features = (tensor.float() for tensor in (means, quats, scales, opacities, features))
+    """Image float32 [H, W, C], alpha float32 [H, W], radii int32 [N]; arguments as for `engine.raster.rasterize`."""
+    if not clean:
+        splats = cleaned(splats, features, screen_offsets)
+    width, height, device = camera.width, camera.height, features.device
+    means, quats, scales, opacities = (tensor.float() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
+    features = features.float()
     background = None if background is None else background.float()
     if means.shape[0] == 0:  # gsplat divides by the number of Gaussians
         return _empty(features, camera, background)
@@ -79,22 +77,20 @@ def rasterize_cuda(
     return (images[0] if len(images) == 1 else torch.cat(images, 2)), alphas[0], radii[0].amax(1)
 
 
-def cleaned(
-    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, features: Tensor, screen_offsets: Tensor | None = None
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Quaternions, scales and opacities that gsplat can take.
+def cleaned(splats: Splats, features: Tensor, screen_offsets: Tensor | None = None) -> Splats:
+    """The splats with quaternions, scales and opacities that gsplat can take.
 
     Zero quaternions become the identity, scales are bounded, opacities clamped to [0, 1], and 0 for a Gaussian with anything not finite:
     gsplat then never looks at it, forward or backward.
     """
-    parts = [means, quats, scales, opacities[:, None], features]
+    parts = [splats.means, splats.quats, splats.scales, splats.opacities[:, None], features]
     if screen_offsets is not None:
         parts.append(screen_offsets)
     length = torch.linalg.vector_norm(torch.cat([part.detach().float() for part in parts], 1), dim=1)
-    opacities = torch.where(length <= MAX_SQUARE**0.5, opacities.float().clamp(0, 1), 0.0)
-    quats = quats.float()
-    quats = torch.where(torch.linalg.vector_norm(quats, dim=1, keepdim=True) < MIN_QUAT, _identity(means.device), quats)
-    return quats, scales.float().clamp(-MAX_SCALE, MAX_SCALE), opacities
+    opacities = torch.where(length <= MAX_SQUARE**0.5, splats.opacities.float().clamp(0, 1), 0.0)
+    quats = splats.quats.float()
+    quats = torch.where(torch.linalg.vector_norm(quats, dim=1, keepdim=True) < MIN_QUAT, _identity(quats.device), quats)
+    return replace(splats, quats=quats, scales=splats.scales.float().clamp(-MAX_SCALE, MAX_SCALE), opacities=opacities)
 
 
 def _empty(features: Tensor, camera: Camera, background: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:

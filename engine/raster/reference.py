@@ -19,15 +19,13 @@ from degense.engine.raster.limits import (
     MIN_TRANSMITTANCE,
     NEAR,
 )
+from degense.engine.splats import Splats
 
 PAIRS_AT_ONCE = 4_000_000
 
 
 def rasterize_reference(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
+    splats: Splats,
     features: Tensor,
     camera: Camera,
     background: Tensor | None,
@@ -39,7 +37,8 @@ def rasterize_reference(
 
     With a `window` (left, top, width, height; pixels) only that part of the picture is drawn, exactly as it is in the whole.
     """
-    means, quats, scales, opacities, features = (tensor.double() for tensor in (means, quats, scales, opacities, features))
+    inputs = (splats.means, splats.quats, splats.scales, splats.opacities, features)
+    means, quats, scales, opacities, features = (tensor.double() for tensor in inputs)
     per_gaussian = [means, quats, scales, opacities[:, None], features]
     if screen_offsets is not None:
         screen_offsets = screen_offsets.double()

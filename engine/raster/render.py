@@ -1,8 +1,20 @@
-"""The one function that draws, and what it returns."""
+"""The one function that draws, and what it returns.
+
+Optimisers make numbers without meaning, so these are no errors, whatever the back end:
+
+- NaN or infinity (or a length above 1.8e19) in anything of a Gaussian, features included: it is not drawn, its gradients are zero.
+- Quaternions shorter than 1e-12 are the identity, with zero gradient.
+- Scales may be zero (a dot of about half a pixel); above 1e4 they count as 1e4, with zero gradient. Their sign is without meaning.
+- Opacities are clamped to [0, 1], with zero gradient outside; under 1/255 nothing is drawn.
+- Centres with camera z < 0.01 or > 1e10 (units of the means) are not drawn.
+- N may be 0; pictures may be 1 × 1.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -10,7 +22,7 @@ import torch
 from torch import Tensor
 
 from degense.engine.camera import Camera
-from degense.engine.raster.camera_tensors import view_matrix
+from degense.engine.splats import Splats
 
 Backend = Literal["auto", "cpu", "cuda", "reference"]
 
@@ -35,10 +47,7 @@ class Render:
 
 
 def rasterize(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
+    splats: Splats,
     features: Tensor,
     camera: Camera,
     *,
@@ -47,25 +56,19 @@ def rasterize(
     backend: Backend = "auto",
     clean: bool = False,
 ) -> Render:
-    """Draw N Gaussians, nearest first.
+    """Draw N Gaussians, nearest first, with C channels of features in place of their own colours and latents.
 
     C = Σᵢ cᵢ αᵢ Tᵢ + T_end background, Tᵢ = Π_{j<i} (1 − αⱼ), α = min(0.999, o exp(−½ dᵀ Σ'⁻¹ d)), Σ' = J W Σ Wᵀ Jᵀ + 0.3 I (pixels²),
     as in gsplat 1.5.3's classic mode: α below 1/255 is skipped, a pixel is finished before T would fall to 1e-4.
     Differentiable (once) in everything but the camera; work for inputs that need no gradient is skipped. Any number of threads may
-    draw at once.
+    draw at once. What becomes of numbers that are not finite or out of range is said at the head of this file.
 
     Parameters
     ----------
-    means : float [N, 3]
-        Centres, world.
-    quats : float [N, 4]
-        Rotations, wxyz, any length.
-    scales : float [N, 3]
-        Standard deviations along the rotated axes, same unit as the means.
-    opacities : float [N]
-        In [0, 1].
+    splats : Splats
+        Means, quaternions, scales and opacities are read. Scales have the unit of the means.
     features : float [N, C]
-        Any C ≥ 1; all channels are blended in one pass.
+        Any C ≥ 1, for example `splats.colors`; all channels are blended in one pass.
     camera : Camera
         Its size is the picture's.
     background : float [C] or None
@@ -77,7 +80,7 @@ def rasterize(
         "auto" follows the tensors' device.
     clean : bool
         The caller knows that every number is finite, opacities lie in [0, 1], scales under 1e4 and no quaternion is zero (a baked state):
-        CUDA then need not look for what the notes below describe, which costs a third of a small picture.
+        CUDA then skips looking for them, which costs a third of a small picture.
 
     Returns
     -------
@@ -85,70 +88,48 @@ def rasterize(
         float32 whatever the inputs' type: half precision and float64 are computed in float32, and gradients come back in the
         inputs' own type. The reference computes and returns float64.
 
-    Notes
-    -----
-    Input that means nothing is not an error, since optimisers make it:
-
-    - NaN or infinity (or a length above 1.8e19) in anything of a Gaussian, features included: it is not drawn, its gradients are zero.
-    - Quaternions shorter than 1e-12 are the identity, with zero gradient.
-    - Scales may be zero (a dot of about half a pixel); above 1e4 they count as 1e4, with zero gradient. Their sign is without
-      meaning.
-    - Opacities are clamped to [0, 1], with zero gradient outside; under 1/255 nothing is drawn.
-    - Centres with camera z < 0.01 or > 1e10 (units of the means) are not drawn.
-    - N may be 0; pictures may be 1 × 1.
-
     Raises
     ------
     ValueError
         Wrong shapes, types or devices.
     """
-    _check(means, quats, scales, opacities, features, camera, background, screen_offsets)
+    _check(splats, features, camera, background, screen_offsets)
     if backend == "auto":
-        backend = "cuda" if means.is_cuda else "cpu"
-    if backend not in ("cpu", "cuda", "reference"):
-        raise ValueError(f"backend is {backend!r}; use one of 'auto', 'cpu', 'cuda', 'reference'")
-    if means.device.type != ("cuda" if backend == "cuda" else "cpu"):
-        raise ValueError(f"back end {backend!r} cannot draw tensors on {means.device}; move them, or use backend='auto'")
-    if backend == "cuda":
-        from degense.engine.raster.cuda import cleaned, rasterize_cuda
-
-        if not clean:
-            quats, scales, opacities = cleaned(means, quats, scales, opacities, features, screen_offsets)
-        return Render(*rasterize_cuda(means, quats, scales, opacities, features, camera, background, screen_offsets))
-    if backend == "cpu":
-        from degense.engine.raster.cpu import rasterize_cpu as draw
-    else:
-        from degense.engine.raster.reference import rasterize_reference as draw
-    return Render(*draw(means, quats, scales, opacities, features, camera, background, screen_offsets))
+        backend = "cuda" if splats.means.is_cuda else "cpu"
+    return Render(*_back_end(backend, splats.means.device, clean)(splats, features, camera, background, screen_offsets))
 
 
-def camera_depths(means: Tensor, camera: Camera) -> Tensor:
-    """Camera z [N] of world points [N, 3], differentiable; draw it as one more feature channel."""
-    means = means if means.dtype == torch.float64 else means.float()
-    row = view_matrix(camera, means.device, means.dtype)[2]
-    return means @ row[:3] + row[3]
+def _back_end(name: str, device: torch.device, clean: bool) -> Callable[..., tuple[Tensor, Tensor, Tensor]]:
+    """The drawing function of a back end. ValueError when it cannot draw tensors on `device`."""
+    if name not in ("cpu", "cuda", "reference"):
+        raise ValueError(f"backend is {name!r}; use one of 'auto', 'cpu', 'cuda', 'reference'")
+    if device.type != ("cuda" if name == "cuda" else "cpu"):
+        raise ValueError(f"back end {name!r} cannot draw tensors on {device}; move them, or use backend='auto'")
+    if name == "cuda":
+        from degense.engine.raster.cuda import rasterize_cuda
+
+        return partial(rasterize_cuda, clean=clean)
+    if name == "cpu":
+        from degense.engine.raster.cpu import rasterize_cpu
+
+        return rasterize_cpu
+    from degense.engine.raster.reference import rasterize_reference
+
+    return rasterize_reference
 
 
-def _check(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    features: Tensor,
-    camera: Camera,
-    background: Tensor | None,
-    screen_offsets: Tensor | None,
-) -> None:
+def _check(splats: Splats, features: Tensor, camera: Camera, background: Tensor | None, screen_offsets: Tensor | None) -> None:
     """ValueError unless shapes, types and devices fit together."""
+    means = splats.means
     if means.ndim != 2 or features.ndim != 2 or features.shape[1] < 1:
         shapes = f"{list(means.shape)} and {list(features.shape)}"
         raise ValueError(f"means must have shape [N, 3] and features [N, C] with C ≥ 1, but they have {shapes}")
     count, channels = means.shape[0], features.shape[1]
     expected: dict[str, tuple[Tensor | None, tuple[int, ...]]] = {
         "means": (means, (count, 3)),
-        "quats": (quats, (count, 4)),
-        "scales": (scales, (count, 3)),
-        "opacities": (opacities, (count,)),
+        "quats": (splats.quats, (count, 4)),
+        "scales": (splats.scales, (count, 3)),
+        "opacities": (splats.opacities, (count,)),
         "features": (features, (count, channels)),
         "background": (background, (channels,)),
         "screen_offsets": (screen_offsets, (count, 2)),

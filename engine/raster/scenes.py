@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
-from torch import Tensor
 
 from degense.engine.camera import Camera
 from degense.engine.raster.render import Render, rasterize
+from degense.engine.splats import Splats
 
 
 def random_scene(
     count: int, width: int, height: int, channels: int, seed: int, *, footprint: float = 3.0, turned: bool = False
-) -> tuple[list[Tensor], Camera]:
-    """[means, quats, scales, opacities, features] that fill a picture (and spill a little over its edges), and the camera that sees them.
+) -> tuple[Splats, Camera]:
+    """Gaussians that fill a picture (and spill a little over its edges), and the camera that sees them.
+
+    Their semantics are `channels` random features in [0, 1]; their colours are zero.
 
     Parameters
     ----------
@@ -33,19 +37,20 @@ def random_scene(
     pixels = (torch.rand(count, 2, generator=generator) * 1.2 - 0.1) * torch.tensor([width, height])
     depth = torch.rand(count, generator=generator) * 0.6 + 0.7
     means = torch.from_numpy(camera.unproject(pixels.double().numpy(), depth.double().numpy())).float()
-    return [
+    splats = Splats(
         means,
         torch.randn(count, 4, generator=generator),
         torch.exp(torch.randn(count, 3, generator=generator) * 0.5) * footprint / focal,
         torch.sigmoid(torch.randn(count, generator=generator) * 1.5),
+        torch.zeros(count, 3),
         torch.rand(count, channels, generator=generator),
-    ], camera
+    )
+    return splats, camera
 
 
-def draw_scene(tensors: list[Tensor], camera: Camera, screen_offsets: Tensor | None = None) -> Render:
-    """`rasterize` for the tensors of `random_scene`."""
-    means, quats, scales, opacities, features = tensors
-    return rasterize(means, quats, scales, opacities, features, camera, screen_offsets=screen_offsets)
+def draw_scene(splats: Splats, camera: Camera, **options: Any) -> Render:
+    """`rasterize` of the semantics of a `random_scene`."""
+    return rasterize(splats, splats.semantics, camera, **options)
 
 
 def _rigid(axis: np.ndarray, angle: float, translation: list[float]) -> np.ndarray:

@@ -289,7 +289,7 @@ class Scene:
             else:
                 columns[name] = self._screen_motion(frame, camera)
         features = torch.cat(list(columns.values()), 1)
-        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera, clean=True)
+        drawn = rasterize(splats, features, camera, clean=True)
         image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()
         out, first = {"alpha": alpha}, 0
         for name, column in columns.items():
@@ -353,7 +353,7 @@ class Scene:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
         splats = self.splats(frame, semantics=True)
         features = torch.cat([splats.colors, splats.semantics], 1)
-        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera, clean=True)
+        drawn = rasterize(splats, features, camera, clean=True)
         return query_of(drawn, self.basis)
 
     @cached_property
@@ -366,7 +366,7 @@ class Scene:
 
 def _blended(splats: Splats, values: Tensor, camera: Camera) -> np.ndarray:
     """One number a Gaussian, [N], blended over those of each pixel: Σ v·w / Σ w, float32 [H, W], NaN where nothing is."""
-    drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, values[:, None], camera, clean=True)
+    drawn = rasterize(splats, values[:, None], camera, clean=True)
     image, alpha = drawn.image[..., 0].cpu().numpy(), drawn.alpha.cpu().numpy()
     return np.where(alpha >= COVERED, image / np.maximum(alpha, COVERED), np.nan).astype(np.float32)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -149,7 +149,8 @@ class Trainer:
         self._record_model(asked)
         means, quats, scales, opacities, features, loss, *there = self._recordings["field"](*asked)
         offsets = torch.zeros(len(means), 2, device=self.device, requires_grad=self.densifies)
-        render = rasterize(means, quats, scales, opacities, features, camera, screen_offsets=offsets, clean=True)
+        splats = Splats(means, quats, scales, opacities, features[:, :3], features[:, :0])
+        render = rasterize(splats, features, camera, screen_offsets=offsets, clean=True)
         loss_of_picture, error = self._run("picture", self._picture_loss, render.image, render.alpha, frame.image, frame.valid, frame.depth)
         loss = loss + loss_of_picture
         if self.evidence is not None and pair is not None:
@@ -269,8 +270,9 @@ class Trainer:
         assert self.semantics is not None
         spoken = self.semantics.frames
         frame = frame_index if frame_index in set(spoken) else spoken[int(self.random.integers(len(spoken)))]
-        *state, regularizer = self._recordings["semantics"](self.times[frame])
-        latent = draw_latents(state, self.frames.cameras[frame], detached=self.config.routing == "isolated")
+        means, quats, scales, opacities, latents, regularizer = self._recordings["semantics"](self.times[frame])
+        splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
+        latent = draw_latents(splats, self.frames.cameras[frame], detached=self.config.routing == "isolated")
         return self.semantics.loss(latent, frame, use_angles=self.config.angular, region_weight=self.config.region) + regularizer
 
     # -- between steps ---------------------------------------------------------------------------------------------------------------------
@@ -324,16 +326,12 @@ class Trainer:
 def draw(splats: Splats, camera: Camera) -> Render:
     """Colour and z in one pass: image [H, W, 4]."""
     features = torch.cat([splats.colors, camera_depths(splats.means, camera)[:, None]], 1)
-    return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera)
+    return rasterize(splats, features, camera)
 
 
-def draw_latents(state: Sequence[Tensor], camera: Camera, *, detached: bool) -> Tensor:
-    """Latent map [H, W, d] of means, quaternions, scales, opacities and latents.
-
-    With `detached` geometry nothing but the latents receives a gradient.
-    """
-    means, quats, scales, opacities = (part.detach() if detached else part for part in state[:4])
-    return rasterize(means, quats, scales, opacities, state[4], camera).image
+def draw_latents(splats: Splats, camera: Camera, *, detached: bool) -> Tensor:
+    """Latent map [H, W, d]. With `detached` geometry nothing but the latents receives a gradient."""
+    return rasterize(splats.detach() if detached else splats, splats.semantics, camera).image
 
 
 def run_steps(trainer: Trainer, stop: Callable[[], bool], every: int, progress: Progress, after: Callable[[dict[str, Any]], None]) -> bool:

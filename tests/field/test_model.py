@@ -54,7 +54,7 @@ def test_where_the_semantic_loss_may_go(routing):
     model = make(routing)
     stir(model)
     s = model.at(0.4).splats
-    latent = draw_latents((s.means, s.quats, s.scales, s.opacities, s.semantics), CAMERA, detached=routing == "isolated")
+    latent = draw_latents(s, CAMERA, detached=routing == "isolated")
     latent.square().sum().backward()
 
     def touched(parameters):
@@ -109,7 +109,7 @@ def test_a_scene_without_semantics_draws():
     model = make("isolated", rank=0)
     splats = model.at(0.0).splats
     assert splats.semantics.shape == (60, 0)
-    drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, CAMERA)
+    drawn = rasterize(splats, splats.colors, CAMERA)
     assert drawn.image.shape == (20, 24, 3)
 
 

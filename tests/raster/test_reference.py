@@ -1,15 +1,17 @@
 """The reference against code that shares nothing with it: a plain loop, finite differences, gsplat's torch twin of its projection."""
 
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
 import torch
 
 from degense.engine.camera import Camera
-from degense.engine.raster import camera_depths, rasterize
+from degense.engine.raster import camera_depths
 from degense.engine.raster.reference import project
-from degense.engine.raster.scenes import random_scene
+from degense.engine.raster.scenes import draw_scene, random_scene
+from degense.engine.splats import Splats
 
 
 def draw_by_hand(means, quats, scales, opacities, features, camera, background):
@@ -59,26 +61,27 @@ def draw_by_hand(means, quats, scales, opacities, features, camera, background):
     ("seed", "turned", "footprint", "count"), [(0, False, 3.0, 60), (1, True, 2.0, 60), (2, True, 25.0, 40), (3, False, 6.0, 400)]
 )
 def test_forward_equals_a_plain_loop(seed, turned, footprint, count):
-    tensors, camera = random_scene(count, 13, 11, 3, seed, footprint=footprint, turned=turned)
-    tensors = [tensor.double() for tensor in tensors]
+    splats, camera = random_scene(count, 13, 11, 3, seed, footprint=footprint, turned=turned)
+    splats = splats.map(torch.Tensor.double)
+    tensors = (splats.means, splats.quats, splats.scales, splats.opacities, splats.semantics)
     background = torch.tensor([0.2, 0.5, 0.9], dtype=torch.float64)
     image, alpha = draw_by_hand(*(tensor.numpy() for tensor in tensors), camera, background.numpy())
-    render = rasterize(*tensors, camera, background=background, backend="reference")
+    render = draw_scene(splats, camera, background=background, backend="reference")
     np.testing.assert_allclose(render.image, image, atol=1e-12)
     np.testing.assert_allclose(render.alpha, alpha, atol=1e-12)
 
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_gradients_equal_finite_differences(turned):
-    tensors, camera = random_scene(4, 4, 3, 2, 5, footprint=4.0, turned=turned)
-    inputs = [tensor.double() for tensor in tensors]
+    splats, camera = random_scene(4, 4, 3, 2, 5, footprint=4.0, turned=turned)
+    inputs = [getattr(splats, field.name).double() for field in fields(splats)]
     inputs[3] = inputs[3] * 0.5 + 0.2  # away from the jumps at 1/255, 0.999 and the end of the light
     inputs += [torch.tensor([0.3, 0.7], dtype=torch.float64), torch.zeros(4, 2, dtype=torch.float64)]
     for tensor in inputs:
         tensor.requires_grad_()
 
     def picture(*values):
-        render = rasterize(*values[:5], camera, background=values[5], screen_offsets=values[6], backend="reference")
+        render = draw_scene(Splats(*values[:6]), camera, background=values[6], screen_offsets=values[7], backend="reference")
         return render.image, render.alpha
 
     assert torch.autograd.gradcheck(picture, inputs)
@@ -87,8 +90,8 @@ def test_gradients_equal_finite_differences(turned):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_projection_equals_gsplats_torch_twin(seed):
     twin = pytest.importorskip("gsplat.cuda._torch_impl")
-    tensors, camera = random_scene(300, 64, 48, 1, seed, footprint=8.0, turned=True)
-    means, quats, scales, _, _ = (tensor.double() for tensor in tensors)
+    splats, camera = random_scene(300, 64, 48, 1, seed, footprint=8.0, turned=True)
+    means, quats, scales = splats.means.double(), splats.quats.double(), splats.scales.double()
     means = means + torch.randn(means.shape, generator=torch.Generator().manual_seed(seed)).double() * 0.3  # far outside the picture too
     covariances, _ = twin._quat_scale_to_covar_preci(quats, scales, True, False)
     view, lens = torch.from_numpy(camera.viewmat)[None], torch.from_numpy(camera.intrinsics)[None]
@@ -103,8 +106,8 @@ def test_projection_equals_gsplats_torch_twin(seed):
 
 
 def test_depth_is_the_camera_z():
-    tensors, camera = random_scene(20, 8, 8, 1, 0, turned=True)
-    means = tensors[0].double().requires_grad_()
+    splats, camera = random_scene(20, 8, 8, 1, 0, turned=True)
+    means = splats.means.double().requires_grad_()
     depths = camera_depths(means, camera)
     np.testing.assert_allclose(depths.detach(), camera.project(means.detach().numpy())[1])
     depths.sum().backward()

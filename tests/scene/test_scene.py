@@ -153,11 +153,10 @@ def test_one_pass_draws_what_single_passes_draw(fresh):
 
 def test_channels_agree_with_the_rasterizer(fresh):
     camera, splats = fresh.camera(5), fresh.splats(5)
-    place = splats.means, splats.quats, splats.scales, splats.opacities
     z = splats.means[:, 2:]  # the camera stands at the origin
     places = (fresh.carried(5), fresh.carried(fresh.reference_frame))
     pixels = [torch.from_numpy(camera.project(m.numpy().astype(np.float64))[0]).float() for m in places]
-    drawn = rasterize(*place, torch.cat([splats.colors, z, pixels[1] - pixels[0]], 1), camera, backend="reference")
+    drawn = rasterize(splats, torch.cat([splats.colors, z, pixels[1] - pixels[0]], 1), camera, backend="reference")
     image, alpha = drawn.image.numpy(), drawn.alpha.numpy()
     ours = fresh.render(5, what=CHANNELS)
     sure = alpha > 0.55

@@ -40,7 +40,7 @@ def spoken(model, targets, frames, frame):
     """What is said of each Gaussian in a frame, its share [N] and its colour, from blending weights found by drawing each as a channel."""
     with torch.no_grad():
         s = model.at(frames.clip.time(frame), semantics=False).splats
-        shares = rasterize(s.means, s.quats, s.scales, s.opacities, torch.eye(len(model)), frames.cameras[frame]).image
+        shares = rasterize(s, torch.eye(len(model)), frames.cameras[frame]).image
     target = targets.target(frame)
     shares = shares.reshape(-1, len(model))[target.pixels].double() * target.weight[:, None].double()
     return shares.T @ target.latents[target.index].double(), shares.sum(0), s.colors.double()
@@ -122,7 +122,7 @@ def test_what_changes_its_look_changes_its_name():
     for frame in (1, 9):  # both held out
         with torch.no_grad():
             s = model.at(clip.time(frame)).splats
-        found = rasterize(s.means, s.quats, s.scales, s.opacities, s.semantics, clip.cameras[frame]).image[14:22, 18:26] @ vectors.T
+        found = rasterize(s, s.semantics, clip.cameras[frame]).image[14:22, 18:26] @ vectors.T
         assert (found.argmax(-1) == int(clip.charred(frame))).all(), frame
 
 
@@ -193,7 +193,7 @@ def test_a_pixelwise_teacher_is_followed_only_while_it_agrees_with_itself(monkey
         fit_meaning(model, targets, frames, config)
         with torch.no_grad():
             s = model.at(clip.time(6)).splats
-            latent = rasterize(s.means, s.quats, s.scales, s.opacities, s.semantics, clip.cameras[6]).image[30:, 40:]
+            latent = rasterize(s, s.semantics, clip.cameras[6]).image[30:, 40:]
         wall, other = torch.from_numpy(targets.basis.project(EmbeddedEncoder().encode(clip.classes))).float()
         cosine = torch.nn.functional.cosine_similarity
         return agreed, float((cosine(latent, wall, dim=-1) - cosine(latent, other, dim=-1)).mean()), targets.doubted
@@ -221,7 +221,7 @@ def test_only_meaning_changes_and_it_gets_better(stage):
             found = 0.0
             for frame in targets.frames:
                 s = model.at(frames.clip.time(frame)).splats
-                latent = rasterize(s.means, s.quats, s.scales, s.opacities, s.semantics, frames.cameras[frame]).image
+                latent = rasterize(s, s.semantics, frames.cameras[frame]).image
                 found += float(targets.loss(latent, frame, use_angles=True, region_weight=0.0)) / len(targets.frames)
             return found
 

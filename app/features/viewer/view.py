@@ -211,9 +211,10 @@ def draw_still(request: StillRequest) -> np.ndarray:
     import torch
 
     from degense.engine.raster import rasterize
+    from degense.engine.splats import Splats
 
-    values = (*request.gaussians, request.colours.astype(np.float32) / 255)
-    means, quats, scales, opacities, colours = (torch.from_numpy(np.ascontiguousarray(array)) for array in values)
+    values = (*request.gaussians, request.colours.astype(np.float32) / 255, np.empty((len(request.colours), 0), np.float32))
+    splats = Splats(*(torch.from_numpy(np.ascontiguousarray(array)) for array in values))
     background = torch.tensor(request.background, dtype=torch.float32) / 255
-    drawn = rasterize(means, quats, scales, opacities, colours, request.camera, background=background)
+    drawn = rasterize(splats, splats.colors, request.camera, background=background)
     return (drawn.image.clamp(0, 1) * 255 + 0.5).byte().numpy()

@@ -46,9 +46,7 @@ class FieldVotes:
         splats = self._scene.splats(frame)
         features = torch.zeros(len(splats), count, device=splats.means.device, requires_grad=True)
         with torch.enable_grad():
-            picture = rasterize(
-                splats.means, splats.quats, splats.scales, splats.opacities, features, self._scene.camera(frame), clean=True
-            ).image
+            picture = rasterize(splats, features, self._scene.camera(frame), clean=True).image
             named = torch.nn.functional.one_hot(torch.from_numpy(labels), count) * torch.from_numpy(valid)[..., None]
             return torch.autograd.grad((picture * named.to(picture)).sum(), features)[0]
 
@@ -68,7 +66,7 @@ class FieldVotes:
         shares = said / (said.sum(1, keepdim=True) + LEAST_SEEN)
         splats = self._scene.splats(frame)
         features = torch.cat([shares, splats.colors], 1)
-        drawn = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, self._scene.camera(frame), clean=True)
+        drawn = rasterize(splats, features, self._scene.camera(frame), clean=True)
         image = drawn.image.cpu().numpy()
         unlike = np.abs(image[..., -3:].clip(0, 1) - observed.astype(np.float32) / 255).mean(-1)
         return image[..., :-3] * np.exp(-((unlike / UNLIKE) ** 2))[..., None]

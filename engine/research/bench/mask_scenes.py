@@ -15,6 +15,7 @@ from degense.engine.raster import Render, rasterize
 from degense.engine.semantics.masks.query import FrameSemantics, query_of
 from degense.engine.semantics.text.basis import fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.splats import Splats
 
 #: Of the hand-made scene: widths of its instruments, pixels; two tissues, an organ, and the instruments.
 WIDTHS = (1, 2, 3, 4, 5, 6)
@@ -171,19 +172,19 @@ class MaskScene:
         means = np.column_stack([(place - (width / 2, height / 2)) / width, rng.uniform(0.99, 1.01, gaussians)])
         scale = 0.7 * np.sqrt(width * height / gaussians) / width
         latents = self.basis.project(self.vectors)[frame.labels[row, column]]
-        self._means, self._quats, self._scales, self._opacities, self._features = (
-            torch.as_tensor(np.ascontiguousarray(values), dtype=torch.float32, device=device)
-            for values in (
-                means,
-                np.tile([1.0, 0, 0, 0], (gaussians, 1)),
-                np.full((gaussians, 3), scale) * rng.uniform(0.7, 1.4, (gaussians, 3)),
-                rng.uniform(0.5, 1.0, gaussians),
-                np.column_stack([frame.rgb[row, column] / 255.0, latents]),
-            )
+        values = (
+            means,
+            np.tile([1.0, 0, 0, 0], (gaussians, 1)),
+            np.full((gaussians, 3), scale) * rng.uniform(0.7, 1.4, (gaussians, 3)),
+            rng.uniform(0.5, 1.0, gaussians),
+            frame.rgb[row, column] / 255.0,
+            latents,
         )
+        tensors = (torch.as_tensor(np.ascontiguousarray(array), dtype=torch.float32, device=device) for array in values)
+        self._splats = Splats(*tensors)
 
     def draw(self) -> Render:
-        return rasterize(self._means, self._quats, self._scales, self._opacities, self._features, self._camera)
+        return rasterize(self._splats, torch.cat([self._splats.colors, self._splats.semantics], 1), self._camera)
 
     def query(self) -> FrameSemantics:
         """As `Scene.new_query` from a baked state."""

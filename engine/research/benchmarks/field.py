@@ -169,7 +169,7 @@ def _errors(scene: Scene, exact: SceneModel, state: Callable[[float], Splats], f
 
 
 def _picture(splats: Splats, scene: Scene, frame: float) -> Tensor:
-    image = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, scene.camera(frame)).image
+    image = rasterize(splats, splats.colors, scene.camera(frame)).image
     return image.clamp(0, 1)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from statistics import median
 
 import torch
@@ -10,7 +11,6 @@ from torch import Tensor
 
 from degense.engine.camera import Camera
 from degense.engine.progress import Progress
-from degense.engine.raster import rasterize
 from degense.engine.raster.camera_tensors import intrinsic_matrix, view_matrix
 from degense.engine.raster.limits import NEAR
 from degense.engine.raster.scenes import draw_scene, random_scene
@@ -18,6 +18,7 @@ from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.run import cores
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure, thread_counts, threads
+from degense.engine.splats import Splats
 
 CHANNELS = (4, 20)
 COUNTS, SIZES = (1_000, 10_000, 30_000, 100_000), ((320, 256), (640, 512), (854, 480), (1920, 1080))
@@ -25,17 +26,17 @@ QUICK_COUNTS, QUICK_SIZES = (1_000, 5_000), ((320, 256),)
 FOOTPRINT = 0.756  # median σ on the screen in units of √(pixels / Gaussians): 2.5 pixels for 30,000 Gaussians at 640 × 512
 SMALL = (400, 96, 72)  # Gaussians, width, height: what the reference draws with gradients in a fraction of a second
 
-#: Which of means, quats, scales, opacities, features are rounded to float16.
-ROUNDED: dict[str, tuple[int, ...]] = {
+#: Which tensors of the Gaussians are rounded to float16; their semantics are the features that are drawn.
+ROUNDED: dict[str, tuple[str, ...]] = {
     "float32": (),
-    "features float16": (4,),
-    "all but centres float16": (1, 2, 3, 4),
-    "all float16": (0, 1, 2, 3, 4),
+    "features float16": ("semantics",),
+    "all but centres float16": ("quats", "scales", "opacities", "semantics"),
+    "all float16": ("means", "quats", "scales", "opacities", "semantics"),
 }
 
-#: Draws [means, quats, scales, opacities, features] for a camera; the image [H, W, C].
-Draw = Callable[[list[Tensor], Camera], Tensor]
-Plan = tuple[str, Draw, str, tuple[int, ...]]
+#: Draws the semantics of Gaussians for a camera; the image [H, W, C].
+Draw = Callable[[Splats, Camera], Tensor]
+Plan = tuple[str, Draw, str, tuple[str, ...]]
 
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
@@ -52,49 +53,48 @@ def back_ends(device: str) -> dict[str, Draw]:
     return {"cuda (ours)": _ours, "cuda (ours, clean)": _clean, "gsplat `rasterization`": gsplats_own}
 
 
-def _ours(tensors: list[Tensor], camera: Camera) -> Tensor:
-    return draw_scene(tensors, camera).image
+def _ours(splats: Splats, camera: Camera) -> Tensor:
+    return draw_scene(splats, camera).image
 
 
-def _clean(tensors: list[Tensor], camera: Camera) -> Tensor:
+def _clean(splats: Splats, camera: Camera) -> Tensor:
     """For Gaussians that are known to be sound, as a baked state's are."""
-    means, quats, scales, opacities, features = tensors
-    return rasterize(means, quats, scales, opacities, features, camera, clean=True).image
+    return draw_scene(splats, camera, clean=True).image
 
 
-def reference(tensors: list[Tensor], camera: Camera) -> Tensor:
+def reference(splats: Splats, camera: Camera) -> Tensor:
     """The float64 oracle."""
-    means, quats, scales, opacities, features = tensors
-    return rasterize(means, quats, scales, opacities, features, camera, backend="reference").image
+    return draw_scene(splats, camera, backend="reference").image
 
 
-def gsplats_own(tensors: list[Tensor], camera: Camera) -> Tensor:
+def gsplats_own(splats: Splats, camera: Camera) -> Tensor:
     """gsplat's own entry point, with our near plane."""
     from gsplat import rasterization
 
-    view, lens = view_matrix(camera, tensors[0].device)[None], intrinsic_matrix(camera, tensors[0].device)[None]
+    tensors = splats.means, splats.quats, splats.scales, splats.opacities, splats.semantics
+    view, lens = view_matrix(camera, splats.means.device)[None], intrinsic_matrix(camera, splats.means.device)[None]
     return rasterization(*tensors, view, lens, camera.width, camera.height, near_plane=NEAR, packed=False)[0][0]
 
 
-def sized_scene(count: int, width: int, height: int, channels: int, device: str, seed: int = 0) -> tuple[list[Tensor], Camera]:
+def sized_scene(count: int, width: int, height: int, channels: int, device: str, seed: int = 0) -> tuple[Splats, Camera]:
     """A random scene whose Gaussians overlap as much whatever their number and the picture's size."""
-    tensors, camera = random_scene(count, width, height, channels, seed, footprint=FOOTPRINT * (width * height / count) ** 0.5)
-    return [tensor.to(device) for tensor in tensors], camera
+    splats, camera = random_scene(count, width, height, channels, seed, footprint=FOOTPRINT * (width * height / count) ** 0.5)
+    return splats.to(device), camera
 
 
-def works(draw: Draw, tensors: list[Tensor], camera: Camera) -> dict[str, Callable[[], object]]:
+def works(draw: Draw, splats: Splats, camera: Camera) -> dict[str, Callable[[], object]]:
     """What is timed: a picture, a picture with all gradients, and one with gradients of the features only."""
-    leaves = [tensor.clone().requires_grad_() for tensor in tensors]
+    leaves = splats.map(lambda tensor: tensor.clone().requires_grad_())
 
     def forward() -> Tensor:
         with torch.no_grad():
-            return draw(tensors, camera)
+            return draw(splats, camera)
 
     pull = torch.randn_like(forward())
     return {
         "forward": forward,
         "both": lambda: draw(leaves, camera).backward(pull),
-        "features": lambda: draw([*tensors[:4], leaves[4]], camera).backward(pull),
+        "features": lambda: draw(replace(splats, semantics=leaves.semantics), camera).backward(pull),
     }
 
 
@@ -119,10 +119,10 @@ def _times(options: BenchOptions, progress: Progress) -> Table:
     jobs = [(size, count, channels) for size in sizes for count in counts for channels in CHANNELS]
     for done, ((width, height), count, channels) in enumerate(jobs):
         progress(done / len(jobs), f"{count:,} Gaussians, {width} × {height}, {channels} channels")
-        tensors, camera = sized_scene(count, width, height, channels, options.device)
+        splats, camera = sized_scene(count, width, height, channels, options.device)
         for name, draw in back_ends(options.device).items():
             row: dict[str, Cell] = {"back end": name, "count": count, "size": f"{width} × {height}", "channels": channels}
-            for key, work in works(draw, tensors, camera).items():
+            for key, work in works(draw, splats, camera).items():
                 row[key] = measure(work, options.repeats, options.device)
             table.rows.append(row)
     return table
@@ -155,9 +155,9 @@ def _errors(options: BenchOptions, progress: Progress) -> Table:
     for done, (channels, (name, draw, place, rounded)) in enumerate(jobs):
         progress(done / len(jobs), f"against the reference: {name}, {channels} channels")
         scenes = [random_scene(count, width, height, channels, seed) for seed in options.seeds]
-        errors = [_distance(draw, tensors, rounded, camera, place) for tensors, camera in scenes]
-        tensors, camera = scenes[0]
-        timed = works(draw, [tensor.to(place) for tensor in _with_half(tensors, rounded)], camera)
+        errors = [_distance(draw, splats, rounded, camera, place) for splats, camera in scenes]
+        splats, camera = scenes[0]
+        timed = works(draw, _with_half(splats, rounded).to(place), camera)
         slow = draw is reference
         row: dict[str, Cell] = {"name": f"{name}, {channels}", "image": [e[0] for e in errors], "gradient": [e[1] for e in errors]}
         for key in ("forward", "both"):
@@ -166,24 +166,25 @@ def _errors(options: BenchOptions, progress: Progress) -> Table:
     return table
 
 
-def _with_half(tensors: list[Tensor], rounded: tuple[int, ...]) -> list[Tensor]:
-    return [tensor.half() if i in rounded else tensor for i, tensor in enumerate(tensors)]
+def _with_half(splats: Splats, rounded: tuple[str, ...]) -> Splats:
+    return replace(splats, **{name: getattr(splats, name).half() for name in rounded})
 
 
-def _distance(draw: Draw, tensors: list[Tensor], rounded: tuple[int, ...], camera: Camera, place: str) -> tuple[float, float]:
+def _distance(draw: Draw, splats: Splats, rounded: tuple[str, ...], camera: Camera, place: str) -> tuple[float, float]:
     """Greatest difference of a pixel from the reference, and the relative error of the gradient that is furthest off."""
-    given = [tensor.float().to(place) for tensor in _with_half(tensors, rounded)]
-    (image, gradients), (truth, true_gradients) = (_outcome(d, t, camera) for d, t in ((draw, given), (reference, tensors)))
+    given = _with_half(splats, rounded).map(Tensor.float).to(place)
+    (image, gradients), (truth, true_gradients) = (_outcome(d, s, camera) for d, s in ((draw, given), (reference, splats)))
     apart = [((g - true).norm() / true.norm().clamp_min(1e-12)).item() for g, true in zip(gradients, true_gradients, strict=True)]
     return (image - truth).abs().max().item(), max(apart)
 
 
-def _outcome(draw: Draw, tensors: list[Tensor], camera: Camera) -> tuple[Tensor, list[Tensor]]:
+def _outcome(draw: Draw, splats: Splats, camera: Camera) -> tuple[Tensor, list[Tensor]]:
     """The image, and the gradients of a fixed random loss, float64 on the CPU."""
-    leaves = [tensor.detach().clone().requires_grad_() for tensor in tensors]
+    leaves = splats.map(lambda tensor: tensor.detach().clone().requires_grad_())
     image = draw(leaves, camera)
     image.backward(torch.randn(image.shape, generator=torch.Generator().manual_seed(1)).to(image))
-    gradients = [torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in leaves]
+    drawn = (leaves.means, leaves.quats, leaves.scales, leaves.opacities, leaves.semantics)
+    gradients = [torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in drawn]
     return image.detach().cpu().double(), [gradient.cpu().double() for gradient in gradients]
 
 

@@ -92,7 +92,7 @@ def _semantic_channels(scene: Scene) -> Iterator[Saving]:
     everything = torch.cat([splats.colors, splats.semantics], 1)
 
     def drawn(features: Tensor) -> Tensor:
-        return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, features, camera).image
+        return rasterize(splats, features, camera).image
 
     error = (drawn(everything)[..., :3] - drawn(splats.colors)).abs().max().item()
     yield Saving(
@@ -150,9 +150,7 @@ def _still_gaussians(scene: Scene) -> Iterator[Saving]:
     lean.moving = find_moving(model, [scene.time(i) for i in range(scene.frames)], camera.fx)
     pictures = []
     for states in (model.at(t).splats, lean.at(t).splats):
-        drawn = rasterize(
-            states.means, states.quats, states.scales, states.opacities, states.colors, camera.with_unit(scene.run.info["unit"])
-        )
+        drawn = rasterize(states, states.colors, camera.with_unit(scene.run.info["unit"]))
         pictures.append(drawn.image.clamp(0, 1).cpu().numpy())
     share = 1 - len(lean.moving) / len(model)
     error = f"{psnr(pictures[1], pictures[0]):.1f} dB against the picture with all of them"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -76,11 +77,11 @@ def _players(scene: Scene, camera: Camera) -> dict[str, Callable[[int], object]]
     states = [scene.splats(i) for i in range(frames)]
 
     def splats_drawn(splats: Splats) -> Tensor:
-        return rasterize(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, camera, clean=True).image
+        return rasterize(splats, splats.colors, camera, clean=True).image
 
     def raw(i: int, name: str) -> Tensor:
-        s = states[i % frames]
-        return draws[name]([s.means, s.quats, s.scales, s.opacities, s.colors], camera)
+        state = states[i % frames]
+        return draws[name](replace(state, semantics=state.colors), camera)
 
     def live(i: int, *, semantics: bool = False) -> Splats:
         return scene.live(scene.time(i % frames), semantics=semantics)

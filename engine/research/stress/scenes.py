@@ -20,6 +20,7 @@ from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Table
 from degense.engine.research.stress.child import in_child
 from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row, verdict
+from degense.engine.splats import Splats
 
 WINDOW = (48, 32)  # pixels in the middle of a large picture that the reference draws too
 
@@ -57,8 +58,7 @@ def table(options: BenchOptions, progress: Progress = silent) -> Table:
 def small_finding(case: Case, device: str) -> Finding:
     """A scene that the reference draws whole."""
     result = compare(case, device)
-    features = case.tensors[4]
-    assert features is not None
+    features = case.splats.semantics
     size = max(1.0, float(features[features.isfinite()].abs().max())) if features.isfinite().any() else 1.0
     image, gradient = max(result.image / size, result.alpha), max(result.gradients.values(), default=0.0)
     return Finding(
@@ -79,34 +79,34 @@ def draw_large(count: int, width: int, height: int, footprint: float, device: st
 
     A footprint of 0 puts all Gaussians in one place, at one depth.
     """
-    tensors, camera = random_scene(count, width, height, 4, 0, footprint=footprint or 3.0)
+    splats, camera = random_scene(count, width, height, 4, 0, footprint=footprint or 3.0)
     if not footprint:
-        tensors[0] = torch.tensor([[0.0, 0.0, 1.0]]).repeat(count, 1)
+        splats.means = torch.tensor([[0.0, 0.0, 1.0]]).repeat(count, 1)
     window = ((width - WINDOW[0]) // 2, (height - WINDOW[1]) // 2, *WINDOW)
     left, top, wide, high = window
     seen = np.s_[top : top + high, left : left + wide]
     pull = torch.randn(WINDOW[1], WINDOW[0], 4, generator=torch.Generator().manual_seed(1))
-    leaves = [tensor.clone().to(device).requires_grad_() for tensor in tensors]
+    leaves = splats.map(lambda tensor: tensor.clone().to(device).requires_grad_())
     draw_scene(leaves, camera).image.sum().backward()  # compiles, fills caches
-    for leaf in leaves:
+    drawn = drawn_tensors(leaves)
+    for leaf in drawn:
         leaf.grad = None
     begin = time.perf_counter()
     render = draw_scene(leaves, camera)
     (render.image[seen] * pull.to(device)).sum().backward()
-    gradients = [leaf.grad.cpu() for leaf in leaves if leaf.grad is not None]
+    gradients = [leaf.grad.cpu() for leaf in drawn if leaf.grad is not None]
     seconds = time.perf_counter() - begin
     memory = torch.cuda.max_memory_allocated() / 2**20 if device == "cuda" else peak_memory()
     bad = non_finite([render.image, render.alpha, *gradients])
 
-    near = touching(tensors, camera, window)
-    parts = [tensor[near].double().requires_grad_() for tensor in tensors]
-    means, quats, scales, opacities, features = parts
-    image, alpha, _ = rasterize_reference(means, quats, scales, opacities, features, camera, None, None, window=window)
+    near = touching(splats, camera, window)
+    exact = splats.map(lambda tensor: tensor[near].double().requires_grad_())
+    image, alpha, _ = rasterize_reference(exact, exact.semantics, camera, None, None, window=window)
     (image * pull).sum().backward()
     distances = [(mine.detach().cpu()[seen] - true.detach()).abs() for mine, true in ((render.image, image), (render.alpha, alpha))]
     error = max(float(distance.max()) for distance in distances)
     worst = 0.0
-    for mine, part in zip(gradients, parts, strict=True):
+    for mine, part in zip(gradients, drawn_tensors(exact), strict=True):
         true = torch.zeros_like(mine, dtype=torch.float64)
         assert part.grad is not None
         true[near] = part.grad
@@ -114,11 +114,16 @@ def draw_large(count: int, width: int, height: int, footprint: float, device: st
     return seconds, memory, error, worst, bad
 
 
-def touching(tensors: list[Tensor], camera: Camera, window: tuple[int, int, int, int]) -> Tensor:
+def drawn_tensors(splats: Splats) -> tuple[Tensor, ...]:
+    """What `draw_scene` reads."""
+    return splats.means, splats.quats, splats.scales, splats.opacities, splats.semantics
+
+
+def touching(splats: Splats, camera: Camera, window: tuple[int, int, int, int]) -> Tensor:
     """Indices of the Gaussians whose box may reach into a window (left, top, width, height): all that the reference has to look at."""
     with torch.no_grad():
-        radii = draw_scene(tensors, camera).radii
-        points, _ = camera.project(tensors[0].double().numpy())
+        radii = draw_scene(splats, camera).radii
+        points, _ = camera.project(splats.means.double().numpy())
     left, top, wide, high = window
     place, reach = torch.from_numpy(points), radii[:, None] + 1
     low, beyond = torch.tensor([left, top]), torch.tensor([left + wide, top + high])
@@ -129,42 +134,42 @@ def touching(tensors: list[Tensor], camera: Camera, window: tuple[int, int, int,
 def stress_cases(seed: int) -> Iterator[Case]:
     """What `hostile_cases` leaves out: whole scenes of one degenerate kind."""
 
-    def case(name: str, change: Callable[[list[Tensor]], object], camera: Camera | None = None, **options) -> Case:
-        tensors, plain = random_scene(200, 47, 33, 4, seed, **options)
-        change(tensors)
-        return Case(name, [*tensors, torch.linspace(0.1, 0.7, 4).to(tensors[4].dtype), torch.zeros(200, 2)], camera or plain)
+    def case(name: str, change: Callable[[Splats], object], camera: Camera | None = None, **options) -> Case:
+        splats, plain = random_scene(200, 47, 33, 4, seed, **options)
+        change(splats)
+        return Case(name, splats, camera or plain, torch.linspace(0.1, 0.7, 4), torch.zeros(200, 2))
 
     def spread(low: float, high: float) -> Tensor:
         return torch.logspace(low, high, 200)[torch.randperm(200, generator=torch.Generator().manual_seed(seed))]
 
-    def set_scales(*axes: float) -> Callable[[list[Tensor]], object]:
-        return lambda tensors: tensors[2].copy_(torch.tensor(axes))
+    def set_scales(*axes: float) -> Callable[[Splats], object]:
+        return lambda splats: splats.scales.copy_(torch.tensor(axes))
 
     yield case("needles, 1 : 1,000,000", set_scales(1.0, 1e-6, 1e-6))
     yield case("discs without thickness", set_scales(0.1, 0.1, 0.0))
     yield case("lines without width", set_scales(0.5, 0.0, 0.0))
-    yield case("scales from 1e-30 to 1e30", lambda t: t[2].copy_(spread(-30, 30)[:, None]))
-    yield case("subnormal scales", lambda t: t[2].fill_(1e-40))
-    yield case("all in one place", lambda t: t[0].copy_(t[0].new_tensor([0.0, 0.0, 1.0])))
-    yield case("all at one depth", lambda t: t[0][:, 2].fill_(1.0))
-    yield case("pairs in one place", lambda t: t[0][::2].copy_(t[0][1::2]))
-    yield case("opacity 1, one behind the other", lambda t: (t[3].fill_(1.0), t[2].fill_(1.0)))
-    yield case("opacity just above 1/255", lambda t: t[3].fill_(1.001 / 255))
-    yield case("opacity from 1e-30 to 1", lambda t: t[3].copy_(spread(-30, 0)))
-    yield case("depths from 0.0101 to 1e9", lambda t: t[0].mul_((spread(-1.99, 9) / t[0][:, 2])[:, None]))
-    yield case("just behind the near plane", lambda t: t[0].mul_((0.010001 / t[0][:, 2])[:, None]))
-    yield case("features up to 1e18", lambda t: t[4].copy_(spread(-18, 18)[:, None]))
-    yield case("quaternions from 1e-11 to 1e18", lambda t: t[1].mul_(spread(-11, 18)[:, None]))
-    yield case("focal length 0.5 pixels", lambda t: None, Camera(47, 33, 0.5, 0.5, 23.5, 16.5))
-    yield case("focal length 1e6 pixels", lambda t: None, Camera(47, 33, 1e6, 1e6, 23.5, 16.5))
-    yield case("principal point far outside", lambda t: None, Camera(47, 33, 42.3, 42.3, 1e4, -1e4))
-    half, double = (random_scene(200, 47, 33, 4, seed) for _ in range(2))
-    for name, (tensors, camera), kind in (("half precision", half, torch.float16), ("float64", double, torch.float64)):
-        yield Case(name, [*(tensor.to(kind) for tensor in tensors), None, None], camera)
+    yield case("scales from 1e-30 to 1e30", lambda s: s.scales.copy_(spread(-30, 30)[:, None]))
+    yield case("subnormal scales", lambda s: s.scales.fill_(1e-40))
+    yield case("all in one place", lambda s: s.means.copy_(s.means.new_tensor([0.0, 0.0, 1.0])))
+    yield case("all at one depth", lambda s: s.means[:, 2].fill_(1.0))
+    yield case("pairs in one place", lambda s: s.means[::2].copy_(s.means[1::2]))
+    yield case("opacity 1, one behind the other", lambda s: (s.opacities.fill_(1.0), s.scales.fill_(1.0)))
+    yield case("opacity just above 1/255", lambda s: s.opacities.fill_(1.001 / 255))
+    yield case("opacity from 1e-30 to 1", lambda s: s.opacities.copy_(spread(-30, 0)))
+    yield case("depths from 0.0101 to 1e9", lambda s: s.means.mul_((spread(-1.99, 9) / s.means[:, 2])[:, None]))
+    yield case("just behind the near plane", lambda s: s.means.mul_((0.010001 / s.means[:, 2])[:, None]))
+    yield case("features up to 1e18", lambda s: s.semantics.copy_(spread(-18, 18)[:, None]))
+    yield case("quaternions from 1e-11 to 1e18", lambda s: s.quats.mul_(spread(-11, 18)[:, None]))
+    yield case("focal length 0.5 pixels", lambda s: None, Camera(47, 33, 0.5, 0.5, 23.5, 16.5))
+    yield case("focal length 1e6 pixels", lambda s: None, Camera(47, 33, 1e6, 1e6, 23.5, 16.5))
+    yield case("principal point far outside", lambda s: None, Camera(47, 33, 42.3, 42.3, 1e4, -1e4))
+    for name, kind in (("half precision", Tensor.half), ("float64", Tensor.double)):
+        splats, camera = random_scene(200, 47, 33, 4, seed)
+        yield Case(name, splats.map(kind), camera)
     broken = torch.Generator().manual_seed(seed)
 
-    def ruin(tensors: list[Tensor]) -> None:
-        for tensor in tensors:
+    def ruin(splats: Splats) -> None:
+        for tensor in drawn_tensors(splats):
             tensor[torch.rand(tensor.shape, generator=broken) < 0.1] = torch.nan
             tensor[torch.rand(tensor.shape, generator=broken) < 0.02] = -torch.inf
 

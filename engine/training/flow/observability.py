@@ -44,7 +44,7 @@ def motion_observability(model: SceneModel, frames: TrainingFrames, evidence: Fl
         camera = frames.cameras[i]
         splats = model.at(clip.time(i), semantics=False).splats
         depth = camera_depths(splats.means, camera)[:, None]
-        render = rasterize(splats.means, splats.quats, splats.scales, splats.opacities, depth, camera)
+        render = rasterize(splats, depth, camera)
         seen_by = view_and_lens(camera, supported.device)
         visible = surface_visibility(splats.means, splats.opacities, render.radii, render.image[..., 0], render.alpha, seen_by)
         position, _ = project(splats.means, seen_by)

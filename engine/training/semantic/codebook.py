@@ -69,7 +69,7 @@ def instance_features(
         with torch.no_grad():
             s = model.at(frames.clip.time(frame), semantics=False).splats
         unit = torch.nn.functional.normalize(raw, dim=1)
-        picture = rasterize(s.means, s.quats, s.scales, s.opacities, unit, frames.cameras[frame]).image
+        picture = rasterize(s, unit, frames.cameras[frame]).image
         optimizer.zero_grad(set_to_none=True)
         separation(picture.reshape(-1, INSTANCE), segments_of(frame)).backward()
         optimizer.step()

@@ -61,7 +61,7 @@ def _agreements(model: SceneModel, targets: SemanticTargets, frames: TrainingFra
     """Each frame's target, and how far each of its pixels' words agrees with what the model shows there, float [P] in (0, 1]."""
     for frame in targets.frames:
         s = model.at(frames.clip.time(frame)).splats
-        latent = draw_latents((s.means, s.quats, s.scales, s.opacities, s.semantics), frames.cameras[frame], detached=True)
+        latent = draw_latents(s, frames.cameras[frame], detached=True)
         target = targets.target(frame)
         drawn = latent.reshape(-1, latent.shape[-1])[target.pixels]
         yield target, torch.exp((torch.cosine_similarity(drawn, target.latents[target.index], dim=1) - 1) / DOUBT)

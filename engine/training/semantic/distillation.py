@@ -18,6 +18,7 @@ from torch import Tensor
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import rasterize
+from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.cuda_graphs import recorded
 from degense.engine.training.frames import TrainingFrames
@@ -64,7 +65,7 @@ def heard(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, p
             s = model.at(frames.clip.time(i), semantics=False).splats
         target = targets.target(i)
         features = s.means.new_zeros(len(model), target.latents.shape[1] + 1).requires_grad_()
-        picture = rasterize(s.means, s.quats, s.scales, s.opacities, features, frames.cameras[i]).image
+        picture = rasterize(s, features, frames.cameras[i]).image
         wanted = torch.nn.functional.pad(target.latents, (0, 1), value=1.0)[target.index] * target.weight[:, None]
         total = (picture.reshape(-1, features.shape[1])[target.pixels] * wanted).sum()
         found = torch.autograd.grad(total, features)[0]
@@ -141,8 +142,9 @@ def fit_meaning(
                 group["lr"] = group["first"] * config.rate_final ** (step / steps)
             order = order or [spoken[k] for k in random.permutation(len(spoken))]
             frame = order.pop()
-            *state, regularizer = scene(moments[frame])
-            latent = draw_latents(state, frames.cameras[frame], detached=True)
+            means, quats, scales, opacities, latents, regularizer = scene(moments[frame])
+            splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
+            latent = draw_latents(splats, frames.cameras[frame], detached=True)
             loss = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region) + regularizer / config.semantic
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
