@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import subprocess
@@ -22,7 +23,7 @@ PATIENCE = 60
 
 
 @dataclass(frozen=True)
-class Finding:
+class Diagnosis:
     """`ok`: there; `note`: absent or slow, but one can do without; `missing`: DeGense does not work before it is mended."""
 
     state: Literal["ok", "note", "missing"]
@@ -31,11 +32,11 @@ class Finding:
 
 def report() -> tuple[str, bool]:
     """Examine this machine: a text for its user, and whether nothing is missing. Takes a few seconds; compiles and downloads nothing."""
-    findings = {name: check() for name, check in CHECKS.items()}
-    missing = [name for name, finding in findings.items() if finding.state == "missing"]
-    width = max(map(len, findings))
+    diagnoses = {name: check() for name, check in CHECKS.items()}
+    missing = [name for name, diagnosis in diagnoses.items() if diagnosis.state == "missing"]
+    width = max(map(len, diagnoses))
     lines = [f"DeGense {_version('degense')} on {platform.platform()}", ""]
-    lines += [f"{finding.state:<7}  {name:<{width}}  {finding.text}" for name, finding in findings.items()]
+    lines += [f"{diagnosis.state:<7}  {name:<{width}}  {diagnosis.text}" for name, diagnosis in diagnoses.items()]
     lines += ["", f"To be mended: {', '.join(missing)}." if missing else "Nothing is missing.", "For research; not a medical device."]
     return "\n".join(lines), not missing
 
@@ -50,68 +51,71 @@ def qt_problem(version: str, python: tuple[int, int]) -> str | None:
     return None
 
 
-def _python() -> Finding:
+def _python() -> Diagnosis:
     version = platform.python_version()
     if not (3, 10) <= sys.version_info[:2] < (3, 15):
-        return Finding("missing", f"{version}; DeGense needs 3.10 to 3.14")
-    return Finding("ok", version)
+        return Diagnosis("missing", f"{version}; DeGense needs 3.10 to 3.14")
+    return Diagnosis("ok", version)
 
 
-def _processor() -> Finding:
+def _processor() -> Diagnosis:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     text = f"{cores} core{'s' if cores != 1 else ''}"
     if "SC_PHYS_PAGES" in getattr(os, "sysconf_names", {}):
         text += f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.0f} GiB of memory"
-    return Finding("ok", text)
+    return Diagnosis("ok", text)
 
 
-def _torch() -> Finding:
+def _torch() -> Diagnosis:
     import torch
 
     if torch.cuda.is_available():
         name, memory = torch.cuda.get_device_name(), torch.cuda.get_device_properties(0).total_memory
-        return Finding("ok", f"{torch.__version__}, CUDA {torch.version.cuda}, {name} with {memory / 2**30:.0f} GiB")
+        return Diagnosis("ok", f"{torch.__version__}, CUDA {torch.version.cuda}, {name} with {memory / 2**30:.0f} GiB")
     if torch.version.cuda:
-        return Finding("note", f"{torch.__version__} for CUDA {torch.version.cuda} finds no GPU that it can use: the processor does all")
-    return Finding("note", f"{torch.__version__} without CUDA: the processor does all; for an NVIDIA GPU install a CUDA build")
+        return Diagnosis("note", f"{torch.__version__} for CUDA {torch.version.cuda} finds no GPU that it can use: the processor does all")
+    return Diagnosis("note", f"{torch.__version__} without CUDA: the processor does all; for an NVIDIA GPU install a CUDA build")
 
 
-def _gsplat() -> Finding:
+def _gsplat() -> Diagnosis:
     import torch
 
     version = _version("gsplat")
     # Importing gsplat compiles its kernels wherever there is a CUDA compiler, with or without a GPU: look, do not import.
     if not torch.cuda.is_available():
-        return Finding("note", f"{version}, not used: there is no CUDA GPU")
+        return Diagnosis("note", f"{version}, not used: there is no CUDA GPU")
     from torch.utils.cpp_extension import CUDA_HOME, get_default_build_root
 
     root = Path(os.environ.get("TORCH_EXTENSIONS_DIR") or get_default_build_root())
     if any(root.glob("**/gsplat_cuda.so")):
-        return Finding("ok", f"{version}, its kernels are compiled")
+        return Diagnosis("ok", f"{version}, its kernels are compiled")
     if CUDA_HOME:
-        return Finding("note", f"{version} will compile its kernels at first use, once, with the CUDA toolkit in {CUDA_HOME}")
-    return Finding("note", f"{version} lacks nvcc to compile its kernels: install CUDA toolkit {torch.version.cuda}, or use --device cpu")
+        return Diagnosis("note", f"{version} will compile its kernels at first use, once, with the CUDA toolkit in {CUDA_HOME}")
+    return Diagnosis("note", f"{version} lacks nvcc to compile its kernels: install CUDA toolkit {torch.version.cuda}, or use --device cpu")
 
 
-def _numba() -> Finding:
+def _numba() -> Diagnosis:
     import numba
 
-    return Finding("ok", f"{numba.__version__}, {numba.get_num_threads()} threads")
+    return Diagnosis("ok", f"{numba.__version__}, {numba.get_num_threads()} threads")
 
 
-def _opencv() -> Finding:
+def _opencv() -> Diagnosis:
     import cv2
 
-    if not hasattr(cv2, "ximgproc"):
-        return Finding(
-            "missing",
-            f"{cv2.__version__} without its contrib modules, another OpenCV package hides them: "
-            "pip uninstall opencv-python opencv-python-headless, then pip install --force-reinstall opencv-contrib-python-headless",
-        )
-    return Finding("ok", f"{cv2.__version__} with guided filter and superpixels")
+    return Diagnosis("ok", cv2.__version__)
 
 
-def _video() -> Finding:
+def _label_formats() -> Diagnosis:
+    """The libraries that read and write COCO and NIfTI files."""
+    packages = ("pycocotools", "nibabel")
+    absent = [package for package in packages if importlib.util.find_spec(package) is None]
+    if absent:
+        return Diagnosis("missing", f"{' and '.join(absent)} not installed: pip install {' '.join(absent)}")
+    return Diagnosis("ok", ", ".join(f"{package} {_version(package)}" for package in packages))
+
+
+def _video() -> Diagnosis:
     """Writes eight frames of a movie and reads them again."""
     import cv2
 
@@ -126,42 +130,42 @@ def _video() -> Finding:
             frames += 1
         reader.release()
     if frames != 8:
-        return Finding("note", "OpenCV cannot write and read .mp4 here: use folders of PNG frames")
-    return Finding("ok", ".mp4 is written and read")
+        return Diagnosis("note", "OpenCV cannot write and read .mp4 here: use folders of PNG frames")
+    return Diagnosis("ok", ".mp4 is written and read")
 
 
-def _qt() -> Finding:
+def _qt() -> Diagnosis:
     version = _version("PySide6-Essentials")
     if problem := qt_problem(version, sys.version_info[:2]):
-        return Finding("missing", problem)
+        return Diagnosis("missing", problem)
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return Finding("note", f"{version}, but there is no display: the command line works, the window does not")
+        return Diagnosis("note", f"{version}, but there is no display: the command line works, the window does not")
     done, said = _child("from PySide6.QtGui import QGuiApplication; print(QGuiApplication([]).platformName())")
     if not done:
-        return Finding("missing", f"{version} cannot open a window here: {said}")
-    return Finding("ok", f"{version} opens windows ({said})")
+        return Diagnosis("missing", f"{version} cannot open a window here: {said}")
+    return Diagnosis("ok", f"{version} opens windows ({said})")
 
 
-def _opengl() -> Finding:
+def _opengl() -> Diagnosis:
     done, said = _child(
         "from vtkmodules.vtkRenderingCore import vtkRenderWindow; import vtkmodules.vtkRenderingOpenGL2\n"
         "window = vtkRenderWindow(); window.SetOffScreenRendering(1); window.Render()\n"
         "print(window.ReportCapabilities().split('OpenGL renderer string:')[1].splitlines()[0].strip())"
     )
     if not done:
-        return Finding("note", f"VTK {_version('vtk')} cannot draw here: the 3D view is drawn by the processor, slower ({said})")
+        return Diagnosis("note", f"VTK {_version('vtk')} cannot draw here: the 3D view is drawn by the processor, slower ({said})")
     slow = any(name in said.lower() for name in ("llvmpipe", "softpipe", "swrast", "software"))
-    return Finding("note" if slow else "ok", f"{said}{': drawn by the processor, the 3D view is slower' if slow else ''}")
+    return Diagnosis("note" if slow else "ok", f"{said}{': drawn by the processor, the 3D view is slower' if slow else ''}")
 
 
-def _models() -> Finding:
+def _models() -> Diagnosis:
     version = _version("transformers")
     if version.startswith("("):
-        return Finding("note", "transformers is not installed: the teacher vlm needs it (pip install transformers)")
-    return Finding("ok", f"transformers {version}: CLIP and CLIPSeg models on this machine can teach")
+        return Diagnosis("note", "transformers is not installed: the teacher vlm needs it (pip install transformers)")
+    return Diagnosis("ok", f"transformers {version}: CLIP and CLIPSeg models on this machine can teach")
 
 
-def _folders() -> Finding:
+def _folders() -> Diagnosis:
     folders = (config_folder(), log_file().parent)
     for folder in folders:
         try:
@@ -169,8 +173,8 @@ def _folders() -> Finding:
             with tempfile.TemporaryFile(dir=folder):
                 pass
         except OSError as error:
-            return Finding("missing", f"settings and logs cannot be written: {error}")
-    return Finding("ok", f"settings in {folders[0]}, log in {folders[1]}")
+            return Diagnosis("missing", f"settings and logs cannot be written: {error}")
+    return Diagnosis("ok", f"settings in {folders[0]}, log in {folders[1]}")
 
 
 def _version(package: str) -> str:
@@ -193,13 +197,14 @@ def _child(code: str) -> tuple[bool, str]:
     return False, lines[-1 if lines[0].startswith("Traceback") else 0]
 
 
-CHECKS: dict[str, Callable[[], Finding]] = {
+CHECKS: dict[str, Callable[[], Diagnosis]] = {
     "Python": _python,
     "Machine": _processor,
     "PyTorch": _torch,
     "gsplat": _gsplat,
     "Numba": _numba,
     "OpenCV": _opencv,
+    "Label files": _label_formats,
     "Movies": _video,
     "Qt": _qt,
     "OpenGL": _opengl,

@@ -14,17 +14,16 @@ from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.annotate.label_sets import label_format, names_of, write_labels
 from degense.app.features.annotate.state import folder_beside
 from degense.engine.annotation.annotations import Annotations
-from degense.engine.annotation.classes import LabelClass, named_classes
+from degense.engine.annotation.classes import LabelClass, merged, named_classes
 from degense.engine.annotation.folder import NAME, load, save
 from degense.engine.annotation.formats import MapSet
-from degense.engine.annotation.label_png import read_label_png
-from degense.engine.annotation.merging import merged
+from degense.engine.annotation.formats.indexed_png import read_label_png
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 
 if TYPE_CHECKING:
-    from degense.engine.annotation.propagation.proposal import Carried
+    from degense.engine.annotation.packed import Proposal
     from degense.engine.clip import Clip
     from degense.engine.scene import Scene
 
@@ -40,7 +39,7 @@ class Subject:
 
             self.scene = Scene.open(path)
             if self.scene.clip is None:
-                raise DegenseError(f"Labels are carried along the recording, which is missing: {self.scene.clip_missing}.")
+                raise DegenseError(f"Labels are propagated along the recording, which is missing: {self.scene.clip_missing}.")
             self.clip, self.folder = self.scene.clip, path / NAME
         else:
             from degense.engine.data.readers import open_clip
@@ -55,7 +54,7 @@ class Subject:
 
 
 def annotate(options: argparse.Namespace) -> None:
-    """Carry the label maps of some frames to all others."""
+    """Propagate the label maps of some frames to all others."""
     from degense.engine.annotation.propagation.propagate import propagate
 
     if options.out is None and not options.review:
@@ -71,11 +70,11 @@ def annotate(options: argparse.Namespace) -> None:
         work.classes = _enough_classes(work.classes, given.values())
         work.replace_labels(given, "from the command line")
     sources = {frame: work.labels(frame) for frame in work.sources() or subject.clip.labelled_frames}
-    carried = run_steps(propagate(subject.clip, sources, subject.scene), Bar())
+    proposals = run_steps(propagate(subject.clip, sources, subject.scene), Bar())
     if options.out is not None:
-        print(_write(subject, options.format, sources, carried, options.out))
+        print(_write(subject, options.format, sources, proposals, options.out))
     if options.review:
-        work.propose(carried)
+        work.propose(proposals)
         save(work, subject.folder)
         print(f"{subject.folder}: {len(work.waiting())} proposals to accept or reject in the window")
 
@@ -86,16 +85,17 @@ def _enough_classes(classes: tuple[LabelClass, ...], maps: Iterable[np.ndarray])
     return (*classes, *named_classes(f"label {value}" for value in range(max(used, default=-1) + 1))[len(classes) :])
 
 
-def _write(subject: Subject, name: str, sources: dict[int, np.ndarray], carried: dict[int, Carried], out: Path) -> str:
+def _write(subject: Subject, name: str, sources: dict[int, np.ndarray], proposals: dict[int, Proposal], out: Path) -> str:
     def read(frame: int) -> np.ndarray:
-        return sources[frame] if frame in sources else carried[frame].labels
+        return sources[frame] if frame in sources else proposals[frame].labels
 
     work = subject.work
-    maps = MapSet(work.classes, work.shape, subject.names, tuple(sorted({*sources, *carried})), read)
+    maps = MapSet(work.classes, work.shape, subject.names, tuple(sorted({*sources, *proposals})), read)
     words = run_steps(write_labels(name, maps, out), Bar())
     beside = out / "confidence.json" if out.is_dir() else out.with_name(f"{out.name}.confidence.json")
-    write_text(beside, json.dumps({subject.names[frame]: round(found.confidence, 4) for frame, found in sorted(carried.items())}, indent=1))
-    sure = np.mean([found.confidence for found in carried.values()]) if carried else 1.0
+    confidence = {subject.names[frame]: round(found.confidence, 4) for frame, found in sorted(proposals.items())}
+    write_text(beside, json.dumps(confidence, indent=1))
+    sure = np.mean([found.confidence for found in proposals.values()]) if proposals else 1.0
     return f"{words}; from {len(sources)} labelled frames, mean confidence {sure:.0%} (confidence.json)"
 
 

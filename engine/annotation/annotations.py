@@ -1,4 +1,4 @@
-"""The label maps of a clip while they are being made: edited, undone, carried to other frames, accepted or rejected, reviewed."""
+"""The label maps of a clip while they are being made: edited, undone, propagated to other frames, accepted or rejected, reviewed."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from degense.engine.annotation.classes import LabelClass, check_classes
-from degense.engine.annotation.edits import Edit, Piece, State, Status
-from degense.engine.annotation.packed import pack, unpack
-from degense.engine.annotation.painting import Region, region_of
-from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.annotation.edits import LabelEdit, Piece, State, Status
+from degense.engine.annotation.packed import Proposal, pack, unpack
+from degense.engine.annotation.painting import PixelRegion, region_of
 from degense.engine.clip import UNLABELLED
 
 #: Maps that stay decoded.
 KEPT = 8
-#: Confidence below which a carried map asks to be looked at first.
-DOUBTFUL = 0.75
 
 #: A label map of its own: compressed, or a function that reads it from disk.
 Labels = bytes | Callable[[], np.ndarray]
@@ -31,7 +28,7 @@ class Record:
     labels: Labels | None = None
     by_hand: bool = False
     status: Status = "open"
-    carried: Carried | None = None
+    proposal: Proposal | None = None
 
 
 EMPTY = Record()
@@ -76,15 +73,15 @@ class Annotations:
 
     def shown(self, frame: int) -> np.ndarray:
         """The proposal that waits for an answer, else `labels`; read-only."""
-        carried = self.record(frame).carried
-        return self.labels(frame) if carried is None else carried.labels
+        proposal = self.record(frame).proposal
+        return self.labels(frame) if proposal is None else proposal.labels
 
     def is_labelled(self, frame: int) -> bool:
         """Whether the frame has a map, its own or one that it came with."""
         return self.record(frame).labels is not None or self.original(frame) is not None
 
     def sources(self, frame: int | None = None) -> list[int]:
-        """Frames to carry to the others: those that a hand has worked on, and `frame` if it has a map."""
+        """Frames to propagate to the others: those edited by hand, and `frame` if it has a map."""
         found = {index for index, record in self.records.items() if record.by_hand}
         if frame is not None and self.is_labelled(frame):
             found.add(frame)
@@ -92,14 +89,14 @@ class Annotations:
 
     def waiting(self) -> list[int]:
         """Frames with a proposal that is neither accepted nor rejected."""
-        return sorted(index for index, record in self.records.items() if record.carried is not None)
+        return sorted(index for index, record in self.records.items() if record.proposal is not None)
 
     def next_flagged(self, frame: int) -> int | None:
         """The next frame to look at after this one, then from the start: flagged, or with a doubtful proposal; None when there is none."""
         found = [
             index
             for index, record in self.records.items()
-            if record.status == "flagged" or (record.carried is not None and record.carried.confidence < DOUBTFUL)
+            if record.status == "flagged" or (record.proposal is not None and record.proposal.doubtful)
         ]
         return min(found, key=lambda index: (index <= frame, index), default=None)
 
@@ -121,48 +118,48 @@ class Annotations:
         """Begin to paint. Nothing else may change the frame until the stroke is finished."""
         return Stroke(self, frame, name)
 
-    def paint(self, frame: int, name: str, region: Region | None, value: int, inside: int | None = None) -> Edit | None:
+    def paint(self, frame: int, name: str, region: PixelRegion | None, value: int, inside: int | None = None) -> LabelEdit | None:
         """Give the pixels of a region a label; with `inside` only those that have that label now. None when nothing changes."""
         stroke = self.stroke(frame, name)
         if region is not None:
             stroke.paint(region, value, inside)
         return stroke.finish()
 
-    def replace_labels(self, maps: Mapping[int, np.ndarray], name: str) -> Edit | None:
+    def replace_labels(self, maps: Mapping[int, np.ndarray], name: str) -> LabelEdit | None:
         """Give frames other label maps, uint8 [H, W], as if by hand."""
         return self._edit(name, {frame: Record(pack(labels), True, "done", None) for frame, labels in maps.items()}, pixels=True)
 
-    def set_status(self, frame: int, status: Status) -> Edit | None:
+    def set_status(self, frame: int, status: Status) -> LabelEdit | None:
         return self._edit(f"Frame {frame}: {status}", {frame: replace(self.record(frame), status=status)})
 
-    def propose(self, carried: Mapping[int, Carried]) -> Edit | None:
-        """Take carried maps as proposals, but for frames that a hand has worked on."""
-        news = {frame: replace(self.record(frame), carried=new) for frame, new in carried.items() if not self.record(frame).by_hand}
-        return self._edit(f"Carry labels to {len(news)} frames", news)
+    def propose(self, proposals: Mapping[int, Proposal]) -> LabelEdit | None:
+        """Add proposals, except for frames edited by hand."""
+        news = {frame: replace(self.record(frame), proposal=new) for frame, new in proposals.items() if not self.record(frame).by_hand}
+        return self._edit(f"Propagate labels to {len(news)} frames", news)
 
-    def accept(self, frames: Iterable[int]) -> Edit | None:
+    def accept(self, frames: Iterable[int]) -> LabelEdit | None:
         """Make proposals the maps of their frames."""
         news = {}
         for frame in frames:
-            carried = self.record(frame).carried
-            if carried is not None:
-                news[frame] = Record(carried.packed, False, "done", None)
+            proposal = self.record(frame).proposal
+            if proposal is not None:
+                news[frame] = Record(proposal.packed, False, "done", None)
         return self._edit(f"Accept frame {next(iter(news))}" if len(news) == 1 else f"Accept {len(news)} frames", news, pixels=True)
 
-    def reject(self, frames: Iterable[int]) -> Edit | None:
+    def reject(self, frames: Iterable[int]) -> LabelEdit | None:
         """Throw proposals away: the frames show what they had before."""
-        news = {frame: replace(self.record(frame), carried=None) for frame in frames if self.record(frame).carried is not None}
+        news = {frame: replace(self.record(frame), proposal=None) for frame in frames if self.record(frame).proposal is not None}
         return self._edit(f"Reject frame {next(iter(news))}" if len(news) == 1 else f"Reject {len(news)} frames", news)
 
     def restore(self, state: State) -> None:
-        """Put frames back into a state of an `Edit`. ValueError when it does not fit (a damaged journal)."""
+        """Put frames back into a state of an `LabelEdit`. ValueError when it does not fit (a damaged journal)."""
         for piece in state:
             self._restore(piece)
 
     def _restore(self, piece: Piece) -> None:
         height, width = self.shape
         fits = 0 <= piece.top <= piece.top + piece.height <= height and 0 <= piece.left <= piece.left + piece.width <= width
-        if not fits or not 0 <= piece.frame < self.count or (piece.carried is not None and piece.carried.shape != self.shape):
+        if not fits or not 0 <= piece.frame < self.count or (piece.proposal is not None and piece.proposal.shape != self.shape):
             raise ValueError(f"an edit of frame {piece.frame} does not fit a clip of {self.count} frames of {width} × {height}")
         labels = self.record(piece.frame).labels
         if not piece.labelled:
@@ -174,24 +171,24 @@ class Annotations:
             whole[box] = unpack(piece.packed, (piece.height, piece.width))
             labels = pack(whole)
             self._keep(piece.frame, whole)
-        record = Record(labels, piece.by_hand, piece.status, piece.carried)
+        record = Record(labels, piece.by_hand, piece.status, piece.proposal)
         if record == EMPTY:
             self.records.pop(piece.frame, None)
         else:
             self.records[piece.frame] = record
 
-    def piece(self, frame: int, region: Region | None = None) -> Piece:
+    def piece(self, frame: int, region: PixelRegion | None = None) -> Piece:
         """The frame's present state, with the pixels of the region's box."""
         record = self.record(frame)
         top, left, height, width, packed = 0, 0, 0, 0, b""
         if region is not None:
             (top, left), (height, width) = (region.top, region.left), region.mask.shape
             packed = pack(self.labels(frame)[region.box])
-        return Piece(frame, top, left, height, width, packed, record.labels is not None, record.by_hand, record.status, record.carried)
+        return Piece(frame, top, left, height, width, packed, record.labels is not None, record.by_hand, record.status, record.proposal)
 
-    def _edit(self, name: str, news: Mapping[int, Record], *, pixels: bool = False) -> Edit | None:
+    def _edit(self, name: str, news: Mapping[int, Record], *, pixels: bool = False) -> LabelEdit | None:
         """Set records; `pixels`: their maps differ too."""
-        whole = Region(0, 0, np.ones(self.shape, bool)) if pixels else None
+        whole = PixelRegion(0, 0, np.ones(self.shape, bool)) if pixels else None
         news = {frame: record for frame, record in news.items() if record != self.record(frame)}
         if not news:
             return None
@@ -200,7 +197,7 @@ class Annotations:
             self.records[frame] = record
             if pixels:
                 self._decoded.pop(frame, None)
-        return Edit(name, before, tuple(self.piece(frame, whole) for frame in news))
+        return LabelEdit(name, before, tuple(self.piece(frame, whole) for frame in news))
 
 
 class Stroke:
@@ -218,7 +215,7 @@ class Stroke:
         self._start = annotations.labels(frame)
         self._changed = False
 
-    def paint(self, region: Region, value: int, inside: int | None = None) -> Region | None:
+    def paint(self, region: PixelRegion, value: int, inside: int | None = None) -> PixelRegion | None:
         """Paint a region; returns what changed, None when nothing did."""
         part = self.labels[region.box]
         mask = region.mask & (part != value)
@@ -228,7 +225,7 @@ class Stroke:
             return None
         part[mask] = value
         self._changed = True
-        return Region(region.top, region.left, mask)
+        return PixelRegion(region.top, region.left, mask)
 
     def so_far(self) -> Piece | None:
         """What would be the frame's state if the stroke ended now, for a journal; None when it has changed nothing."""
@@ -243,7 +240,7 @@ class Stroke:
     def _status(self) -> Status:
         return "flagged" if self.annotations.record(self.frame).status == "flagged" else "in progress"
 
-    def finish(self) -> Edit | None:
+    def finish(self) -> LabelEdit | None:
         """End the stroke; None when it changed nothing."""
         if not self._changed:
             return None
@@ -252,4 +249,4 @@ class Stroke:
         before = annotations.piece(frame, region)
         annotations.records[frame] = Record(pack(self.labels), True, self._status, None)
         annotations._keep(frame, self.labels)
-        return Edit(self.name, (before,), (annotations.piece(frame, region),))
+        return LabelEdit(self.name, (before,), (annotations.piece(frame, region),))

@@ -1,9 +1,11 @@
-"""Label classes: names and colours."""
+"""Label classes: names and colours, and two lists of them merged."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from degense.engine.clip import UNLABELLED
 from degense.engine.colour_maps import CLASS_COLOURS
@@ -41,3 +43,20 @@ def check_classes(classes: Sequence[LabelClass]) -> None:
             raise DegenseError(f"A class needs a name of 1 to {LONGEST_NAME} letters.")
         if names.count(name) > 1:
             raise DegenseError(f"There is a class “{kind.name}” already.")
+
+
+def merged(own: Sequence[LabelClass], others: Sequence[LabelClass]) -> tuple[tuple[LabelClass, ...], np.ndarray]:
+    """All classes, `own` first; and what each value of the others' label maps is among them, uint8 [256].
+
+    Classes of the same name, whatever its case, are the same. DegenseError when there are more than a label map holds.
+    """
+    classes = list(own)
+    index = {kind.name.casefold(): number for number, kind in enumerate(classes)}
+    table = np.full(256, UNLABELLED, np.uint8)
+    for value, kind in enumerate(others):
+        if kind.name.casefold() not in index:
+            index[kind.name.casefold()] = len(classes)
+            classes.append(kind)
+            check_classes(classes)
+        table[value] = index[kind.name.casefold()]
+    return tuple(classes), table

@@ -7,7 +7,7 @@ import binascii
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.annotation.packed import Proposal
 
 Status = Literal["open", "in progress", "done", "flagged"]
 STATUSES: tuple[Status, ...] = get_args(Status)
@@ -27,9 +27,9 @@ class Piece:
     labelled : bool
         Whether the frame has a label map of its own.
     by_hand : bool
-        Whether a hand has worked on it: such frames are carried to the others.
+        Whether it was edited by hand: such frames are propagated to the others.
     status : Status
-    carried : Carried or None
+    proposal : Proposal or None
         The proposal from other frames that waits for an answer.
     """
 
@@ -42,17 +42,17 @@ class Piece:
     labelled: bool
     by_hand: bool
     status: Status
-    carried: Carried | None
+    proposal: Proposal | None
 
     @property
     def size(self) -> int:
         """Bytes that it holds."""
-        return 200 + len(self.packed) + (len(self.carried.packed) if self.carried else 0)
+        return 200 + len(self.packed) + (len(self.proposal.packed) if self.proposal else 0)
 
     def to_json(self) -> dict[str, Any]:
-        carried = None
-        if self.carried is not None:
-            carried = {"labels": _text(self.carried.packed), "shape": self.carried.shape, "confidence": self.carried.confidence}
+        proposal = None
+        if self.proposal is not None:
+            proposal = {"labels": _text(self.proposal.packed), "shape": self.proposal.shape, "confidence": self.proposal.confidence}
         box = [self.top, self.left, self.height, self.width]
         return {
             "frame": self.frame,
@@ -61,22 +61,22 @@ class Piece:
             "labelled": self.labelled,
             "by_hand": self.by_hand,
             "status": self.status,
-            "carried": carried,
+            "carried": proposal,
         }
 
     @classmethod
     def from_json(cls, data: Any) -> Piece:
         """What `to_json` wrote; ValueError, TypeError or KeyError otherwise."""
         top, left, height, width = (int(number) for number in data["box"])
-        carried = data["carried"]
-        if carried is not None:
-            rows, columns = (int(number) for number in carried["shape"])
-            carried = Carried(_bytes(carried["labels"]), (rows, columns), min(1.0, max(0.0, float(carried["confidence"]))))
+        proposal = data["carried"]
+        if proposal is not None:
+            rows, columns = (int(number) for number in proposal["shape"])
+            proposal = Proposal(_bytes(proposal["labels"]), (rows, columns), min(1.0, max(0.0, float(proposal["confidence"]))))
         if data["status"] not in STATUSES:
             raise ValueError(f"{data['status']!r} is no status")
         packed = _bytes(data["labels"])
         flags = bool(data["labelled"]), bool(data["by_hand"])
-        return cls(int(data["frame"]), top, left, height, width, packed, *flags, data["status"], carried)
+        return cls(int(data["frame"]), top, left, height, width, packed, *flags, data["status"], proposal)
 
 
 #: All frames that one edit touches.
@@ -84,7 +84,7 @@ State = tuple[Piece, ...]
 
 
 @dataclass(frozen=True)
-class Edit:
+class LabelEdit:
     """One step: what to call it, and the states before and after."""
 
     name: str

@@ -18,9 +18,8 @@ import numpy as np
 from degense.engine.annotation.annotations import Annotations, Record
 from degense.engine.annotation.classes import LabelClass, check_classes
 from degense.engine.annotation.edits import STATUSES
-from degense.engine.annotation.label_png import label_png, read_label_png
-from degense.engine.annotation.packed import pack, unpack
-from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.annotation.formats.indexed_png import label_png, read_label_png
+from degense.engine.annotation.packed import Proposal, pack, unpack
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import replacing, write_text
@@ -74,13 +73,13 @@ def save(annotations: Annotations, folder: Path) -> None:
         if isinstance(labels, bytes):
             path = _write(folder, frame, unpack(labels, annotations.shape), annotations)
             labels = StoredMap(path, annotations.shape, len(annotations.classes))
-            annotations.records[frame] = Record(labels, record.by_hand, record.status, record.carried)
-        carried = None
-        if record.carried is not None:
-            proposal = _write(folder, frame, record.carried.labels, annotations)
-            carried = {"labels": proposal.name, "confidence": record.carried.confidence}
+            annotations.records[frame] = Record(labels, record.by_hand, record.status, record.proposal)
+        proposal = None
+        if record.proposal is not None:
+            written = _write(folder, frame, record.proposal.labels, annotations)
+            proposal = {"labels": written.name, "confidence": record.proposal.confidence}
         name = labels.path.name if isinstance(labels, StoredMap) else None
-        entries[str(frame)] = {"labels": name, "by_hand": record.by_hand, "status": record.status, "carried": carried}
+        entries[str(frame)] = {"labels": name, "by_hand": record.by_hand, "status": record.status, "carried": proposal}
     height, width = annotations.shape
     classes = [{"name": kind.name, "colour": kind.colour} for kind in annotations.classes]
     index = {"format": FORMAT, "size": [width, height], "count": annotations.count, "classes": classes, "frames": entries}
@@ -124,11 +123,11 @@ def _annotations(data: Any, folder: Path, shape: tuple[int, int], count: int, or
         if not 0 <= frame < count or entry["status"] not in STATUSES:
             raise ValueError(f"frame {key} makes no sense")
         labels = _stored(folder, entry["labels"], shape, len(classes)) if entry["labels"] is not None else None
-        carried = None
+        proposal = None
         if entry["carried"] is not None:
-            proposal = _stored(folder, entry["carried"]["labels"], shape, len(classes))
-            carried = Carried(pack(proposal()), shape, min(1.0, max(0.0, float(entry["carried"]["confidence"]))))
-        annotations.records[frame] = Record(labels, bool(entry["by_hand"]), entry["status"], carried)
+            proposed = _stored(folder, entry["carried"]["labels"], shape, len(classes))()
+            proposal = Proposal(pack(proposed), shape, min(1.0, max(0.0, float(entry["carried"]["confidence"]))))
+        annotations.records[frame] = Record(labels, bool(entry["by_hand"]), entry["status"], proposal)
     return annotations
 
 

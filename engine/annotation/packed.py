@@ -1,10 +1,14 @@
-"""Label maps in a few kilobytes: what undo, the journal and frames that nobody looks at keep."""
+"""Label maps in a few kilobytes: what undo, the journal and proposals hold."""
 
 from __future__ import annotations
 
 import zlib
+from dataclasses import dataclass
 
 import numpy as np
+
+#: Confidence below which a proposal is listed for review.
+DOUBTFUL = 0.75
 
 
 def pack(labels: np.ndarray) -> bytes:
@@ -23,3 +27,24 @@ def unpack(packed: bytes, shape: tuple[int, int]) -> np.ndarray:
     if len(data) != height * width:
         raise ValueError(f"a packed label map of {len(data)} bytes or more, but {width} × {height} pixels were expected")
     return np.frombuffer(bytearray(data), np.uint8).reshape(height, width)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A label map propagated from other frames, (height, width) = `shape`.
+
+    `confidence`, in [0, 1], is the expected intersection over union, averaged over the classes in the map.
+    """
+
+    packed: bytes
+    shape: tuple[int, int]
+    confidence: float
+
+    @property
+    def labels(self) -> np.ndarray:
+        """uint8 [H, W]."""
+        return unpack(self.packed, self.shape)
+
+    @property
+    def doubtful(self) -> bool:
+        return self.confidence < DOUBTFUL

@@ -11,7 +11,7 @@ import numpy as np
 Point = tuple[float, float]
 
 
-class Region(NamedTuple):
+class PixelRegion(NamedTuple):
     """Some pixels of a picture: a box and which of its pixels count.
 
     Attributes
@@ -30,16 +30,16 @@ class Region(NamedTuple):
         return slice(self.top, self.top + self.mask.shape[0]), slice(self.left, self.left + self.mask.shape[1])
 
 
-def region_of(mask: np.ndarray, top: int = 0, left: int = 0) -> Region | None:
+def region_of(mask: np.ndarray, top: int = 0, left: int = 0) -> PixelRegion | None:
     """The true pixels of a mask bool [h, w] whose corner lies at (top, left), in the smallest box; None when there are none."""
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     if not len(rows):
         return None
     inner = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    return Region(top + int(rows[0]), left + int(columns[0]), inner)
+    return PixelRegion(top + int(rows[0]), left + int(columns[0]), inner)
 
 
-def brush(start: Point, end: Point, radius: float, shape: tuple[int, int]) -> Region | None:
+def brush(start: Point, end: Point, radius: float, shape: tuple[int, int]) -> PixelRegion | None:
     """Pixels whose centres lie within `radius` of the way from `start` to `end` (x, y; pixel centres at half integers).
 
     The pixels under the two ends always count, so that the finest brush paints too. None outside the picture.
@@ -62,7 +62,7 @@ def brush(start: Point, end: Point, radius: float, shape: tuple[int, int]) -> Re
     return region_of(mask, top, left)
 
 
-def polygon(points: Sequence[Point], shape: tuple[int, int]) -> Region | None:
+def polygon(points: Sequence[Point], shape: tuple[int, int]) -> PixelRegion | None:
     """The inside of a closed outline of three or more points (x, y), its edge included. ValueError for points that are no numbers."""
     if len(points) < 3:
         return None
@@ -75,7 +75,7 @@ def polygon(points: Sequence[Point], shape: tuple[int, int]) -> Region | None:
     return region_of(mask.astype(bool)[:height, :width])
 
 
-def fill(labels: np.ndarray, at: tuple[int, int]) -> Region | None:
+def fill(labels: np.ndarray, at: tuple[int, int]) -> PixelRegion | None:
     """Pixels connected (by edges) to the pixel (x, y) through its own label; labels uint8 [H, W]."""
     x, y = at
     if not (0 <= y < labels.shape[0] and 0 <= x < labels.shape[1]):
@@ -85,7 +85,7 @@ def fill(labels: np.ndarray, at: tuple[int, int]) -> Region | None:
     return region_of(flooded[1:-1, 1:-1].astype(bool))
 
 
-def whole_regions(regions: np.ndarray, touched: Region | None) -> Region | None:
+def whole_regions(regions: np.ndarray, touched: PixelRegion | None) -> PixelRegion | None:
     """All pixels of the superpixels int32 [H, W] that a region touches."""
     if touched is None:
         return None
@@ -95,7 +95,7 @@ def whole_regions(regions: np.ndarray, touched: Region | None) -> Region | None:
     return region_of(wanted[regions])
 
 
-def holes(labels: np.ndarray, value: int) -> Region | None:
+def holes(labels: np.ndarray, value: int) -> PixelRegion | None:
     """Pixels of other labels that a class encloses: what touches the picture's border is no hole."""
     outside = (labels != value).astype(np.uint8)
     count, parts = cv2.connectedComponents(outside, connectivity=4)
@@ -106,7 +106,7 @@ def holes(labels: np.ndarray, value: int) -> Region | None:
     return region_of(enclosed[parts])
 
 
-def smaller_islands(labels: np.ndarray, value: int) -> Region | None:
+def smaller_islands(labels: np.ndarray, value: int) -> PixelRegion | None:
     """The pixels of a class outside its largest connected part."""
     count, parts, stats, _ = cv2.connectedComponentsWithStats((labels == value).astype(np.uint8), connectivity=8)
     if count <= 2:

@@ -10,9 +10,8 @@ import pytest
 from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.classes import LabelClass, check_classes, named_classes
 from degense.engine.annotation.edits import Piece
-from degense.engine.annotation.packed import pack, unpack
+from degense.engine.annotation.packed import Proposal, pack, unpack
 from degense.engine.annotation.painting import brush, region_of
-from degense.engine.annotation.propagation.proposal import Carried
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 
@@ -32,8 +31,8 @@ def annotations() -> Annotations:
     return Annotations(named_classes(("liver", "gallbladder", "grasper")), SHAPE, 5, original)
 
 
-def carried(value: int, confidence: float = 0.9) -> Carried:
-    return Carried(pack(np.full(SHAPE, value, np.uint8)), SHAPE, confidence)
+def carried(value: int, confidence: float = 0.9) -> Proposal:
+    return Proposal(pack(np.full(SHAPE, value, np.uint8)), SHAPE, confidence)
 
 
 def state(annotations: Annotations) -> list:
@@ -102,7 +101,7 @@ def test_proposals_wait_and_are_accepted_or_rejected(annotations):
 def test_painting_on_a_proposal_accepts_it(annotations):
     annotations.propose({1: carried(1)})
     edit = annotations.paint(1, "dab", brush((5, 5), (5, 5), 3, SHAPE), 2)
-    assert annotations.record(1).carried is None
+    assert annotations.record(1).proposal is None
     assert annotations.record(1).by_hand
     assert set(np.unique(annotations.labels(1))) == {1, 2}
     annotations.restore(edit.before)

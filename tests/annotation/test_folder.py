@@ -13,9 +13,8 @@ from degense.engine.annotation import folder as folder_module
 from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.classes import named_classes
 from degense.engine.annotation.folder import INDEX, load, save
-from degense.engine.annotation.packed import pack
+from degense.engine.annotation.packed import Proposal, pack
 from degense.engine.annotation.painting import brush
-from degense.engine.annotation.propagation.proposal import Carried
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError, RunError
 
@@ -30,7 +29,7 @@ def nothing(frame: int) -> None:
 def annotations() -> Annotations:
     made = Annotations(named_classes(("liver", "grasper")), SHAPE, 6)
     made.paint(1, "a", brush((10, 10), (30, 20), 5, SHAPE), 1)
-    made.propose({2: Carried(pack(np.ones(SHAPE, np.uint8)), SHAPE, 0.5)})
+    made.propose({2: Proposal(pack(np.ones(SHAPE, np.uint8)), SHAPE, 0.5)})
     made.set_status(3, "flagged")
     return made
 
@@ -43,7 +42,7 @@ def test_a_round_trip(annotations, tmp_path):
         assert np.array_equal(again.labels(frame), annotations.labels(frame))
         assert np.array_equal(again.shown(frame), annotations.shown(frame))
         one, other = again.record(frame), annotations.record(frame)
-        assert (one.by_hand, one.status, one.carried) == (other.by_hand, other.status, other.carried)
+        assert (one.by_hand, one.status, one.proposal) == (other.by_hand, other.status, other.proposal)
     before = {path.name for path in tmp_path.iterdir()}
     save(again, tmp_path)  # nothing was decoded, nothing is written anew
     assert {path.name for path in tmp_path.iterdir()} == before

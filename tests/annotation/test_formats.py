@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import struct
+from itertools import groupby
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ import pytest
 from degense.engine.annotation.classes import LabelClass, named_classes
 from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
 from degense.engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
-from degense.engine.annotation.formats.run_lengths import run_lengths
+from degense.engine.annotation.formats.map_set import mask_of_runs
 from degense.engine.annotation.formats.yolo import outlines
 from degense.engine.annotation.painting import polygon
 from degense.engine.clip import UNLABELLED
@@ -150,7 +151,8 @@ def test_coco_of_other_tools(tmp_path):
 
 def compressed(mask: np.ndarray) -> str:
     """As COCO's maskApi.c writes run lengths."""
-    counts, text = run_lengths(mask.ravel(order="F")), ""
+    counts = [sum(1 for _ in group) for _, group in groupby(mask.ravel(order="F"))]
+    counts, text = ([0, *counts] if mask[0, 0] else counts), ""
     for i, count in enumerate(counts):
         x = count - (counts[i - 2] if i > 2 else 0)
         more = True
@@ -160,6 +162,44 @@ def compressed(mask: np.ndarray) -> str:
             more = x != -1 if code & 16 else x != 0
             text += chr((code | 32 if more else code) + 48)
     return text
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_run_lengths_mean_what_coco_says(seed):
+    mask = np.random.default_rng(seed).random((7, 5)) < seed / 4
+    assert np.array_equal(mask_of_runs(compressed(mask), mask.shape), mask)
+    flat = mask.ravel(order="F")
+    plain = np.diff(np.flatnonzero(np.diff(flat, prepend=False)), prepend=0, append=flat.size).tolist()
+    assert np.array_equal(mask_of_runs(plain, mask.shape), mask)
+
+
+@pytest.mark.parametrize(
+    "counts",
+    [
+        [],
+        [34],
+        [36],
+        [3, 4],
+        [35.0],
+        [40, -5],
+        [True, 34],
+        ["35"],
+        [2**33, 35],
+        None,
+        {},
+        "",
+        "0",
+        "T3",
+        "oooooooooooo0",
+        "o",
+        "zz",
+        "é",
+        "~~~",
+    ],
+)
+def test_run_lengths_that_are_none_are_refused(counts):
+    with pytest.raises(ValueError, match=r"run lengths|RLE"):
+        mask_of_runs(counts, (7, 5))
 
 
 def test_cvat_of_other_tools(tmp_path):
@@ -251,6 +291,9 @@ def nifti(change):
         ("coco", coco(annotation={"segmentation": {"size": [1, 1], "counts": [1]}})),
         ("coco", coco(annotation={"segmentation": {"size": [48, 64], "counts": "~~~"}})),
         ("coco", coco(annotation={"segmentation": [["a", "b", "c", "d", "e", "f"]]})),
+        ("coco", coco(annotation={"segmentation": {"size": [48, 64], "counts": ""}})),
+        ("coco", coco(annotation={"segmentation": {"size": [48, 64], "counts": [3, 4]}})),
+        ("coco", coco(annotation={"segmentation": {"size": [2**31, 2**31], "counts": [2**62]}})),
         ("yolo", yolo("0 0.1 0.1 0.2 0.2 7 7")),
         ("yolo", yolo("5 0.1 0.1 0.2 0.2 0.3 0.1")),
         ("yolo", yolo("0 0.1 nan 0.2 0.2 0.3 0.1")),
@@ -263,6 +306,14 @@ def nifti(change):
         ("nifti", nifti(lambda data: struct.pack_into("<8h", data, 40, 7, 64, 48, 4, 32767, 32767, 32767, 32767))),
         ("nifti", nifti(lambda data: struct.pack_into("<f", data, 108, float("inf")))),
         ("nifti", nifti(lambda data: struct.pack_into("<f", data, 108, float("nan")))),
+        ("nifti", nifti(lambda data: struct.pack_into("<f", data, 108, 1e9))),
+        ("nifti", nifti(lambda data: struct.pack_into("<i", data, 352, 0))),
+        ("nifti", nifti(lambda data: struct.pack_into("<i", data, 352, -(2**31)))),
+        ("nifti", nifti(lambda data: struct.pack_into("<i", data, 352, 2**31 - 1))),
+        ("nifti", nifti(lambda data: struct.pack_into("<4s", data, 344, b"ni1"))),
+        ("nifti", nifti(lambda data: bytes(1000))),
+        ("nifti", nifti(lambda data: b"n")),
+        ("nifti", nifti(lambda data: struct.pack_into("<h", data, 70, 999))),
         ("nifti", nifti(lambda data: struct.pack_into("<h", data, 70, 128))),
         ("nifti", nifti(lambda data: struct.pack_into("<ff", data, 112, 0.5, 0.3))),
         ("masks-png", lambda folder: folder),

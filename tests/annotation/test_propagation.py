@@ -7,8 +7,7 @@ import pytest
 import torch
 
 from degense.engine.annotation.propagation.field_votes import FieldVotes
-from degense.engine.annotation.propagation.flow_votes import ways
-from degense.engine.annotation.propagation.nearness import nearness
+from degense.engine.annotation.propagation.flow_votes import nearness, ways
 from degense.engine.annotation.propagation.propagate import expected_iou, propagate, without_islands
 from degense.engine.camera import Camera
 from degense.engine.clip import UNLABELLED

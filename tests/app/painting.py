@@ -12,7 +12,7 @@ import numpy as np
 
 from degense.app.session.persistent_state import Part
 from degense.app.session.session import Session
-from degense.engine.annotation.painting import Region
+from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import PromptError, RunError
 
 
@@ -99,7 +99,7 @@ def paint_clip(folder: Path, dabs: int) -> Iterator[int]:
         if column == 0 or (dabs and column % dabs == 0):
             annotations.end()
             annotations.begin("Brush")
-        annotations.dab(Region(0, column, np.ones((40, 1), bool)))
+        annotations.dab(PixelRegion(0, column, np.ones((40, 1), bool)))
         yield column
         time.sleep(0.02)
 

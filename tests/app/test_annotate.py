@@ -11,7 +11,7 @@ from degense.app.features.annotate.label_sets import label_format
 from degense.app.session.session import Session
 from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.folder import NAME
-from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.annotation.packed import Proposal
 from degense.engine.clip import UNLABELLED
 
 
@@ -149,8 +149,8 @@ def test_a_frame_is_carried_reviewed_and_taken_back(qtbot, annotating, idle, scr
     idle()
     assert part.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
     assert "9 wait for an answer" in window.parts.annotation.summary()
-    sure = part.work.record(7).carried
-    part.work.records[7] = Record(carried=Carried(sure.packed, sure.shape, 0.5))
+    sure = part.work.record(7).proposal
+    part.work.records[7] = Record(proposal=Proposal(sure.packed, sure.shape, 0.5))
     qtbot.keyClick(panel, Qt.Key.Key_Tab)
     assert window.session.frame == 7
     idle()
@@ -168,7 +168,7 @@ def test_a_frame_is_carried_reviewed_and_taken_back(qtbot, annotating, idle, scr
     qtbot.keyClick(panel, Qt.Key.Key_F, Qt.KeyboardModifier.ShiftModifier)
     assert part.work.record(5).status == "flagged"
     names = window.session.undo.entries
-    assert names == ("Carry labels to 9 frames", "Reject frame 7", "Accept frame 5", "Accept 7 frames", "Frame 5: flagged")
+    assert names == ("Propagate labels to 9 frames", "Reject frame 7", "Accept frame 5", "Accept 7 frames", "Frame 5: flagged")
     window.session.undo.go_to(1)
     press(qtbot, window, "annotate.accept")
     press(qtbot, window, "annotate.reject-all")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import subprocess
 import sys
 
@@ -23,13 +24,15 @@ def test_a_sound_machine(own_folders):
 
 
 def test_what_is_missing_is_named(monkeypatch, tmp_path):
-    monkeypatch.delattr(cv2, "ximgproc")
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "nibabel" else find(name))
+    monkeypatch.delattr(cv2, "ximgproc")  # only a benchmark uses it
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "file"))
     text, ok = doctor.report()
     assert not ok
-    assert "To be mended: OpenCV, Folders." in text
-    assert "opencv-contrib-python-headless" in text
+    assert "To be mended: Label files, Folders." in text
+    assert "pip install nibabel" in text
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         return part.tool == tool
 
     def waits() -> bool:
-        return on() and part.work is not None and part.work.record(session.frame).carried is not None
+        return on() and part.work is not None and part.work.record(session.frame).proposal is not None
 
     def any_waits() -> bool:
         return on() and part.work is not None and bool(part.work.waiting())

@@ -20,14 +20,14 @@ from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
 from degense.engine.annotation.edits import STATUSES, Status
 from degense.engine.annotation.overlay import label_overlay
-from degense.engine.annotation.painting import Region, brush, fill, holes, polygon, region_of, smaller_islands, whole_regions
+from degense.engine.annotation.painting import PixelRegion, brush, fill, holes, polygon, region_of, smaller_islands, whole_regions
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.widgets.frame.paint_tools import ClickTool, PolygonTool, StrokeTool
 from degense.widgets.frame.panel_tools import PanelTool
 
 if TYPE_CHECKING:
-    from degense.engine.annotation.propagation.proposal import Carried
+    from degense.engine.annotation.packed import Proposal
 
 TOOL_WORDS = (
     ("brush", "Brush", "Paint the current class"),
@@ -166,7 +166,7 @@ class Annotating(QObject):
             self._regions = frame, superpixels(picture)
         return self._regions[1]
 
-    def _paint(self, name: str, region: Region | None, value: int | None = None) -> None:
+    def _paint(self, name: str, region: PixelRegion | None, value: int | None = None) -> None:
         try:
             if not self.part.paint(name, region, value):
                 self.parts.say(f"{name}: nothing changed.")
@@ -213,7 +213,7 @@ class Annotating(QObject):
         if not sources:
             raise DegenseError("No frame is labelled yet; paint one, and it can be carried to the others.")
 
-        def steps() -> Generator[tuple[float, str], None, dict[int, Carried]]:
+        def steps() -> Generator[tuple[float, str], None, dict[int, Proposal]]:
             from degense.engine.annotation.propagation.propagate import propagate
 
             return propagate(clip, sources, scene)
@@ -222,12 +222,12 @@ class Annotating(QObject):
             self.parts.annotation.set_progress(step[0])
             self.parts.set_busy(step[1][0].upper() + step[1][1:], step[0])
 
-        def done(carried: dict[int, Carried]) -> None:
+        def done(carried: dict[int, Proposal]) -> None:
             self._carried_away()
             self.part.propose(carried)
             doubtful = self.part.ready().next_flagged(-1)
             more = "" if doubtful is None else " Next flagged goes to the doubtful ones."
-            self.parts.say(f"Carried to {len(carried)} frames: accept or reject them.{more}", 20)
+            self.parts.say(f"Propagated to {len(carried)} frames: accept or reject them.{more}", 20)
 
         def failed(message: str) -> None:
             self._carried_away()
@@ -337,8 +337,8 @@ class Annotating(QObject):
             self.parts.annotation.set_summary(self.part.blocked)
             return
         record = work.record(frame)
-        if record.carried is not None:
-            words = f"Frame {frame}: proposed, confidence {record.carried.confidence:.0%}"
+        if record.proposal is not None:
+            words = f"Frame {frame}: proposed, confidence {record.proposal.confidence:.0%}"
         elif record.by_hand:
             words = f"Frame {frame}: painted"
         elif record.labels is not None:
@@ -347,7 +347,7 @@ class Annotating(QObject):
             words = f"Frame {frame}: {'as it came' if work.is_labelled(frame) else 'not labelled'}"
         self.parts.annotation.set_frame(words, record.status)
         waiting = work.waiting()
-        doubtful = [index for index in waiting if cast("Carried", work.record(index).carried).confidence < 0.75]
+        doubtful = [index for index in waiting if cast("Proposal", work.record(index).proposal).doubtful]
         counts = [f"{sum(r.status == status for r in work.records.values())} {status}" for status in STATUSES[1:]]
         proposals = f"{len(waiting)} wait for an answer, {len(doubtful)} of them doubtful" if waiting else ""
         self.parts.annotation.set_summary("; ".join(filter(None, [f"{work.count} frames: {', '.join(counts)}", proposals])))
@@ -364,7 +364,7 @@ class Annotating(QObject):
         if self.part.active and view.frame == self.session.frame:
             self._pixels_changed(self.session.frame, None)
 
-    def _pixels_changed(self, frame: int, region: Region | None) -> None:
+    def _pixels_changed(self, frame: int, region: PixelRegion | None) -> None:
         work = self.part.work
         if work is None or not self.part.active or frame != self.session.frame:
             return
@@ -374,7 +374,7 @@ class Annotating(QObject):
             self.parts.panel.set_labels(None)
             self.parts.annotation.set_frame(str(error), "open")
             return
-        proposed = work.record(frame).carried is not None
+        proposed = work.record(frame).proposal is not None
         if region is None:
             self.parts.panel.set_labels(label_overlay(labels, work.classes, proposed=proposed))
             return

@@ -16,12 +16,11 @@ from degense.app.session.clip_journal import ClipJournal
 from degense.app.session.persistent_state import Part
 from degense.app.session.signal import Signal
 from degense.engine.annotation.annotations import Annotations, Stroke
-from degense.engine.annotation.classes import LabelClass, check_classes, default_colour, named_classes
-from degense.engine.annotation.edits import Edit, Piece, State, Status
+from degense.engine.annotation.classes import LabelClass, check_classes, default_colour, merged, named_classes
+from degense.engine.annotation.edits import LabelEdit, Piece, State, Status
 from degense.engine.annotation.folder import NAME, load, save
-from degense.engine.annotation.merging import merged
-from degense.engine.annotation.painting import Region
-from degense.engine.annotation.propagation.proposal import Carried
+from degense.engine.annotation.packed import Proposal
+from degense.engine.annotation.painting import PixelRegion
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError, RunError
 
@@ -66,7 +65,7 @@ class AnnotationsPart(Part):
     def __init__(self, session: Session) -> None:
         super().__init__()
         self.session = session
-        self.pixels_changed: Signal[[int, Region | None]] = Signal()
+        self.pixels_changed: Signal[[int, PixelRegion | None]] = Signal()
         self.records_changed: Signal[[]] = Signal()
         self.classes_changed: Signal[[]] = Signal()
         self.tool_changed: Signal[[]] = Signal()
@@ -208,7 +207,7 @@ class AnnotationsPart(Part):
         self._stroke = self.ready().stroke(self.session.frame, f"{name} in frame {self.session.frame}")
         self._told = -math.inf  # its first dab is told at once
 
-    def dab(self, region: Region | None) -> None:
+    def dab(self, region: PixelRegion | None) -> None:
         """Paint a region as part of the stroke."""
         if self._stroke is not None and region is not None:
             changed = self._stroke.paint(region, self.value, self.inside)
@@ -237,7 +236,7 @@ class AnnotationsPart(Part):
         if stroke is not None:
             self._done(stroke.finish())
 
-    def paint(self, name: str, region: Region | None, value: int | None = None) -> bool:
+    def paint(self, name: str, region: PixelRegion | None, value: int | None = None) -> bool:
         """Paint a region in one step, with the tool's value unless one is given; whether that changed anything."""
         frame = self.session.frame
         edit = self.ready().paint(frame, f"{name} in frame {frame}", region, self.value if value is None else value, self.inside)
@@ -254,9 +253,9 @@ class AnnotationsPart(Part):
         return self.work.shown(frame)
 
     # -- frames ----------------------------------------------------------------------------------------------------------------------------
-    def propose(self, carried: Mapping[int, Carried]) -> None:
+    def propose(self, proposals: Mapping[int, Proposal]) -> None:
         """Take what was carried to other frames, for review."""
-        self._done(self.ready().propose(carried))
+        self._done(self.ready().propose(proposals))
         self.pixels_changed.emit(self.session.frame, None)
 
     def accept(self, frames: Sequence[int]) -> None:
@@ -316,7 +315,7 @@ class AnnotationsPart(Part):
             self.pixels_changed.emit(self.session.frame, None)
 
     # -- undo and journal ------------------------------------------------------------------------------------------------------------------
-    def _done(self, edit: Edit | None) -> None:
+    def _done(self, edit: LabelEdit | None) -> None:
         if edit is not None:
             self.session.undo.push(edit.name, self._put, edit.before, edit.after, size=edit.size)
             self._tell({"pieces": [piece.to_json() for piece in edit.after]})

@@ -1,4 +1,4 @@
-"""COCO: one JSON file, masks as run lengths down the columns; polygons and compressed run lengths are read too."""
+"""COCO: one JSON file, masks as compressed run lengths; polygons and plain run lengths are read too."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycocotools.mask as coco_mask
 
 from degense.engine.annotation.classes import check_classes, named_classes
-from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, read_text
-from degense.engine.annotation.formats.run_lengths import from_run_lengths, run_lengths
-from degense.engine.annotation.painting import polygon, region_of
+from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, mask_of_runs, read_text
+from degense.engine.annotation.painting import polygon
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError, DegenseError
@@ -22,27 +22,19 @@ from degense.engine.files import write_text
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:
-    """Write the file `out`: each class in each frame is an annotation with an uncompressed run-length mask; yields the frames done."""
+    """Write the file `out`: each class in each frame is an annotation; yields the frames done."""
     height, width = maps.shape
     annotations: list[dict[str, Any]] = []
     for frame in maps.frames:
         labels = maps.read(frame)
         for index in range(len(maps.classes)):
-            region = region_of(labels == index)
-            if region is None:
-                continue
-            rows, columns = region.mask.shape
-            annotations.append(
-                {
-                    "id": len(annotations) + 1,
-                    "image_id": frame,
-                    "category_id": index + 1,
-                    "iscrowd": 1,
-                    "area": int(region.mask.sum()),
-                    "bbox": [region.left, region.top, columns, rows],
-                    "segmentation": {"size": [height, width], "counts": run_lengths((labels == index).ravel(order="F"))},
-                }
-            )
+            runs = coco_mask.encode(np.asfortranarray(labels == index, np.uint8))
+            area = int(coco_mask.area(runs))
+            if area:
+                segmentation = {"size": [height, width], "counts": runs["counts"].decode("ascii")}
+                box = [int(side) for side in coco_mask.toBbox(runs)]
+                about = {"id": len(annotations) + 1, "image_id": frame, "category_id": index + 1, "iscrowd": 1}
+                annotations.append({**about, "area": area, "bbox": box, "segmentation": segmentation})
         yield frame
     data = {
         "info": {"description": "Masks made by DeGense", "date_created": datetime.now(timezone.utc).isoformat(timespec="seconds")},
@@ -93,28 +85,8 @@ def _mask(segmentation: Any, shape: tuple[int, int], path: Path) -> np.ndarray:
                 if region is not None:
                     mask[region.box] |= region.mask
             return mask
-        counts = segmentation["counts"]
         if tuple(segmentation["size"]) != shape:
             raise ValueError(f"a mask of size {segmentation['size']}")
-        lengths = _decompressed(counts) if isinstance(counts, str) else counts
-        return from_run_lengths(lengths, shape[0] * shape[1]).reshape(shape, order="F")
+        return mask_of_runs(segmentation["counts"], shape)
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         raise ClipError(f"{shown(path)} has a mask that cannot be read ({error}).") from error
-
-
-def _decompressed(text: str) -> list[int]:
-    """COCO's compressed counts: six-bit groups, five of them number; from the third on differences to the count before the last."""
-    counts: list[int] = []
-    value = shift = 0
-    for letter in text.encode("ascii"):
-        code = letter - 48
-        if not 0 <= code < 64 or shift > 60:
-            raise ValueError("run lengths with letters that COCO does not use")
-        value |= (code & 31) << shift
-        shift += 5
-        if not code & 32:
-            if code & 16:
-                value -= 1 << shift
-            counts.append(value + (counts[-2] if len(counts) > 2 else 0))
-            value = shift = 0
-    return counts

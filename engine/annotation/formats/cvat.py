@@ -10,9 +10,8 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from degense.engine.annotation.classes import LabelClass, check_classes, default_colour
-from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, read_text
-from degense.engine.annotation.formats.run_lengths import from_run_lengths, run_lengths
-from degense.engine.annotation.painting import Region, polygon, region_of
+from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, mask_of_runs, read_text
+from degense.engine.annotation.painting import PixelRegion, polygon, region_of
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError, DegenseError
@@ -37,7 +36,8 @@ def write(maps: MapSet, out: Path) -> Iterator[int]:
             region = region_of(labels == index)
             if region is not None:
                 rows, columns = region.mask.shape
-                runs = ", ".join(map(str, run_lengths(region.mask.ravel())))
+                changes = np.flatnonzero(np.diff(region.mask.ravel(), prepend=False))
+                runs = ", ".join(map(str, np.diff(changes, prepend=0, append=region.mask.size)))
                 mask = SubElement(image, "mask", label=kind.name, source="manual", occluded="0", rle=runs)
                 for key, number in (("left", region.left), ("top", region.top), ("width", columns), ("height", rows), ("z_order", 0)):
                     mask.set(key, str(number))
@@ -93,15 +93,15 @@ def _classes(root: Element, path: Path) -> tuple[LabelClass, ...]:
     return tuple(classes)
 
 
-def _region(item: Element, shape: tuple[int, int], path: Path) -> Region | None:
+def _region(item: Element, shape: tuple[int, int], path: Path) -> PixelRegion | None:
     """The pixels of a shape; None for a kind that has no area, such as points."""
     try:
         if item.tag == "mask":
             top, left, height, width = (_number(item, key, path) for key in ("top", "left", "height", "width"))
             if min(top, left) < 0 or min(height, width) < 1 or top + height > shape[0] or left + width > shape[1]:
                 raise ValueError("a mask outside the picture")
-            flat = from_run_lengths([int(run) for run in item.get("rle", "").split(",")], height * width)
-            return region_of(flat.reshape(height, width), top, left)
+            runs = [int(run) for run in item.get("rle", "").split(",")]  # along the rows: the columns of the transposed mask
+            return region_of(mask_of_runs(runs, (width, height)).T, top, left)
         if item.tag == "polygon":
             corners = [corner.split(",") for corner in item.get("points", "").split(";")]
             return polygon([(float(x), float(y)) for x, y in corners], shape)

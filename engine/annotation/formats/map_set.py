@@ -1,12 +1,15 @@
-"""Label maps that are handed over to a format, or come from one."""
+"""Label maps that are handed over to a format, or come from one; and what several formats check."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pycocotools.mask as coco_mask
 
 from degense.engine.annotation.classes import LabelClass
 from degense.engine.data.files.numbered import last_number, shown
@@ -14,6 +17,8 @@ from degense.engine.errors import ClipError
 
 #: Text files larger than this are refused.
 LARGEST_TEXT = 512 << 20
+#: COCO's compressed counts: numbers of up to seven letters, "P" to "o" but for the last letter, which is one of "0" to "O".
+_COMPRESSED = re.compile("([P-o]{0,6}[0-O])+")
 
 
 @dataclass(frozen=True)
@@ -66,3 +71,24 @@ def check_picture_size(found: tuple[int, int], shape: tuple[int, int], path: Pat
     if found != (shape[1], shape[0]):
         told = f"{found[0]} × {found[1]}"
         raise ClipError(f"{shown(path)} is for pictures of {told} pixels, but the clip's are {shape[1]} × {shape[0]}; scale it first.")
+
+
+def mask_of_runs(counts: Any, shape: tuple[int, int]) -> np.ndarray:
+    """bool [H, W] of run lengths down the columns, zeros first: a list of whole numbers, or a string compressed as COCO does.
+
+    Raises
+    ------
+    ValueError
+        When they are neither, or do not add up to the pixels.
+    """
+    pixels = shape[0] * shape[1]
+    if isinstance(counts, list) and counts and all(type(count) is int and 0 <= count <= pixels for count in counts):
+        counts = coco_mask.frPyObjects({"size": shape, "counts": counts}, *shape)["counts"]
+    elif not isinstance(counts, str) or not _COMPRESSED.fullmatch(counts):
+        raise ValueError("neither run lengths nor a string of them")
+    mask = coco_mask.decode({"size": shape, "counts": counts})  # ValueError for too many pixels
+    try:  # too few go unnoticed, but when they fill an array of one pixel less
+        coco_mask.decode({"size": (pixels - 1, 1), "counts": counts})
+    except ValueError:
+        return mask.astype(bool)
+    raise ValueError(f"run lengths of fewer than {pixels} pixels")

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from degense.engine.annotation.propagation.nearness import nearness
+from degense.engine.annotation.propagation.flow_votes import nearness
 from degense.engine.raster import rasterize
 from degense.engine.scene import Scene
 

@@ -7,12 +7,18 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from degense.engine.annotation.packed import pack, unpack
-from degense.engine.annotation.propagation.nearness import nearness
 from degense.engine.clip import Clip
 from degense.engine.motion import consistent, follow
 
 #: What a label counts that flow brought along a way that does not lead back.
 DOUBTED = 0.2
+
+
+def nearness(frame: int, sources: Sequence[int]) -> np.ndarray:
+    """Weights of corrected frames at another frame, float32 [n], ∝ 1 / d² with d the distance in frames; their sum is 1."""
+    distance = np.abs(np.asarray(sources, np.float32) - frame)
+    weights = 1 / np.maximum(distance, 0.5) ** 2
+    return (weights / weights.sum()).astype(np.float32)
 
 
 class FlowVotes:

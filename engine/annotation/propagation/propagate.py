@@ -17,11 +17,10 @@ from collections.abc import Generator, Mapping, Sequence
 import cv2
 import numpy as np
 
-from degense.engine.annotation.packed import pack
+from degense.engine.annotation.packed import Proposal, pack
 from degense.engine.annotation.propagation.appearance import Looks
 from degense.engine.annotation.propagation.field_votes import FieldVotes
 from degense.engine.annotation.propagation.flow_votes import FlowVotes
-from degense.engine.annotation.propagation.proposal import Carried
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.errors import DegenseError
 from degense.engine.scene import Scene
@@ -38,7 +37,7 @@ ROUNDS = 4  # of dropping: a dropped island may make another
 
 def propagate(
     clip: Clip, corrected: Mapping[int, np.ndarray], scene: Scene | None = None, frames: Sequence[int] | None = None
-) -> Generator[tuple[float, str], None, dict[int, Carried]]:
+) -> Generator[tuple[float, str], None, dict[int, Proposal]]:
     """Carry label maps to other frames.
 
     Parameters
@@ -57,7 +56,7 @@ def propagate(
 
     Returns
     -------
-    dict of frame to Carried
+    dict of frame to Proposal
         For all `frames` but the corrected ones.
 
     Raises
@@ -88,7 +87,7 @@ def propagate(
         if field is not None:
             scores += np.log(field.at(frame, rgb) * clip.valid(frame)[..., None] + FLOOR)
         winners = without_islands(scores, usual)
-        result[frame] = Carried(pack(values[winners]), winners.shape, expected_iou(scores, winners))
+        result[frame] = Proposal(pack(values[winners]), winners.shape, expected_iou(scores, winners))
     return result
 
 

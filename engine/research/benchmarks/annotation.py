@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 import cv2
 import numpy as np
 
+from degense.engine.annotation.packed import Proposal
 from degense.engine.annotation.propagation.propagate import propagate
-from degense.engine.annotation.propagation.proposal import Carried
 from degense.engine.clip import Clip
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
@@ -84,7 +84,7 @@ def _measured(clip: Clip, scene: Scene | None) -> tuple[float, float, float, flo
     source = most_shown(clip)
     labels = clip.labels(source)
     assert labels is not None
-    start, carried = time.perf_counter(), dict[int, Carried]()
+    start, carried = time.perf_counter(), dict[int, Proposal]()
     steps = propagate(clip, {source: labels}, scene)
     while True:
         try:

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from skimage.segmentation import slic
 
+from degense.engine.errors import DegenseError
 from degense.engine.metrics.masks import boundary_f, iou
 from degense.engine.progress import Progress, silent
 from degense.engine.research.bench.mask_scenes import DEGRADATIONS, Frame, MaskScene, hand_frame, phantom_frame
@@ -60,6 +61,10 @@ def _segmentations(quick: bool) -> Iterator[tuple[str, Segment]]:
     def scikit(size: int) -> Segment:
         return lambda rgb: slic(rgb, rgb[..., 0].size // size**2, start_label=0)
 
+    if not hasattr(cv2, "ximgproc"):
+        raise DegenseError(
+            "comparing superpixels needs OpenCV with contrib modules: pip install --force-reinstall opencv-contrib-python-headless"
+        )
     for size in (8, 12, 16, 24):
         for compactness in (10.0,) if quick else (5.0, 10.0, 20.0):
             yield f"ours, {size} px, compactness {compactness:g}", ours(size, compactness)

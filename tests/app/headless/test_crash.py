@@ -18,7 +18,7 @@ from degense.app.session import session_file
 from degense.app.session.session import Session
 from degense.app.session.session_file import DamagedSession
 from degense.app.session.store import JOURNAL, waiting
-from degense.engine.annotation.painting import Region
+from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import DegenseError
 from tests.app.painting import FakeClip, FakeScene, Strokes, opened
 
@@ -79,17 +79,17 @@ def test_kill_while_labelling_a_clip_loses_two_seconds_of_a_stroke_at_most(tmp_p
 def test_the_journal_of_a_clip_is_good_up_to_its_tear_and_never_told_twice(tmp_path):
     session, again = Session(), Session()
     session.open_clip(FakeClip(tmp_path))
-    session.annotations.paint("Fill", Region(0, 0, np.ones((40, 9), bool)))
+    session.annotations.paint("Fill", PixelRegion(0, 0, np.ones((40, 9), bool)))
     kept = tmp_path / "annotations" / "annotations.journal"
     told = kept.read_bytes()
     session.annotations.save_beside_clip()
-    session.annotations.paint("Fill", Region(0, 0, np.ones((40, 9), bool)), 255)
+    session.annotations.paint("Fill", PixelRegion(0, 0, np.ones((40, 9), bool)), 255)
     session.annotations.save_beside_clip()
     kept.write_bytes(told)  # as if the program had ended before it was taken away
     again.open_clip(FakeClip(tmp_path))
     assert (again.annotations.labels(0) == 255).all()
     assert not again.annotations.unsaved_beside_clip
-    again.annotations.paint("Fill", Region(0, 0, np.ones((40, 5), bool)))
+    again.annotations.paint("Fill", PixelRegion(0, 0, np.ones((40, 5), bool)))
     with open(kept, "ab") as file:
         file.write(b'{"part":"annotations","record":{"pieces":[{}]}}\n')
     session.close()

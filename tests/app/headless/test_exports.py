@@ -11,27 +11,13 @@ from PIL import Image
 
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.export.formats import FORMATS, ExportOptions, get_format
-from degense.engine.annotation.formats.run_lengths import run_lengths
+from degense.engine.annotation.formats.map_set import mask_of_runs
 from degense.engine.errors import DegenseError
 from degense.engine.store.ply import load_ply
 
 
 def export(name, scene, out, **options):
     return run_steps(get_format(name).export(scene, out, ExportOptions(**options)), Bar())
-
-
-def decode(counts: list[int], height: int, width: int) -> np.ndarray:
-    """COCO's runs, read by hand."""
-    flat: list[bool] = []
-    for number, length in enumerate(counts):
-        flat += [bool(number % 2)] * length
-    return np.array(flat).reshape(width, height).T
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_run_lengths_mean_what_coco_says(seed):
-    mask = np.random.default_rng(seed).random((7, 5)) < seed / 4
-    assert np.array_equal(decode(run_lengths(mask.ravel(order="F")), 7, 5), mask)
 
 
 def test_ply_comes_back(scene, tmp_path):
@@ -61,7 +47,7 @@ def test_coco_holds_the_masks(scene, tmp_path):
     assert {entry["category_id"] - 1 for entry in found} == set(np.unique(labels)) - {255}
     for entry in found:
         mask = labels == entry["category_id"] - 1
-        assert np.array_equal(decode(entry["segmentation"]["counts"], *mask.shape), mask)
+        assert np.array_equal(mask_of_runs(entry["segmentation"]["counts"], mask.shape), mask)
         x, y, width, height = entry["bbox"]
         assert mask[y : y + height, x : x + width].sum() == entry["area"] == mask.sum()
 
