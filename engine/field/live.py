@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -39,12 +41,12 @@ class LiveField:
     @torch.no_grad()
     def _evaluate(self, t: Tensor, semantics: bool) -> Splats:
         splats = self.model.at(t, semantics=semantics).splats
-        means, quats, scales, opacities = splats.means * self.unit, splats.quats, splats.scales * self.unit, splats.opacities
-        if means.is_cuda:
+        splats = replace(splats, means=splats.means * self.unit, scales=splats.scales * self.unit)
+        if splats.means.is_cuda:
             from degense.engine.raster.cuda import cleaned
 
-            quats, scales, opacities = cleaned(means, quats, scales, opacities, torch.cat([splats.colors, splats.semantics], 1))
-        return Splats(means, quats, scales, opacities, splats.colors, splats.semantics)
+            splats = cleaned(splats, torch.cat([splats.colors, splats.semantics], 1))
+        return splats
 
     def _record(self, semantics: bool) -> tuple[torch.cuda.CUDAGraph, Splats]:
         stream = torch.cuda.Stream()

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from degense.engine.annotation.propagation.flow_votes import nearness
-from degense.engine.raster import rasterize
+from degense.engine.raster import backproject, rasterize
 from degense.engine.scene import Scene
 
 #: Share of a pixel below which what was seen of a Gaussian counts little.
@@ -35,20 +35,13 @@ class FieldVotes:
 
     def __init__(self, scene: Scene, labels: Mapping[int, np.ndarray], valid: Mapping[int, np.ndarray], count: int):
         self._scene = scene
-        self._seen = {frame: self._lift(frame, labels[frame], valid[frame], count) for frame in labels}
+        self._seen = {frame: self._backproject(frame, labels[frame], valid[frame], count) for frame in labels}
 
-    def _lift(self, frame: int, labels: np.ndarray, valid: np.ndarray, count: int) -> Tensor:
-        """Σ_p a_ip [L(p) = k] over the valid pixels of a frame, [N, count]; a_ip is the share of Gaussian i in pixel p.
-
-        A picture is linear in the features that it blends, so the sum is the gradient of Σ_p ⟨F(p), e_L(p)⟩ by the features: one
-        backward pass, as in `engine.training.semantic.distillation.lift`.
-        """
+    def _backproject(self, frame: int, labels: np.ndarray, valid: np.ndarray, count: int) -> Tensor:
+        """Σ_p w_ip [L(p) = k] over the valid pixels of a frame, [N, count]; w_ip is the share of Gaussian i in pixel p."""
         splats = self._scene.splats(frame)
-        features = torch.zeros(len(splats), count, device=splats.means.device, requires_grad=True)
-        with torch.enable_grad():
-            picture = rasterize(splats, features, self._scene.camera(frame), clean=True).image
-            named = torch.nn.functional.one_hot(torch.from_numpy(labels), count) * torch.from_numpy(valid)[..., None]
-            return torch.autograd.grad((picture * named.to(picture)).sum(), features)[0]
+        named = torch.nn.functional.one_hot(torch.from_numpy(labels), count) * torch.from_numpy(valid)[..., None]
+        return backproject(splats, named.to(splats.means), self._scene.camera(frame), clean=True).total
 
     @torch.no_grad()
     def at(self, frame: int, observed: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress, silent
-from degense.engine.raster import rasterize
+from degense.engine.raster import backproject
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.cuda_graphs import recorded
@@ -54,22 +54,19 @@ class Heard(NamedTuple):
 
 
 def heard(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> Iterator[Heard]:
-    """All that the teacher says, frame by frame.
-
-    A picture is linear in the features that it blends, so both sums are the gradient of Σ_p w_p ⟨F(p), (v_p, 1)⟩ by the features: one
-    backward pass a frame.
-    """
+    """All that the teacher says, frame by frame."""
     for done, i in enumerate(targets.frames):
         progress(done / len(targets.frames), "lifting the teacher's words")
         with torch.no_grad():
             s = model.at(frames.clip.time(i), semantics=False).splats
         target = targets.target(i)
-        features = s.means.new_zeros(len(model), target.latents.shape[1] + 1).requires_grad_()
-        picture = rasterize(s, features, frames.cameras[i]).image
-        wanted = torch.nn.functional.pad(target.latents, (0, 1), value=1.0)[target.index] * target.weight[:, None]
-        total = (picture.reshape(-1, features.shape[1])[target.pixels] * wanted).sum()
-        found = torch.autograd.grad(total, features)[0]
-        yield Heard(found[:, :-1], found[:, -1], s.colors - model.canonical["colors"].detach())
+        camera = frames.cameras[i]
+        values = s.means.new_zeros(camera.height * camera.width, target.latents.shape[1])
+        weight = s.means.new_zeros(len(values))
+        values[target.pixels], weight[target.pixels] = target.latents[target.index], target.weight
+        shape = (camera.height, camera.width)
+        total, share = backproject(s, values.reshape(*shape, -1), camera, confidence=weight.reshape(shape))
+        yield Heard(total, share, s.colors - model.canonical["colors"].detach())
 
 
 def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,67 @@
+"""The transpose of the rasterizer: values of pixels onto the Gaussians that are seen there."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torch.nn.functional import pad
+
+from degense.engine.camera import Camera
+from degense.engine.raster.render import Backend, rasterize
+from degense.engine.splats import Splats
+
+
+class BackProjection(NamedTuple):
+    """Sums over the pixels p of a picture for each Gaussian i, with blending weights w_ip = α_ip T_ip and confidences m_p.
+
+    Attributes
+    ----------
+    total : float [N, C]
+        Σ_p m_p w_ip v_p.
+    weight : float [N]
+        Σ_p m_p w_ip.
+    """
+
+    total: Float[Tensor, "n c"]
+    weight: Float[Tensor, " n"]
+
+    @property
+    def mean(self) -> Tensor:
+        """Σ_p m_p w_ip v_p / Σ_p m_p w_ip, float [N, C]; 0 for a Gaussian that is not seen."""
+        return self.total / self.weight.clamp_min(1e-12)[:, None]
+
+
+def backproject(
+    splats: Splats,
+    values: Float[Tensor, "height width c"],
+    camera: Camera,
+    *,
+    confidence: Float[Tensor, "height width"] | None = None,
+    backend: Backend = "auto",
+    clean: bool = False,
+) -> BackProjection:
+    """Sum values of pixels onto Gaussians, each by its share of the pixel.
+
+    `rasterize` is linear in the features that it blends, F = W x with W = (w_ip)ᵀ and no background, so this is one backward pass:
+    ⟨rasterize(x), v⟩ = ⟨x, backproject(v).total⟩. The weights are one more channel.
+
+    Parameters
+    ----------
+    values : float [H, W, C]
+        v_p, of the camera's size.
+    confidence : float [H, W] or None
+        m_p ≥ 0; None counts every pixel once.
+    backend, clean
+        As for `rasterize`.
+    """
+    wanted = pad(values, (0, 1), value=1.0)
+    if confidence is not None:
+        wanted = wanted * confidence[..., None]
+    features = splats.means.new_zeros(len(splats), wanted.shape[2])
+    with torch.enable_grad():
+        image = rasterize(splats.detach(), features.requires_grad_(), camera, backend=backend, clean=clean).image
+    (sums,) = torch.autograd.grad(image, features, wanted.to(image))
+    return BackProjection(sums[:, :-1], sums[:, -1])
