@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from degense.app.features.viewer.pictures import get_layer, layer_picture, overlaid, with_colour_bar, write_png
-from degense.app.features.viewer.view import prompt_masks
 from degense.app.session.view_state import PROMPT_COLOURS
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
@@ -43,6 +42,8 @@ def is_demo(path: Path) -> bool:
 def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:
     """Write the pictures of the sample; the sentences that say what they show."""
     from degense.engine.layers import LayerRequest, layer_range
+    from degense.engine.scene.clip_query import decode_frame
+    from degense.engine.semantics.prompts import PromptSet
 
     frame = scene.frames - 1
     rgb = scene.picture(frame)
@@ -51,7 +52,7 @@ def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:
     write_png(out / "rgb.png", rgb)
     said.append(f"rgb.png: frame {frame} of {scene.frames}, reconstructed ({scene.clip_size[0]} × {scene.clip_size[1]})")
     yield 0.2, f"mask of {PROMPT}"
-    [mask] = prompt_masks(scene, frame, [PROMPT], None, None)
+    [mask] = decode_frame(scene, PromptSet((PROMPT,)), frame).masks
     write_png(out / f"mask_{PROMPT}.png", overlaid(rgb, [(mask, PROMPT_COLOURS[0])]))
     said.append(f"mask_{PROMPT}.png: what the prompt “{PROMPT}” finds in it, {mask.mean():.1%} of the picture")
     for done, name in ((0.5, "displacement"), (0.7, "warp")):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +15,7 @@ from degense.app.features.cameras.movie import camera_movie
 from degense.app.features.cameras.state import Stop, load_path
 from degense.app.features.export.formats import ExportOptions, write_movie
 from degense.app.features.prompts.segment import write_clip_masks
-from degense.app.features.viewer.pictures import check_decoder, check_frame, get_layer, layer_picture, write_npy, write_png
-from degense.app.features.viewer.view import prompt_masks
+from degense.app.features.viewer.pictures import check_frame, get_layer, layer_picture, write_npy, write_png
 from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
@@ -25,6 +23,7 @@ from degense.engine.progress import Steps
 if TYPE_CHECKING:
     from degense.engine.layers import Layer
     from degense.engine.scene import Scene
+    from degense.engine.semantics.prompts import PromptSet
 
 
 def render(options: argparse.Namespace) -> None:
@@ -32,9 +31,8 @@ def render(options: argparse.Namespace) -> None:
     from degense.engine.scene import Scene
 
     layer = get_layer(options.layer)
-    check_decoder(options.decoder)
+    wanted = ExportOptions(asked_prompts(options), layer=options.layer, span=options.range)
     scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
-    wanted = ExportOptions(tuple(options.prompts), options.decoder, options.threshold, layer=options.layer, span=options.range)
     if options.cameras is not None:
         print(run_steps(camera_movie(scene, _fitting(scene, load_path(options.cameras)), _look(options), options.out), Bar()))
     elif options.frames is None:
@@ -45,6 +43,13 @@ def render(options: argparse.Namespace) -> None:
         if not frames:
             raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
         run_steps(_render_frames(scene, layer, frames, options.out, wanted), Bar())
+
+
+def asked_prompts(options: argparse.Namespace) -> PromptSet:
+    """What the command line asks. PromptError for a decoder that there is not."""
+    from degense.engine.semantics.prompts import PromptSet
+
+    return PromptSet.chosen(options.prompts, options.decoder, options.threshold)
 
 
 def _look(options: argparse.Namespace) -> ViewState:
@@ -106,41 +111,35 @@ def _render_frames(scene: Scene, layer: Layer, frames: Sequence[int], out: Path,
 
 
 def segment(options: argparse.Namespace) -> None:
+    """Masks of prompts on one frame or several."""
     from degense.engine.scene import Scene
+    from degense.engine.scene.clip_query import decode_frame
 
+    prompts = asked_prompts(options)
     scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
-    check_decoder(options.decoder)
     if options.frames is not None:
-        _segment_clip(scene, options)
+        _segment_clip(scene, prompts, options)
         return
     frame = check_frame(scene, options.frame)
     if options.out.suffix.lower() not in (".png", ".npy"):
         raise DegenseError(f"{options.out} must end in .png or .npy.")
-    masks = prompt_masks(scene, frame, options.prompts, options.decoder, options.threshold)
+    found = decode_frame(scene, prompts, frame)
     if options.out.suffix.lower() == ".npy":
-        write_npy(options.out, masks[0] if len(masks) == 1 else np.stack(masks))
-    elif len(masks) == 1:
-        write_png(options.out, masks[0].astype(np.uint8) * 255)
+        write_npy(options.out, found.masks[0] if len(found.masks) == 1 else found.masks)
+    elif len(found.masks) == 1:
+        write_png(options.out, found.masks[0].astype(np.uint8) * 255)
     else:
-        values = np.zeros(masks[0].shape, np.uint8)
-        for number, mask in enumerate(masks, 1):
-            values[mask] = number
-        write_png(options.out, values)
-    for text, mask in zip(options.prompts, masks, strict=True):
+        write_png(options.out, found.numbers)
+    for text, mask in zip(prompts.prompts, found.masks, strict=True):
         print(f"{text}: {mask.mean():.1%} of the picture")
 
 
-def _segment_clip(scene: Scene, options: argparse.Namespace) -> None:
-    from degense.engine.scene.clip_query import ClipQuestion
-
+def _segment_clip(scene: Scene, prompts: PromptSet, options: argparse.Namespace) -> None:
     first, last = options.frames
     frames = range(scene.frames)[first:last]
     if not frames:
         raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
-    asked = ClipQuestion(tuple(options.prompts))
-    threshold = asked.threshold if options.threshold is None else options.threshold
-    asked = replace(asked, decoder=options.decoder or asked.decoder, threshold=threshold)
-    areas = run_steps(write_clip_masks(scene, asked, frames, options.out), Bar())
+    areas = run_steps(write_clip_masks(scene, prompts, frames, options.out), Bar())
     print(f"{options.out}: masks of {len(frames)} frames")
     for text, values in areas.items():
         print(f"{text}: {values.mean():.1%} of the picture on average, from {values.min():.1%} to {values.max():.1%}")

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from degense.engine.colour_maps import CLASS_COLOURS
 from degense.engine.errors import RunError
+
+if TYPE_CHECKING:
+    from degense.engine.semantics.prompts import PromptSet
 
 RangeMode = Literal["frame", "sequence", "fixed"]
 Compare = Literal["off", "wipe", "blink", "difference"]
@@ -103,6 +106,13 @@ class ViewState:
     def negative_texts(self) -> tuple[str, ...]:
         """What takes pixels from the masks."""
         return tuple(prompt.text for prompt in self.prompts if prompt.visible and prompt.negative)
+
+    @property
+    def prompt_set(self) -> PromptSet:
+        """What is asked of the scene. PromptError for a decoder that there is not."""
+        from degense.engine.semantics.prompts import PromptSet
+
+        return PromptSet(tuple(prompt.text for prompt in self.visible_prompts), self.negative_texts, self.decoder, self.threshold)
 
     def next_colour(self) -> Colour:
         """The first palette colour that no prompt has, or the one used least."""

@@ -52,7 +52,7 @@ class Controls(QObject):
         self._texts.clear()
         if scene is not None:
             from degense.engine.layers import LAYERS
-            from degense.engine.semantics.masks import DECODERS
+            from degense.engine.semantics.prompts import DECODERS
 
             parts.layers.set_layers([(layer.name, layer.title, layer.unit(scene), layer.description) for layer in LAYERS.values()])
             parts.prompts.set_decoders([(name, *DECODER_WORDS[name]) for name in DECODERS])

@@ -10,7 +10,7 @@ import numpy as np
 
 from degense.engine.camera import Camera
 from degense.engine.scene import NO_SUPPORT, Scene
-from degense.engine.semantics.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD
+from degense.engine.semantics.prompts import NO_PROMPTS, PromptSet
 
 Kind = Literal["colour", "scalar", "mask"]
 RangeMode = Literal["frame", "sequence"]
@@ -25,22 +25,16 @@ class LayerRequest:
     frame : float
     camera : Camera or None
         None: the surgeon's camera.
-    prompts : tuple of str
+    prompt_set : PromptSet
         For `similarity` and `mask`.
-    threshold : float
-        On the cosine.
-    decoder : str
-        One of `engine.semantics.masks.DECODERS`.
-    negatives : tuple of str
-        A pixel that is as similar to one of these as to a prompt belongs to no mask of that prompt.
+    pixelwise : bool
+        Decode masks pixel by pixel, as a preview that needs no superpixels.
     """
 
     frame: float
     camera: Camera | None = None
-    prompts: tuple[str, ...] = ()
-    threshold: float = DEFAULT_THRESHOLD
-    decoder: str = DEFAULT_DECODER
-    negatives: tuple[str, ...] = ()
+    prompt_set: PromptSet = NO_PROMPTS
+    pixelwise: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,7 +45,7 @@ class LayerImage:
     ----------
     values : ndarray
         `colour`: float32 [H, W, 3] in [0, 1]. `scalar`: float32 [H, W], NaN where nothing is known. `mask`: uint8 [H, W], 0 nothing,
-        k + 1 prompt k.
+        k + 1 where prompt k owns the pixel.
     unit : str
     kind : {"colour", "scalar", "mask"}
     uncertain : bool [H, W] or None

@@ -67,7 +67,7 @@ def rank(scene: Scene, layer: Layer, request: LayerRequest, count: int = 50) -> 
     found, peaks = [], []
     ranking = Ranking(layer.name, layer.unit(scene))
     for frame in range(scene.frames):
-        image = layer.image(scene, LayerRequest(frame, prompts=request.prompts))
+        image = layer.image(scene, LayerRequest(frame, prompt_set=request.prompt_set))
         values = image.values if image.uncertain is None else np.where(image.uncertain, np.nan, image.values)
         here = [Finding(frame, *peak) for peak in places(values)]
         peaks += here

@@ -7,6 +7,7 @@ import numpy as np
 from degense.engine.errors import DegenseError
 from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
 from degense.engine.layers.layer import Layer, LayerRequest
+from degense.engine.layers.semantics import FEATURES, MASKS, SIMILARITY
 from degense.engine.motion import spurious
 from degense.engine.scene import NO_SUPPORT, REVEALED, Scene
 
@@ -29,70 +30,6 @@ def _depth(scene: Scene, request: LayerRequest) -> np.ndarray:
 def _depth_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     camera = request.camera or scene.camera(request.frame)
     return camera.project(scene.splats(request.frame).means.cpu().numpy())[1].astype(np.float32)
-
-
-def _as_colours(scene: Scene, latents: np.ndarray) -> np.ndarray:
-    if not scene.has_semantics:
-        raise DegenseError(f"{scene.name} was trained without semantics, so it has no features to show")
-    direction = latents / np.maximum(np.linalg.norm(latents, axis=-1, keepdims=True), 1e-6)
-    return np.clip(direction @ scene.feature_axes * 0.5 + 0.5, 0, 1).astype(np.float32)
-
-
-def _features(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return _as_colours(scene, scene.render(request.frame, request.camera, ("latent",))["latent"])
-
-
-def _features_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return _as_colours(scene, scene.splats(request.frame, semantics=True).semantics.cpu().numpy())
-
-
-def _prompted(request: LayerRequest) -> tuple[str, ...]:
-    if not request.prompts:
-        raise DegenseError("this layer shows what a prompt finds; give at least one prompt")
-    return request.prompts
-
-
-def _similarity(scene: Scene, request: LayerRequest) -> np.ndarray:
-    vectors = np.concatenate([scene.meanings(prompt) for prompt in _prompted(request)])
-    return scene.query(request.frame, request.camera).similarity(vectors)
-
-
-def _splat_similarities(scene: Scene, request: LayerRequest, texts: tuple[str, ...]) -> np.ndarray:
-    """Cosine of every Gaussian's latent with every text, [N, texts]; −1 where something that the text excludes is as similar."""
-    meanings = [scene.meanings(text) for text in texts]
-    assert scene.basis is not None
-    latents = scene.splats(request.frame, semantics=True).semantics.cpu().numpy()
-    latents = latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
-    found = np.stack([(latents @ scene.basis.project(meaning).T).max(1) for meaning in meanings], 1)
-    for k, text in enumerate(texts):
-        if len(excluded := scene.exclusions(text)):
-            found[(latents @ scene.basis.project(excluded).T).max(1) >= found[:, k], k] = -1.0
-    return found
-
-
-def _similarity_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return _splat_similarities(scene, request, _prompted(request)).max(1).astype(np.float32)
-
-
-def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:
-    prompts = _prompted(request)
-    query = scene.query(request.frame, request.camera)
-    meanings = [scene.meanings(prompt) for prompt in prompts]
-    camera = request.camera or scene.camera(request.frame)
-    out = np.zeros((camera.height, camera.width), np.uint8)
-    for k, meaning in enumerate(meanings):
-        rivals = np.concatenate([scene.vectors(scene.classes), *(other for other in meanings if other is not meaning)])
-        excluded = np.concatenate([scene.exclusions(prompts[k]), *(scene.meanings(text) for text in request.negatives)])
-        out[query.mask(meaning, request.decoder, request.threshold, rivals, excluded)] = k + 1
-    return out
-
-
-def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    similarity = _splat_similarities(scene, request, _prompted(request))
-    found = similarity.max(1) >= request.threshold
-    if request.negatives:
-        found &= similarity.max(1) > _splat_similarities(scene, request, request.negatives).max(1)
-    return np.where(found, similarity.argmax(1) + 1, 0).astype(np.uint8)
 
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -162,41 +99,9 @@ LAYERS: dict[str, Layer] = {
             _length,
             "cividis",
         ),
-        Layer(
-            "features",
-            "Features",
-            "colour",
-            "Direction of the semantic latent, along the three axes in which this scene's latents differ most, as red, green and blue.",
-            _features,
-            _features_splats,
-            _none,
-            needs_semantics=True,
-        ),
-        Layer(
-            "similarity",
-            "Similarity",
-            "scalar",
-            "Cosine between the pixel's latent and the prompt's text vector; with several prompts the largest.",
-            _similarity,
-            _similarity_splats,
-            lambda scene: "cosine",
-            "magma",
-            fixed_range=(0.0, 1.0),
-            needs_semantics=True,
-            needs_prompt=True,
-        ),
-        Layer(
-            "mask",
-            "Masks",
-            "mask",
-            "Pixels each prompt finds: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), "
-            "or the plain decoders.",
-            _mask,
-            _mask_splats,
-            _none,
-            needs_semantics=True,
-            needs_prompt=True,
-        ),
+        FEATURES,
+        SIMILARITY,
+        MASKS,
         Layer(
             "displacement",
             "Displacement",

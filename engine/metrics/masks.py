@@ -93,6 +93,11 @@ class MaskScores:
         for i in self._entries:
             self.add_mask(i, predicted == i, truth, valid)
 
+    def add_masks(self, predicted: np.ndarray, truth: np.ndarray, valid: np.ndarray | None = None) -> None:
+        """One frame: the mask of each class, bool [n, H, W], which may overlap, and the true label map."""
+        for i in self._entries:
+            self.add_mask(i, predicted[i], truth, valid)
+
     def add_mask(self, index: int, predicted: np.ndarray, truth: np.ndarray, valid: np.ndarray | None = None) -> None:
         """One class in one frame: its predicted mask, bool [H, W] (masks of several classes may overlap), and the true label map."""
         counted = truth != UNLABELLED if valid is None else (truth != UNLABELLED) & valid

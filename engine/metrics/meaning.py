@@ -1,4 +1,4 @@
-"""All scores of a run's masks: agreement with annotated ones by every decoder, calibration of the threshold, restlessness in time."""
+"""All scores of a run's masks: agreement with annotated ones by every decoder, calibration of the threshold, flicker."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from degense.engine.metrics.masks import MaskScores
 from degense.engine.motion import consistent, flow_between, sample
 from degense.engine.progress import Progress
 from degense.engine.scene import Scene
-from degense.engine.semantics.masks import DECODERS
-from degense.engine.semantics.masks.decoders import DEFAULT_THRESHOLD
+from degense.engine.scene.clip_query import encode_prompts
+from degense.engine.semantics.prompts import DECODERS, DEFAULT_THRESHOLD, PromptSet, PromptVectors
 
 NOT_SCORED = ("background", "black background")
 MOST_PAIRS = 16  # of frames that flicker is measured on
@@ -28,6 +28,7 @@ def score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress)
     """
     labelled = set(clip.labelled_frames)
     scored = [i for i in frames if i in labelled] or sorted(labelled)
+    asked = _asked(scene, clip)
     vectors = scene.vectors(clip.classes)
     scores = {decoder: MaskScores(clip.classes, NOT_SCORED) for decoder in DECODERS}
     calibrations = {name: Calibration(clip.classes, NOT_SCORED) for name in ("threshold", "rnse")}
@@ -36,7 +37,7 @@ def score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress)
         query, labels, valid = scene.query(i), clip.labels(i), clip.valid(i)
         assert labels is not None
         for decoder, score in scores.items():
-            score.add(query.label_map(vectors, decoder), labels, valid)
+            score.add_masks(query.decode(asked[decoder]).masks, labels, valid)
         for name, calibration in calibrations.items():
             for index in calibration.scored:
                 similarity = query.refined(vectors[index]) if name == "rnse" else query.similarity(vectors[index])
@@ -51,6 +52,11 @@ def score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress)
     }
 
 
+def _asked(scene: Scene, clip: Clip) -> dict[str, PromptVectors]:
+    """All classes of the clip as prompts, for every decoder."""
+    return {decoder: encode_prompts(scene, PromptSet(tuple(clip.classes), decoder=decoder)) for decoder in DECODERS}
+
+
 def score_flicker(scene: Scene, clip: Clip, frames: list[int], progress: Progress) -> dict[str, Any]:
     """`flicker` by every decoder, between some of `frames` and the frame before each; `flicker_pairs`, how many.
 
@@ -60,7 +66,7 @@ def score_flicker(scene: Scene, clip: Clip, frames: list[int], progress: Progres
     pairs = [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, min(len(pairs), MOST_PAIRS)).round().astype(int))] if pairs else []
     if min(clip.size) < LEAST_SIDE:
         pairs = []
-    vectors = scene.vectors(clip.classes)
+    asked = _asked(scene, clip)
     scores = {decoder: Flicker() for decoder in DECODERS}
     for done, i in enumerate(pairs):
         progress(done / len(pairs), "looking for flicker")
@@ -70,6 +76,6 @@ def score_flicker(scene: Scene, clip: Clip, frames: list[int], progress: Progres
         believed = clip.valid(i) & arrives & consistent(flow, flow_between(before, here))
         truths = clip.labels(i - 1), clip.labels(i)
         for decoder, score in scores.items():
-            was, is_now = (scene.query(k).label_map(vectors, decoder) for k in (i - 1, i))
+            was, is_now = (scene.query(k).decode(asked[decoder]).labels for k in (i - 1, i))
             score.add(was, is_now, flow, believed, *truths)
     return {"flicker": {decoder: score.value for decoder, score in scores.items()}, "flicker_pairs": len(pairs)}

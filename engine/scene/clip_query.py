@@ -1,21 +1,19 @@
-"""Prompts asked of every frame of a scene: masks, label maps and areas over time."""
+"""Prompts decoded on a scene: on a frame, on its Gaussians, or on every frame of the clip."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numba import njit
 
 from degense.engine.camera import Camera
-from degense.engine.clip import UNLABELLED
 from degense.engine.errors import PromptError
-from degense.engine.scene import Scene
-from degense.engine.semantics.masks import DEFAULT_DECODER, DEFAULT_THRESHOLD, PendingMaps, Question
+from degense.engine.scene.scene import Scene
+from degense.engine.semantics.masks import Decoded, FrameSemantics
+from degense.engine.semantics.prompts import PromptSet, PromptVectors
 
 #: Similarities of frames whose masks are being decoded while the next is drawn: what bounds the memory of a clip of any length.
 IN_FLIGHT_BYTES = 512 << 20
@@ -23,107 +21,73 @@ IN_FLIGHT_BYTES = 512 << 20
 READERS = 4
 
 
-@dataclass(frozen=True)
-class ClipQuestion:
-    """What is asked of each frame.
+def encode_prompts(scene: Scene, prompts: PromptSet) -> PromptVectors:
+    """Prompts in vectors of the scene's encoder.
 
-    Attributes
-    ----------
-    prompts : tuple of str
-        At most 255.
-    decoder : str
-    threshold : float
-    negatives : tuple of str
-        Texts that take pixels from the masks of all prompts.
+    Raises
+    ------
+    PromptError
+        Without a prompt, and for a word that is not understood.
+    DegenseError
+        Without semantics.
     """
-
-    prompts: tuple[str, ...]
-    decoder: str = DEFAULT_DECODER
-    threshold: float = DEFAULT_THRESHOLD
-    negatives: tuple[str, ...] = ()
-
-    def questions(self, scene: Scene) -> list[Question]:
-        """The prompts in vectors. PromptError for a word that is not understood, DegenseError without semantics."""
-        if not 1 <= len(self.prompts) <= UNLABELLED:
-            raise PromptError(f"A clip is asked for 1 to {UNLABELLED} prompts at once, not {len(self.prompts)}.")
-        others = [scene.meanings(text) for text in self.negatives]
-        return [Question(scene.meanings(text), np.concatenate([scene.exclusions(text), *others])) for text in self.prompts]
+    if not prompts.prompts:
+        raise PromptError("There is nothing to look for; give at least one prompt.")
+    included = tuple(scene.meanings(text) for text in prompts.prompts)
+    negatives = [scene.meanings(text) for text in prompts.negatives]
+    excluded = tuple(np.concatenate([scene.exclusions(text), *negatives]) for text in prompts.prompts)
+    classes = scene.vectors(scene.classes) if scene.classes else None
+    return PromptVectors(included, excluded, classes, prompts.decoder, prompts.threshold)
 
 
-@dataclass(frozen=True)
-class FrameMasks:
-    """The answer of a frame.
+def decode_frame(scene: Scene, prompts: PromptSet, frame: float, camera: Camera | None = None, pixelwise: bool = False) -> Decoded:
+    """Masks bool [n, H, W] and labels of one instant, from any camera; None is the surgeon's, whose similarities are kept.
 
-    Attributes
-    ----------
-    frame : int
-    masks : bool [n, H, W]
-        One for each prompt; they may overlap.
-    labels : uint8 [H, W]
-        Index of the prompt whose mask holds the pixel, of several the most similar; `UNLABELLED` where none does.
+    `pixelwise` as in `FrameSemantics.decode`. Raises as `encode_prompts` does.
     """
-
-    frame: int
-    masks: np.ndarray
-    labels: np.ndarray
-
-    @property
-    def areas(self) -> np.ndarray:
-        """Share of the picture that each mask covers, float64 [n]."""
-        return self.masks.mean((1, 2))
+    return scene.query(frame, camera).decode(encode_prompts(scene, prompts), pixelwise)
 
 
-def query_clip(scene: Scene, asked: ClipQuestion, frames: Sequence[int] | None = None) -> Iterator[FrameMasks]:
-    """Answer prompts frame after frame, in order; close the generator to stop.
+def decode_splats(scene: Scene, prompts: PromptSet, frame: float) -> Decoded:
+    """Masks bool [n, N] and labels [N] of the Gaussians at one instant: the decoder without regions, on each Gaussian's own latent.
+
+    Raises as `encode_prompts` does.
+    """
+    asked = encode_prompts(scene, prompts)
+    assert scene.basis is not None
+    latents = scene.splats(frame, semantics=True).semantics
+    found = FrameSemantics(None, (latents if latents.is_cuda else latents.numpy())[None], scene.basis).decode(asked)
+    return Decoded(found.masks[:, 0], found.labels[0])
+
+
+def query_clip(scene: Scene, prompts: PromptSet, frames: Sequence[int] | None = None) -> Iterator[tuple[int, Decoded]]:
+    """Decode prompts frame after frame, in order, as (frame, masks and labels); close the generator to stop.
 
     Drawing, superpixels and similarities of a frame are computed once for all prompts, on the scene's device; they are read and their
-    masks decoded in threads beside that. Each mask is exactly what `MaskQuery.mask` finds for its prompt alone.
-    No more than `IN_FLIGHT_BYTES` wait there.
+    masks decoded in threads beside that. Each mask is exactly what `decode_frame` finds for its prompt alone.
+    No more than `IN_FLIGHT_BYTES` wait there. Raises as `encode_prompts` does.
 
     Parameters
     ----------
     scene : Scene
-    asked : ClipQuestion
+    prompts : PromptSet
     frames : sequence of int, optional
         All by default.
     """
-    questions, classes = asked.questions(scene), scene.vectors(scene.classes) if scene.classes else None
+    asked = encode_prompts(scene, prompts)
     width, height = scene.clip_size
-    most = max(1, IN_FLIGHT_BYTES // (width * height * 4 * 3 * len(questions)))
-    waiting: deque[Future[FrameMasks]] = deque()
+    most = max(1, IN_FLIGHT_BYTES // (width * height * 4 * 3 * len(asked.included)))
+    waiting: deque[tuple[int, Future[Decoded]]] = deque()
     with ThreadPoolExecutor(max_workers=min(READERS, torch.get_num_threads()), thread_name_prefix="decode") as pool:
         try:
             for frame in range(scene.frames) if frames is None else frames:
-                similarities = scene.query(frame).pending(questions, asked.decoder, classes)
-                waiting.append(pool.submit(_decoded, frame, similarities, asked))
-                while len(waiting) >= most or (waiting and waiting[0].done()):
-                    yield waiting.popleft().result()
+                waiting.append((frame, pool.submit(scene.query(frame).pending(asked).read)))
+                while len(waiting) >= most or (waiting and waiting[0][1].done()):
+                    done, decoded = waiting.popleft()
+                    yield done, decoded.result()
             while waiting:
-                yield waiting.popleft().result()
+                done, decoded = waiting.popleft()
+                yield done, decoded.result()
         finally:
-            for future in waiting:
+            for _, future in waiting:
                 future.cancel()
-
-
-def masks_at(scene: Scene, asked: ClipQuestion, frame: float, camera: Camera | None = None) -> np.ndarray:
-    """The masks of one instant, bool [n, H, W], from any camera; None is the surgeon's, whose similarities are kept."""
-    classes = scene.vectors(scene.classes) if scene.classes else None
-    return scene.query(frame, camera).masks(asked.questions(scene), asked.decoder, asked.threshold, classes)
-
-
-def _decoded(frame: int, similarities: PendingMaps, asked: ClipQuestion) -> FrameMasks:
-    maps = similarities.read()
-    masks = np.stack([of_prompt.mask(asked.decoder, asked.threshold) for of_prompt in maps])
-    best, similarity = np.full(masks.shape[1:], UNLABELLED, np.uint8), np.full(masks.shape[1:], -np.inf, np.float32)
-    for index, (mask, of_prompt) in enumerate(zip(masks, maps, strict=True)):
-        _name(mask, of_prompt.similarity, index, best, similarity)
-    return FrameMasks(frame, masks, best)
-
-
-@njit(nogil=True, cache=True)
-def _name(mask, similarity, index, best, highest):
-    """Give pixels of a mask to a prompt, in place, where no prompt before it is as similar."""
-    for y in range(mask.shape[0]):
-        for x in range(mask.shape[1]):
-            if mask[y, x] and similarity[y, x] > highest[y, x]:
-                best[y, x], highest[y, x] = index, similarity[y, x]

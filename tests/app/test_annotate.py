@@ -13,6 +13,8 @@ from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.folder import NAME
 from degense.engine.annotation.packed import Proposal
 from degense.engine.clip import UNLABELLED
+from degense.engine.scene.clip_query import decode_frame
+from degense.engine.semantics.prompts import PromptSet
 
 
 @pytest.fixture
@@ -193,7 +195,7 @@ def test_masks_of_prompts_are_where_painting_starts(qtbot, annotating, idle):
     press(qtbot, window, "annotate.prompt")
     idle()
     scene = window.session.scene
-    mask = scene.query(4).mask(scene.meanings("liver"), "rnse", 0.5, scene.vectors(scene.classes))
+    mask = decode_frame(scene, PromptSet(("liver",)), 4).masks[0]
     assert (labels(window)[mask] == scene.classes.index("liver")).all()
     assert window.session.undo.undo_name == "Mask of liver in frame 4"
 

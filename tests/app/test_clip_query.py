@@ -9,6 +9,8 @@ import pytest
 from PySide6.QtCore import Qt
 
 from degense.engine.scene import Scene
+from degense.engine.scene.clip_query import decode_frame
+from degense.engine.semantics.prompts import PromptSet
 
 
 @pytest.fixture
@@ -31,12 +33,9 @@ def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
     idle()
     scene = asked.session.scene
     other = Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip)  # nothing is kept in it
-    classes, fat = other.vectors(other.classes), other.meanings("fat")
     for text in ("gallbladder", "tool, not hook"):
-        excluded = np.concatenate([other.exclusions(text), fat])
-        shares = [
-            other.query(i).mask(other.meanings(text), view_state.decoder, view_state.threshold, classes, excluded).mean() for i in range(10)
-        ]
+        alone = PromptSet((text,), ("fat",), view_state.decoder, view_state.threshold)
+        shares = [decode_frame(other, alone, i).masks[0].mean() for i in range(10)]
         assert asked.answering.areas.curve(text, view_state, 10).tolist() == shares
     assert max(shares) > 0
     assert "gallbladder in 10 of 10 frames" in asked.statusBar().currentMessage()

@@ -8,6 +8,9 @@ import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit
 
+from degense.engine.scene.clip_query import decode_frame
+from degense.engine.semantics.prompts import PromptSet
+
 
 def type_prompt(qtbot, window, text: str) -> None:
     """As a user: slash, words, Enter."""
@@ -33,7 +36,7 @@ def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
     [prompt] = opened.session.view_state.prompts
     assert prompt.text == "gallbladder"
     scene = opened.session.scene
-    mask = scene.query(3).mask(scene.meanings("gallbladder"), "rnse", 0.5, scene.vectors(scene.classes))
+    mask = decode_frame(scene, PromptSet(("gallbladder",)), 3).masks[0]
     assert np.array_equal(opened.drawing.view.masks[..., 3] > 0, mask)
     shown = opened.parts.panel.grab_image().astype(int)
     changed = np.abs(shown - scene.picture(3)).max(-1) > 0
@@ -97,7 +100,7 @@ def test_masks_over_numbers_are_outlines(opened, idle):
     view = opened.drawing.view
     alpha = view.masks[..., 3]
     scene = session.scene
-    mask = scene.query(0).mask(scene.meanings("liver"), "rnse", 0.5, scene.vectors(scene.classes))
+    mask = decode_frame(scene, PromptSet(("liver",)), 0).masks[0]
     inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3)), borderType=cv2.BORDER_CONSTANT, borderValue=0)
     assert inside.any()
     assert (alpha == 255).any()
@@ -198,7 +201,7 @@ def test_area_over_time_lies_under_the_timeline_and_is_saved(qtbot, opened, idle
     curve = opened.answering.areas.curve("gallbladder", session.view_state, 10)
     qtbot.waitUntil(lambda: bool(np.isfinite(curve).all()), timeout=30_000)
     idle()
-    mask = session.scene.query(4).mask(session.scene.meanings("gallbladder"), "rnse", 0.5, session.scene.vectors(session.scene.classes))
+    mask = decode_frame(session.scene, PromptSet(("gallbladder",)), 4).masks[0]
     assert curve[4] == pytest.approx(mask.mean())
     assert track._track._strips["gallbladder"][0] is not None
     screenshot(opened, "prompt-area")

@@ -7,7 +7,7 @@ from degense.engine.research.bench import trainings
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.workers import run_jobs
 from degense.engine.research.benchmarks import ablation, latent, motion
-from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.prompts import DECODERS
 from degense.engine.training.config import TrainConfig
 
 

@@ -7,7 +7,7 @@ from degense.engine.research.bench import trainings
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.benchmarks import systems
 from degense.engine.research.systems import SYSTEMS
-from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.prompts import DECODERS
 from degense.engine.training.config import TrainConfig
 
 #: mIoU by decoder, of any system but ours, whose every decoder is 0.1 above.

@@ -10,6 +10,7 @@ from degense.engine.semantics import EmbeddedEncoder, fit_basis
 from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.text.vocabulary import surgical_vocabulary
 from tests.language.wordings import FOREIGN, HELD_OUT
+from tests.masks.scenes import mask_of
 
 CLASSES = tuple(HELD_OUT)
 SIDE = 24  # pixels of a class's square
@@ -61,7 +62,7 @@ def answer(asked: tuple[FrameSemantics, EmbeddedEncoder, np.ndarray], text: str)
         meant, excluded = encoder.expand(text), encoder.exclude(text)
     except PromptError:
         return None
-    return query.mask(meant, negatives=encoder.encode(encoder.classes), excluded=excluded)
+    return mask_of(query, meant, classes=encoder.encode(encoder.classes), excluded=excluded)
 
 
 def test_free_text_reaches_the_right_mask(asked):

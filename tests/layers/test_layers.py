@@ -9,14 +9,14 @@ from degense.engine.errors import DegenseError, PromptError
 from degense.engine.layers import LAYERS, LayerImage, LayerRequest, layer_range
 from degense.engine.layers.colour import MASK_COLOURS, colourise
 from degense.engine.scene import REVEALED
-from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.prompts import DECODERS, PromptSet
 
 PROMPTS = ("gallbladder", "liver")
 SIDE = 5
 
 
-def request(frame=SIDE, prompts=PROMPTS, **options):
-    return LayerRequest(frame, prompts=prompts, **options)
+def request(frame=SIDE, prompts=PROMPTS, camera=None, **options):
+    return LayerRequest(frame, camera, PromptSet(prompts, **options))
 
 
 def elsewhere(scene):

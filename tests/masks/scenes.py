@@ -5,6 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from degense.engine.semantics.masks import FrameSemantics
+from degense.engine.semantics.prompts import DEFAULT_DECODER, DEFAULT_THRESHOLD, PromptVectors
+
 
 def scene(width: int, height: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """A picture uint8 [H, W, 3] and its label map uint8 [H, W]: two tissues, an ellipse, and instruments 2 to 5 pixels wide."""
@@ -33,6 +36,24 @@ def latents(
         cv2.circle(spoilt, centre, int(rng.integers(0, 2)), int(rng.integers(0, labels.max() + 1)), -1)
     smooth = cv2.GaussianBlur(vectors[spoilt], (0, 0), blur) if blur else vectors[spoilt]
     return (smooth + rng.normal(0, noise, smooth.shape)).astype(np.float32)
+
+
+def mask_of(
+    query: FrameSemantics,
+    covered: np.ndarray,
+    decoder: str = DEFAULT_DECODER,
+    threshold: float = DEFAULT_THRESHOLD,
+    classes: np.ndarray | None = None,
+    excluded: np.ndarray | None = None,
+) -> np.ndarray:
+    """The mask of one prompt, bool [H, W]."""
+    excluding = () if excluded is None else (excluded,)
+    return query.decode(PromptVectors((covered,), excluding, classes, decoder, threshold)).masks[0]
+
+
+def labels_of(query: FrameSemantics, vectors: np.ndarray, decoder: str = DEFAULT_DECODER) -> np.ndarray:
+    """The owners of pixels when all classes are prompts, uint8 [H, W]."""
+    return query.decode(PromptVectors(tuple(vectors), (), vectors, decoder)).labels
 
 
 def overlap(mask: np.ndarray, truth: np.ndarray) -> float:

@@ -8,8 +8,9 @@ import torch
 
 from degense.engine.clip import UNLABELLED
 from degense.engine.semantics import EmbeddedEncoder, fit_basis
-from degense.engine.semantics.masks import DECODERS, FrameSemantics, Question
-from tests.masks.scenes import latents, overlap, scene
+from degense.engine.semantics.masks import FrameSemantics
+from degense.engine.semantics.prompts import DECODERS, PromptVectors
+from tests.masks.scenes import labels_of, latents, mask_of, overlap, scene
 
 CLASSES = ("liver", "fat", "gallbladder", "grasper", "L-hook electrocautery")
 
@@ -37,25 +38,25 @@ def test_similarity_is_the_cosine_in_the_long_space(asked):
 @pytest.mark.parametrize("decoder", DECODERS)
 def test_masks_find_their_classes(asked, decoder):
     query, vectors, _, labels = asked
-    scores = [overlap(query.mask(vectors[c], decoder, negatives=vectors), labels == c) for c in range(5)]
+    scores = [overlap(mask_of(query, vectors[c], decoder, classes=vectors), labels == c) for c in range(5)]
     assert np.mean(scores) > 0.93
-    label_map = query.label_map(vectors, decoder)
-    assert label_map.dtype == np.uint8
-    assert np.mean(label_map == labels) > 0.97
+    owners = labels_of(query, vectors, decoder)
+    assert owners.dtype == np.uint8
+    assert np.mean(owners == labels) > 0.97
 
 
 @pytest.mark.parametrize("decoder", DECODERS)
 def test_a_kind_covers_its_members_and_they_do_not_compete(asked, decoder):
     query, vectors, encoder, labels = asked
     for prompt in (encoder.encode(["all tools"])[0], encoder.expand("all tools")):
-        assert overlap(query.mask(prompt, decoder, 0.5, negatives=vectors), labels >= 3) > 0.9
+        assert overlap(mask_of(query, prompt, decoder, 0.5, classes=vectors), labels >= 3) > 0.9
 
 
 def test_plain_decoders_match_loops(asked):
     query, vectors, _, _ = asked
     cosines = query.basis.lift(query._aggregation.unit) @ vectors.T
-    mask, best = query.mask(vectors[1], "threshold", 0.42), query.mask(vectors[1], "argmax", 0.5, vectors)
-    labels = query.label_map(vectors, "argmax")
+    mask, best = mask_of(query, vectors[1], "threshold", 0.42), mask_of(query, vectors[1], "argmax", 0.5, vectors)
+    labels = labels_of(query, vectors, "argmax")
     for y, x in np.random.default_rng(0).integers(0, (200, 256), (400, 2)):
         own, others = cosines[y, x, 1], np.delete(cosines[y, x], 1)
         assert mask[y, x] == (own > 0.42)
@@ -66,14 +67,14 @@ def test_plain_decoders_match_loops(asked):
 def test_absent_words_give_empty_masks(asked):
     query, vectors, encoder, _ = asked
     for decoder in DECODERS:
-        mask = query.mask(encoder.encode(["smoke"])[0], decoder, 0.5, vectors)
+        mask = mask_of(query, encoder.encode(["smoke"])[0], decoder, 0.5, vectors)
         assert not mask.any()
         assert query.confidence(encoder.encode(["smoke"])[0], mask, vectors) == 0.0
 
 
 def test_a_higher_threshold_never_adds_pixels(asked):
     query, vectors, _, _ = asked
-    areas = [query.mask(vectors[0], "threshold", t).sum() for t in np.linspace(-1, 1, 9)]
+    areas = [mask_of(query, vectors[0], "threshold", t).sum() for t in np.linspace(-1, 1, 9)]
     assert areas == sorted(areas, reverse=True)
 
 
@@ -83,12 +84,12 @@ def test_where_two_classes_mix_the_shares_decide_and_the_threshold_moves_the_bor
     latent = np.stack([share, 1 - share], -1) @ basis.matrix
     query, vectors = FrameSemantics(np.full((40, 201, 3), 90, np.uint8), latent.astype(np.float32), basis), np.eye(2, dtype=np.float32)
     for decoder in ("rnse", "rnse+argmax"):
-        first, second = (query.mask(vector, decoder, 0.5, vectors) for vector in vectors)
+        first, second = (mask_of(query, vector, decoder, 0.5, vectors) for vector in vectors)
         assert abs(first[20].sum() - 100) <= 2
         assert (first & second).sum() <= 40
-    borders = [query.mask(vectors[0], "rnse", threshold, vectors)[20].argmax() / 200 for threshold in (0.3, 0.4, 0.6, 0.8)]
+    borders = [mask_of(query, vectors[0], "rnse", threshold, vectors)[20].argmax() / 200 for threshold in (0.3, 0.4, 0.6, 0.8)]
     np.testing.assert_allclose(borders, [0.375, 0.444, 0.545, 0.615], atol=0.02)  # where the shares are as threshold to 0.5
-    assert query.mask(vectors[0], "rnse", 0.5)[20].argmax() / 200 == pytest.approx(0.366, abs=0.02)  # no class is known to compete
+    assert mask_of(query, vectors[0], "rnse", 0.5)[20].argmax() / 200 == pytest.approx(0.366, abs=0.02)  # no class is known to compete
 
 
 def test_confidence_falls_with_rivals_and_doubt(asked):
@@ -114,15 +115,16 @@ def test_asked_alone_or_together_is_the_same_to_the_last_bit(asked, device):
     def new() -> FrameSemantics:
         return FrameSemantics(*((rgb, latent) if device == "memory" else map(torch.from_numpy, (rgb, latent))), asked[0].basis)
 
-    questions = [Question(encoder.expand(text), encoder.exclude(text)) for text in ("liver", "tool, not grasper", "fat", "tissue")]
+    texts = ("liver", "tool, not grasper", "fat", "tissue")
+    included, excluded = tuple(map(encoder.expand, texts)), tuple(map(encoder.exclude, texts))
     for decoder in DECODERS:
         together = new()
-        masks = together.masks(questions, decoder, 0.45, vectors)
-        for question, mask in zip(questions, masks, strict=True):
+        masks = together.decode(PromptVectors(included, excluded, vectors, decoder, 0.45)).masks
+        for own, others, mask in zip(included, excluded, masks, strict=True):
             alone = new()
-            np.testing.assert_array_equal(alone.mask(question.meant, decoder, 0.45, vectors, question.excluded), mask)
-            np.testing.assert_array_equal(alone.refined(question.meant), together.refined(question.meant))
-            np.testing.assert_array_equal(alone.similarity(question.meant), together.similarity(question.meant))
+            np.testing.assert_array_equal(mask_of(alone, own, decoder, 0.45, vectors, others), mask)
+            np.testing.assert_array_equal(alone.refined(own), together.refined(own))
+            np.testing.assert_array_equal(alone.similarity(own), together.similarity(own))
 
 
 @pytest.mark.parametrize("device", ["memory", "tensors"])
@@ -132,7 +134,7 @@ def test_frames_asked_in_several_threads_at_once_are_the_same(asked, device):
 
     def masks(_: int) -> np.ndarray:
         query = FrameSemantics(*((rgb, latent) if device == "memory" else map(torch.from_numpy, (rgb, latent))), asked[0].basis)
-        return query.masks([Question(vector) for vector in vectors], negatives=vectors)
+        return query.decode(PromptVectors(tuple(vectors), (), vectors)).masks
 
     with ThreadPoolExecutor(4) as pool:
         for found in pool.map(masks, range(8)):
@@ -142,9 +144,9 @@ def test_frames_asked_in_several_threads_at_once_are_the_same(asked, device):
 @pytest.mark.parametrize("decoder", DECODERS)
 def test_what_is_excluded_leaves_the_mask_whatever_the_decoder(asked, decoder):
     query, vectors, encoder, labels = asked
-    mask = query.mask(encoder.expand("tool, not grasper"), decoder, 0.3, vectors, encoder.exclude("tool, not grasper"))
+    mask = mask_of(query, encoder.expand("tool, not grasper"), decoder, 0.3, vectors, encoder.exclude("tool, not grasper"))
     assert overlap(mask, labels == 4) > 0.9
-    assert not query.mask(vectors[3], decoder, 0.3, vectors, vectors[3:4]).any()  # nothing is more alike than itself
+    assert not mask_of(query, vectors[3], decoder, 0.3, vectors, vectors[3:4]).any()  # nothing is more alike than itself
 
 
 def test_alpha_weighs_the_similarity(asked):
@@ -152,7 +154,7 @@ def test_alpha_weighs_the_similarity(asked):
     alpha = np.full((200, 256), 0.25, np.float32)
     thin = FrameSemantics(query._aggregation._rgb, query._aggregation.unit, query.basis, alpha)
     np.testing.assert_allclose(thin.similarity(vectors[0]), 0.25 * query.similarity(vectors[0]), atol=1e-5)
-    assert not thin.mask(vectors[0]).any()
+    assert not mask_of(thin, vectors[0]).any()
 
 
 @pytest.mark.parametrize("decoder", DECODERS)
@@ -173,7 +175,7 @@ def test_no_picture_is_too_odd(decoder, shape, kind):
     assert np.isfinite(query.similarity(vectors[0])).all()
     assert np.isfinite(query.refined(vectors[0])).all()
     assert query.superpixels.shape == shape
-    mask, labels = query.mask(vectors[0], decoder, 0.5, vectors), query.label_map(vectors, decoder)
+    mask, labels = mask_of(query, vectors[0], decoder, 0.5, vectors), labels_of(query, vectors, decoder)
     assert mask.shape == labels.shape == shape
     assert np.isfinite(query.confidence(vectors[0], mask, vectors))
     if kind in ("zero", "nan"):
@@ -185,7 +187,7 @@ def test_no_picture_is_too_odd(decoder, shape, kind):
 
 
 def test_wrong_shapes_are_refused(asked):
-    query, vectors, _, _ = asked
+    query, *_ = asked
     rgb, unit, basis = query._aggregation._rgb, query._aggregation.unit, query.basis
     with pytest.raises(ValueError, match="latent must be"):
         FrameSemantics(rgb, unit[..., :2], basis)
@@ -193,9 +195,5 @@ def test_wrong_shapes_are_refused(asked):
         FrameSemantics(rgb.astype(np.float32), unit, basis)
     with pytest.raises(ValueError, match="alpha must be"):
         FrameSemantics(rgb, unit, basis, np.ones((2, 2), np.float32))
-    with pytest.raises(ValueError, match="unknown decoder 'magic'"):
-        query.mask(vectors[0], "magic")
-    with pytest.raises(ValueError, match="1 to 255 classes"):
-        query.label_map(np.zeros((300, 128), np.float32))
     with pytest.raises(ValueError, match="vectors of length 128"):
         query.similarity(np.ones(5))

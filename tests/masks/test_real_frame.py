@@ -8,7 +8,7 @@ import pytest
 
 from degense.engine.semantics import EmbeddedEncoder, fit_basis
 from degense.engine.semantics.masks import FrameSemantics, superpixels
-from tests.masks.scenes import latents, overlap
+from tests.masks.scenes import latents, mask_of, overlap
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def test_spoilt_features_are_repaired(frame):
     query = FrameSemantics(rgb, latents(np.minimum(labels, len(classes) - 1), basis.project(vectors), 2.0, 0.4, 0.004), basis)
     present = [c for c in range(len(classes)) if (labels == c).any()]
     score = {
-        d: np.mean([overlap(query.mask(vectors[c], d, 0.5, vectors), labels == c) for c in present])
+        d: np.mean([overlap(mask_of(query, vectors[c], d, 0.5, vectors), labels == c) for c in present])
         for d in ("threshold", "rnse", "rnse+argmax")
     }
     assert score["rnse"] > 0.85 > score["threshold"]

@@ -8,12 +8,13 @@ import torch
 from degense.engine.metrics.masks import boundary_f, iou
 from degense.engine.research.bench.mask_scenes import DEGRADATIONS, hand_frame, phantom_frame
 from degense.engine.semantics import EmbeddedEncoder, fit_basis
-from degense.engine.semantics.masks import DECODERS, FrameSemantics, rnse, rnse_torch, superpixels
+from degense.engine.semantics.masks import FrameSemantics, rnse, rnse_torch, superpixels
 from degense.engine.semantics.masks.guided_filter import RADIUS, GuidedFilter
 from degense.engine.semantics.masks.rnse_cpu import CpuAggregation, find_evidence
 from degense.engine.semantics.masks.similarity import normalised
 from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
-from tests.masks.scenes import latents, overlap, scene
+from degense.engine.semantics.prompts import DECODERS
+from tests.masks.scenes import labels_of, latents, mask_of, overlap, scene
 
 FRAMES = {
     "phantom": lambda seed: phantom_frame(160, 128, seed, 0.5),
@@ -134,11 +135,11 @@ def test_instruments_lose_nothing(kind, degradation):
         frame = FRAMES[kind](seed)
         query, vectors = asked(frame, degradation, seed)
         for decoder in DECODERS:
-            labels = query.label_map(vectors, decoder)
+            labels = labels_of(query, vectors, decoder)
             for c in (frame.classes.index(name) for name in TOOLS if name in frame.classes):
                 truth = frame.labels == c
                 if truth.sum() >= 30:
-                    mask = query.mask(vectors[c], decoder, negatives=vectors)
+                    mask = mask_of(query, vectors[c], decoder, classes=vectors)
                     scores.setdefault(decoder, []).append((iou(labels == c, truth), boundary_f(labels == c, truth, 2), iou(mask, truth)))
     mean = {decoder: np.mean(values, 0) for decoder, values in scores.items()}
     for plain in ("threshold", "argmax"):
@@ -195,6 +196,6 @@ def test_tensors_give_the_same_answers(degradation):
         np.testing.assert_allclose(there.similarity(vectors[c]), here.similarity(vectors[c]), atol=1e-5)
         assert np.mean(np.abs(there.refined(vectors[c]) - here.refined(vectors[c])) < 1e-3) > 0.999
     for decoder in DECODERS:
-        assert np.mean(there.label_map(vectors, decoder) == here.label_map(vectors, decoder)) >= 0.999
-        masks = (query.mask(vectors[0], decoder, negatives=vectors) for query in (there, here))
+        assert np.mean(labels_of(there, vectors, decoder) == labels_of(here, vectors, decoder)) >= 0.999
+        masks = (mask_of(query, vectors[0], decoder, classes=vectors) for query in (there, here))
         assert np.mean(np.equal(*masks)) >= 0.999

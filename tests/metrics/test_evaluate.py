@@ -9,7 +9,7 @@ import pytest
 from degense.engine.errors import ClipError
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.metrics.masks import MaskScores
-from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.prompts import DECODERS
 from tests.fakes import MemoryClip
 
 #: What `degense eval --json` promises to outside scripts.
@@ -92,7 +92,7 @@ def test_calibration_and_flicker_are_those_of_the_runs_masks(scores, scene, clip
     """The default threshold scores what prompts get; flicker is looked for between the held-out frame and the one before it."""
     vectors, truth, by_hand = scene.vectors(clip.classes), clip.labels(1), MaskScores(clip.classes)
     for index in range(len(clip.classes)):
-        by_hand.add_mask(index, scene.query(1).mask(vectors[index], "threshold"), truth, clip.valid(1))
+        by_hand.add_mask(index, scene.query(1).similarity(vectors[index]) > 0.5, truth, clip.valid(1))
     assert scores["calibration"]["threshold"]["miou_default"] == pytest.approx(by_hand.result()["miou"])
     assert scores["calibration"]["rnse"]["miou_best"] >= scores["calibration"]["rnse"]["miou_default"]
     assert scores["flicker_pairs"] == 1

@@ -9,7 +9,7 @@ from degense.engine.research.report import Entry, Picture, write_report
 from degense.engine.research.report.charts import Line, chart
 from degense.engine.research.report.entry import Figure
 from degense.engine.research.report.tables import tables_of
-from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.prompts import DECODERS
 
 HOSTILE = "<script>alert(1)</script>|"
 

@@ -15,7 +15,8 @@ from degense.engine.metrics.masks import MaskScores
 from degense.engine.metrics.motion import MotionScores
 from degense.engine.research.stress.features import SpoiltTeacher, latent_kinds, loss_finding, mask_finding, teacher_kinds
 from degense.engine.research.stress.outcome import sound
-from degense.engine.semantics.masks import DECODERS, FrameSemantics
+from degense.engine.semantics.masks import FrameSemantics
+from degense.engine.semantics.prompts import DECODERS, PromptVectors
 from degense.engine.semantics.text.basis import Basis
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular, inverse_depth, photometric, region_smoothness, rigidity
@@ -61,16 +62,16 @@ def test_masks_of_any_latents_and_sizes(size, numbers, brightness, seed, thresho
         assert np.isfinite(values).all()
     assert np.abs(query.similarity(vectors)).max() <= 1 + 1e-5
     for decoder in DECODERS:
-        assert query.mask(vectors[0], decoder, threshold, vectors).shape == size
-        labels = query.label_map(vectors, decoder)
-        assert set(np.unique(labels)) <= {0, 1, 2, UNLABELLED}
+        found = query.decode(PromptVectors(tuple(vectors), (), vectors, decoder, threshold))
+        assert found.masks.shape == (3, *size)
+        assert set(np.unique(found.labels)) <= {0, 1, 2, UNLABELLED}
     assert 0 <= query.confidence(vectors[0], np.ones(size, bool), vectors) <= 1
 
 
 def test_a_zero_prompt_means_nothing():
     query = FrameSemantics(np.zeros((8, 9, 3), np.uint8), np.ones((8, 9, 4), np.float32), Basis(np.eye(8, 4, dtype=np.float32), 1.0))
     assert not query.similarity(np.zeros(8)).any()
-    assert not query.mask(np.zeros(8)).any()
+    assert not query.decode(PromptVectors((np.zeros(8),))).masks.any()
 
 
 @quickly

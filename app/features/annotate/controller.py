@@ -180,27 +180,27 @@ class Annotating(QObject):
         self._paint("Largest part", smaller_islands(self.part.labels(self.session.frame), self.part.current), UNLABELLED)
 
     def take_prompt(self) -> None:
-        """Paint the masks of the visible prompts, each into the class of its name, which is made where there is none."""
+        """Paint what the visible prompts find, each into the class of its name, which is made where there is none."""
         scene, view_state, frame = self.session.scene, self.session.view_state, self.session.frame
         assert scene is not None
-        texts = [prompt.text for prompt in view_state.visible_prompts]
+        prompts = view_state.prompt_set
 
-        def masks() -> list[np.ndarray]:
-            from degense.app.features.viewer.view import prompt_masks
+        def labels() -> np.ndarray:
+            from degense.engine.scene.clip_query import decode_frame
 
-            return prompt_masks(scene, frame, texts, view_state.decoder, view_state.threshold)
+            return decode_frame(scene, prompts, frame).labels
 
-        def done(found: list[np.ndarray]) -> None:
+        def done(found: np.ndarray) -> None:
             if frame != self.session.frame or scene is not self.session.scene:
                 return
-            for text, mask in zip(texts, found, strict=True):
+            for index, text in enumerate(prompts.prompts):
                 names = [kind.name.casefold() for kind in self.part.work.classes] if self.part.work else []
                 if text.casefold() not in names:
                     self.part.add_class(text)
                     names.append(text.casefold())
-                self._paint(f"Mask of {text}", region_of(mask), names.index(text.casefold()))
+                self._paint(f"Mask of {text}", region_of(found == index), names.index(text.casefold()))
 
-        self.service.submit("annotate", masks, done, self.parts.say)
+        self.service.submit("annotate", labels, done, self.parts.say)
 
     # Carrying
 

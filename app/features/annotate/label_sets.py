@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.features.viewer.pictures import check_decoder
 from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.classes import named_classes
 from degense.engine.annotation.folder import NAME, load
@@ -20,6 +20,7 @@ from degense.engine.progress import Steps
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
     from degense.engine.scene import Scene
+    from degense.engine.semantics.prompts import PromptSet
 
 
 def names_of(clip: Clip | None, count: int) -> tuple[str, ...]:
@@ -34,15 +35,15 @@ def label_format(name: str) -> LabelFormat:
     return LABEL_FORMATS[name]
 
 
-def label_source(scene: Scene, source: str | None, prompts: Sequence[str], decoder: str | None) -> MapSet:
+def label_source(scene: Scene, source: str | None, prompts: PromptSet) -> MapSet:
     """The label maps of a run: see `ExportOptions.source`. DegenseError when there are none."""
-    if source == "annotations" or (source is None and not prompts):
+    if source == "annotations" or (source is None and not prompts.prompts):
         work = saved_annotations(scene)
         if work is not None:
             return annotated(work, scene.clip, scene.clip.labelled_frames if scene.clip else [])
         if source == "annotations":
             raise DegenseError(f"{scene.name} has no annotations; annotate it in the window, or export the masks of prompts.")
-    return masks_of_run(scene, prompts, decoder)
+    return masks_of_run(scene, prompts)
 
 
 def saved_annotations(scene: Scene) -> Annotations | None:
@@ -57,16 +58,19 @@ def annotated(work: Annotations, clip: Clip | None, came: Sequence[int] = ()) ->
     return MapSet(work.classes, work.shape, names_of(clip, work.count), tuple(sorted({*made, *came})), work.labels)
 
 
-def masks_of_run(scene: Scene, prompts: Sequence[str], decoder: str | None) -> MapSet:
-    """What a run answers in every frame: the best of the prompts, or of its classes when nothing is prompted."""
-    check_decoder(decoder)
-    classes = tuple(prompts) or tuple(scene.classes)
+def masks_of_run(scene: Scene, prompts: PromptSet) -> MapSet:
+    """The labels of prompts in every frame, or of the scene's classes when nothing is prompted."""
+    from degense.engine.scene.clip_query import decode_frame, encode_prompts
+
+    classes = prompts.prompts or scene.classes
     if not classes:
         raise PromptError(f"{scene.name} has no classes of its own; say which masks to export with prompts.")
-    vectors, (width, height) = scene.vectors(classes), scene.clip_size
+    asked = replace(prompts, prompts=classes)
+    encode_prompts(scene, asked)  # what is not understood is said before anything is written
+    width, height = scene.clip_size
 
     def read(frame: int) -> np.ndarray:
-        return scene.query(frame).label_map(vectors, decoder or "rnse")
+        return decode_frame(scene, asked, frame).labels
 
     names = tuple(f"{index:06d}" for index in range(scene.frames))
     return MapSet(named_classes(classes), (height, width), names, tuple(range(scene.frames)), read)

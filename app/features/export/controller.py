@@ -73,9 +73,7 @@ class Exporting(QObject):
         scene, view_state, view = self.session.scene, self.session.view_state, self.drawing.view
         assert scene is not None
         options = ExportOptions(
-            prompts=tuple(prompt.text for prompt in view_state.visible_prompts),
-            decoder=view_state.decoder,
-            threshold=view_state.threshold,
+            prompt_set=view_state.prompt_set,
             frame=self.session.frame,
             layer=view_state.layer,
             span=view.span if view is not None else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -17,6 +17,7 @@ from degense.engine.progress import Steps
 if TYPE_CHECKING:
     from degense.engine.layers import LayerRequest
     from degense.engine.scene import Scene
+    from degense.engine.semantics.prompts import PromptSet
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,8 @@ class ExportOptions:
 
     Attributes
     ----------
-    prompts : tuple of str
-        Classes of the masks; empty for the classes of the scene.
+    prompt_set : PromptSet or None
+        What is asked; without prompts, masks are of the classes of the scene. None for no prompts and the defaults.
     frame : float or None
         Instant of a single PLY; None for the reference frame.
     layer : str
@@ -38,21 +39,24 @@ class ExportOptions:
         nothing is prompted.
     """
 
-    prompts: tuple[str, ...] = ()
-    decoder: str | None = None
-    threshold: float | None = None
+    prompt_set: PromptSet | None = None
     frame: float | None = None
     layer: str = "rgb"
     span: tuple[float, float] | None = None
     source: Literal["masks", "annotations"] | None = None
 
     def layer_request(self, frame: float) -> LayerRequest:
-        """The request for a layer at a frame with these settings; what is None keeps the layers' default."""
+        """The request for a layer at a frame with these settings."""
         from degense.engine.layers import LayerRequest
 
-        request = LayerRequest(frame, prompts=self.prompts)
-        threshold = request.threshold if self.threshold is None else self.threshold
-        return replace(request, decoder=self.decoder or request.decoder, threshold=threshold)
+        return LayerRequest(frame, prompt_set=self.asked)
+
+    @property
+    def asked(self) -> PromptSet:
+        """`prompt_set`, or one that asks nothing."""
+        from degense.engine.semantics.prompts import NO_PROMPTS
+
+        return self.prompt_set or NO_PROMPTS
 
 
 def export_ply(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
@@ -79,7 +83,7 @@ def export_ply_sequence(scene: Scene, out: Path, options: ExportOptions) -> Step
 
 def export_labels(name: str, scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
     """Label maps in one of the formats of `engine.annotation.formats`."""
-    maps = label_source(scene, options.source, options.prompts, options.decoder)
+    maps = label_source(scene, options.source, options.asked)
     return (yield from write_labels(name, maps, out))
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from degense.app.features.viewer.pictures import get_layer
-from degense.app.features.viewer.view import layer_request, masks_of
+from degense.app.features.viewer.view import layer_request
 from degense.app.session.targets import Found, Target, material
 from degense.app.session.view_state import ViewState
 from degense.engine.progress import Steps
@@ -114,8 +114,10 @@ def _gaussians(scene: Scene, indices: np.ndarray, weights: np.ndarray, curves: C
 
 
 def _pixels(scene: Scene, place: Found, curves: Curves) -> Measure:
+    from degense.engine.scene.clip_query import decode_frame
+
     def measure(request: LayerRequest, layers: list[Layer]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        [mask] = masks_of(scene, request, [place.prompt])
+        [mask] = decode_frame(scene, replace(request.prompt_set, prompts=(place.prompt,)), request.frame).masks
         assert curves.area is not None
         curves.area[int(request.frame)] = mask.mean()
         return {layer.name: (layer.picture(scene, request)[mask], np.ones(int(mask.sum()))) for layer in layers}

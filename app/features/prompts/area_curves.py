@@ -74,8 +74,8 @@ class AreaBook(Part):
 
 def areas(scene: Scene, view_state: ViewState, frames: list[int]) -> Generator[tuple[int, dict[str, float]], None, None]:
     """Areas (share of the picture) of the visible prompts' masks in these frames. Yields (frame, {text: area})."""
-    from degense.engine.scene.clip_query import ClipQuestion, query_clip
+    from degense.engine.scene.clip_query import query_clip
 
-    texts = tuple(prompt.text for prompt in view_state.visible_prompts)
-    for found in query_clip(scene, ClipQuestion(texts, view_state.decoder, view_state.threshold, view_state.negative_texts), frames):
-        yield found.frame, dict(zip(texts, found.areas.tolist(), strict=True))
+    prompts = view_state.prompt_set
+    for frame, found in query_clip(scene, prompts, frames):
+        yield frame, dict(zip(prompts.prompts, found.areas.tolist(), strict=True))

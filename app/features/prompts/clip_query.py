@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QObject, Signal
@@ -17,9 +16,6 @@ from degense.app.session.session import Session
 from degense.app.shell.messages import show_error
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
-
-if TYPE_CHECKING:
-    from degense.engine.scene.clip_query import ClipQuestion
 
 CHANNEL = "query"
 
@@ -80,14 +76,14 @@ class ClipQuerying(QObject):
 
     def save(self, folder: Path) -> None:
         """Write label maps, masks and areas of the visible prompts into a folder, or go on with it (`degense segment --frames all`)."""
-        scene, asked = self.session.scene, self._question()
+        scene, prompts = self.session.scene, self.session.view_state.prompt_set
         assert scene is not None
 
         def progress(step: tuple[float, str]) -> None:
             self.parts.set_busy(f"Writing masks into {folder.name}", step[0])
 
         def steps() -> Generator[tuple[float, str], None, dict[str, np.ndarray]]:
-            return write_clip_masks(scene, asked, range(scene.frames), folder)
+            return write_clip_masks(scene, prompts, range(scene.frames), folder)
 
         self._begin()
         self.service.submit(CHANNEL, steps, lambda areas: self._end(f"{folder}: masks of {scene.frames} frames"), self._failed, progress)
@@ -96,14 +92,6 @@ class ClipQuerying(QObject):
     def stop(self) -> None:
         self.service.cancel(CHANNEL)
         self._end("Stopped; what was found so far is kept.")
-
-    def _question(self) -> ClipQuestion:
-        from degense.engine.scene.clip_query import ClipQuestion
-
-        view_state = self.session.view_state
-        return ClipQuestion(
-            tuple(prompt.text for prompt in view_state.visible_prompts), view_state.decoder, view_state.threshold, view_state.negative_texts
-        )
 
     def _opened(self) -> None:
         if self.running:

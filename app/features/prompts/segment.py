@@ -21,12 +21,12 @@ from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
-    from degense.engine.scene.clip_query import ClipQuestion
+    from degense.engine.semantics.prompts import PromptSet
 
 ASKED = "query.json"
 
 
-def write_clip_masks(scene: Scene, asked: ClipQuestion, frames: Sequence[int], out: Path) -> Steps[dict[str, np.ndarray]]:
+def write_clip_masks(scene: Scene, prompts: PromptSet, frames: Sequence[int], out: Path) -> Steps[dict[str, np.ndarray]]:
     """Answer prompts on frames of a clip, into a folder.
 
     `labels/NNNNNN.png` (8-bit index into `classes.json`, 255 where no mask is; of overlapping masks the most similar), as clips have them;
@@ -43,24 +43,24 @@ def write_clip_masks(scene: Scene, asked: ClipQuestion, frames: Sequence[int], o
     DegenseError
         If a prompt is not understood, or the folder holds anything else.
     """
-    from degense.engine.scene.clip_query import query_clip
+    from degense.engine.scene.clip_query import encode_prompts, query_clip
 
-    if len({text.casefold() for text in asked.prompts}) < len(asked.prompts):
+    if len({text.casefold() for text in prompts.prompts}) < len(prompts.prompts):
         raise DegenseError("A prompt is given twice; give each once.")
-    asked.questions(scene)  # what is not understood is said before anything is written
-    _claim(out, _identity(scene, asked))
-    folders = [out / "masks" / f"{number:02d}-{_plain(text)}" for number, text in enumerate(asked.prompts, 1)]
-    write_text(out / "classes.json", json.dumps({"classes": list(asked.prompts)}, ensure_ascii=False))
+    encode_prompts(scene, prompts)  # what is not understood is said before anything is written
+    _claim(out, _identity(scene, prompts))
+    folders = [out / "masks" / f"{number:02d}-{_plain(text)}" for number, text in enumerate(prompts.prompts, 1)]
+    write_text(out / "classes.json", json.dumps({"classes": list(prompts.prompts)}, ensure_ascii=False))
     areas = {frame: _areas(folders, frame) for frame in frames if _label_file(out, frame).is_file()}
     left = [frame for frame in frames if frame not in areas]
     yield 1 - len(left) / len(frames), "drawing"
-    for found in query_clip(scene, asked, left):
+    for frame, found in query_clip(scene, prompts, left):
         for folder, mask in zip(folders, found.masks, strict=True):
-            write_png(folder / _file(found.frame), mask.astype(np.uint8) * 255)
-        write_png(_label_file(out, found.frame), found.labels)  # last: it says that the frame is whole
-        areas[found.frame] = found.areas
-        yield len(areas) / len(frames), f"frame {found.frame}"
-    table = {text: np.array([areas[frame][index] for frame in frames]) for index, text in enumerate(asked.prompts)}
+            write_png(folder / _file(frame), mask.astype(np.uint8) * 255)
+        write_png(_label_file(out, frame), found.labels)  # last: it says that the frame is whole
+        areas[frame] = found.areas
+        yield len(areas) / len(frames), f"frame {frame}"
+    table = {text: np.array([areas[frame][index] for frame in frames]) for index, text in enumerate(prompts.prompts)}
     _write_areas(out / "areas.csv", frames, table)
     return table
 
@@ -78,11 +78,12 @@ def _plain(text: str) -> str:
     return re.sub(r"\W+", "-", text).strip("-")[:40].lower() or "prompt"
 
 
-def _identity(scene: Scene, asked: ClipQuestion) -> dict[str, Any]:
+def _identity(scene: Scene, prompts: PromptSet) -> dict[str, Any]:
     """What must be the same for masks to go together."""
     digest = hashlib.sha256((scene.run.path / "model.safetensors").read_bytes()).hexdigest()[:16]
-    about = {"prompts": list(asked.prompts), "decoder": asked.decoder, "threshold": asked.threshold, "negatives": list(asked.negatives)}
-    return {"run": scene.name, "model": digest, "size": list(scene.clip_size), **about}
+    asked: dict[str, Any] = {"prompts": list(prompts.prompts), "negatives": list(prompts.negatives)}
+    asked |= {"decoder": prompts.decoder, "threshold": prompts.threshold}
+    return {"run": scene.name, "model": digest, "size": list(scene.clip_size), **asked}
 
 
 def _claim(out: Path, identity: dict[str, Any]) -> None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.features.viewer.view import layer_request, masks_of
 from degense.app.session.view_state import ViewState
 
 if TYPE_CHECKING:
@@ -29,7 +28,7 @@ class Answer:
     area : float
         Share of the picture that the mask covers.
     confidence : float
-        In [0, 1]: mean refined similarity in the mask, less that of the best rival class (`MaskQuery.confidence`).
+        In [0, 1]: mean refined similarity in the mask, less that of the best rival class (`FrameSemantics.confidence`).
     histogram : int [BINS]
         Pixels by the similarity that the decoder compares with the threshold.
     """
@@ -42,17 +41,18 @@ class Answer:
 
 def answers(scene: Scene, frame: int, view_state: ViewState) -> Generator[tuple[Answer, ...], None, tuple[Answer, ...]]:
     """The answers of the visible prompts; yields those that are known."""
-    from degense.engine.semantics.masks.decoders import reads_regions
+    from degense.engine.scene.clip_query import decode_frame
+    from degense.engine.semantics.prompts import reads_regions
 
-    query, request = scene.query(frame), layer_request(view_state, frame)
-    classes = scene.vectors((*scene.classes, *view_state.negative_texts))
-    similarity = query.refined if reads_regions(view_state.decoder) else query.similarity
+    query, prompts = scene.query(frame), view_state.prompt_set
+    classes = scene.vectors((*scene.classes, *prompts.negatives))
+    similarity = query.refined if reads_regions(prompts.decoder) else query.similarity
     known: tuple[Answer, ...] = ()
-    for prompt in view_state.visible_prompts:
-        meaning = scene.meanings(prompt.text)
-        [mask] = masks_of(scene, request, [prompt.text])
+    for text in prompts.prompts:
+        meaning = scene.meanings(text)
+        [mask] = decode_frame(scene, replace(prompts, prompts=(text,)), frame).masks
         counts, _ = np.histogram(np.clip(similarity(meaning), 0.0, 1.0), BINS, (0.0, 1.0))
-        known = (*known, Answer(prompt.text, float(mask.mean()), query.confidence(meaning, mask, classes), counts))
+        known = (*known, Answer(text, float(mask.mean()), query.confidence(meaning, mask, classes), counts))
         yield known
     return known
 

@@ -37,14 +37,6 @@ def get_layer(name: str) -> Layer:
     return LAYERS[name]
 
 
-def check_decoder(name: str | None) -> None:
-    """DegenseError when a decoder is asked for that there is not."""
-    from degense.engine.semantics.masks import DECODERS
-
-    if name is not None and name not in DECODERS:
-        raise DegenseError(f"There is no decoder {name!r}; choose one of {', '.join(DECODERS)}.")
-
-
 def check_frame(scene: Scene, frame: float) -> float:
     """`frame`, when the scene has it; DegenseError otherwise."""
     if not 0 <= frame <= scene.frames - 1:

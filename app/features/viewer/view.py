@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -40,7 +40,7 @@ class ViewRequest:
     splats : bool
         Whether the Gaussians are wanted too, for the 3D view.
     quick : bool
-        While time runs or is scrubbed: masks are decoded by threshold, which needs no superpixels. The exact ones follow in the end.
+        While time runs or is scrubbed: masks are decoded pixel by pixel, which needs no superpixels. The exact ones follow in the end.
     camera : Camera or None
         Where the picture is seen from; None for the surgeon's camera.
     recorded : bool
@@ -101,16 +101,14 @@ def layer_request(view_state: ViewState, frame: float) -> LayerRequest:
     """What the layers need to know of a look."""
     from degense.engine.layers import LayerRequest
 
-    texts = tuple(prompt.text for prompt in view_state.visible_prompts)
-    return LayerRequest(
-        frame=frame, prompts=texts, threshold=view_state.threshold, decoder=view_state.decoder, negatives=view_state.negative_texts
-    )
+    return LayerRequest(frame, prompt_set=view_state.prompt_set)
 
 
 def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
     """Draw an instant. Yields the view without masks as soon as it is there; returns it with them."""
     from degense.engine.layers import layer_range
     from degense.engine.layers.colour import colourise as layer_colours
+    from degense.engine.scene.clip_query import decode_frame
 
     view_state, frame = request.view_state, request.frame
     layer = get_layer(view_state.layer)
@@ -119,9 +117,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
     if masked:
         scene.splats(frame, semantics=True)  # picture and masks from one look at the field
-    if request.quick:
-        view_state = replace(view_state, decoder="threshold")
-    query = replace(layer_request(view_state, frame), camera=request.camera)
+    query = replace(layer_request(view_state, frame), camera=request.camera, pixelwise=request.quick)
     image = layer.image(scene, query)
     scalar = image.kind == "scalar"
     cmap = view_state.range(layer.name).cmap or layer.cmap
@@ -143,9 +139,9 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     if not masked:
         return view
     yield replace(view, complete=False)
-    masks = masks_of(scene, query, [prompt.text for prompt in masked])
+    labels = decode_frame(scene, query.prompt_set, frame, query.camera, query.pixelwise).labels
     fill = 0.0 if scalar or view_state.compare == "difference" else MASK_FILL  # numbers and differences keep their colours: outlines only
-    return replace(view, masks=mask_overlay([(mask, prompt.colour) for mask, prompt in zip(masks, masked, strict=True)], fill))
+    return replace(view, masks=mask_overlay([(labels == index, prompt.colour) for index, prompt in enumerate(masked)], fill))
 
 
 def splat_arrays(
@@ -155,7 +151,7 @@ def splat_arrays(
     splats = scene.splats(query.frame)
     values = layer.splats(scene, query)
     if layer.kind == "colour":
-        if query.prompts and view_state.masks_shown:
+        if query.prompt_set.prompts and view_state.masks_shown:
             values = tinted(values, get_layer("mask").splats(scene, query), view_state)
         colours = (values.clip(0, 1) * 255 + 0.5).astype(np.uint8)
     elif layer.kind == "mask":
@@ -180,23 +176,6 @@ def mask_colours(view_state: ViewState) -> np.ndarray:
     for index, prompt in enumerate(view_state.visible_prompts, 1):
         table[index] = prompt.colour
     return table
-
-
-def prompt_masks(scene: Scene, frame: float, texts: Sequence[str], decoder: str | None, threshold: float | None) -> list[np.ndarray]:
-    """The mask of each text, bool [H, W]. None leaves decoder and threshold to the layers."""
-    from degense.engine.layers import LayerRequest
-
-    request = LayerRequest(frame)
-    request = replace(request, decoder=decoder or request.decoder, threshold=request.threshold if threshold is None else threshold)
-    return masks_of(scene, request, texts)
-
-
-def masks_of(scene: Scene, request: LayerRequest, texts: Sequence[str]) -> list[np.ndarray]:
-    """The mask of each text, bool [H, W], decoded as the request says; all in one pass."""
-    from degense.engine.scene.clip_query import ClipQuestion, masks_at
-
-    asked = ClipQuestion(tuple(texts), request.decoder, request.threshold, request.negatives)
-    return list(masks_at(scene, asked, request.frame, request.camera)) if texts else []
 
 
 def draw_clip(clip: Clip, frame: int) -> View:

@@ -11,7 +11,7 @@ from degense.engine.progress import Progress
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.trainings import TEACHER_WORDS, Training, base_config, phantoms, protocol, score_all, vlm_like
-from degense.engine.semantics.masks import DECODERS, DEFAULT_DECODER
+from degense.engine.semantics.prompts import DECODERS, DEFAULT_DECODER
 from degense.engine.training.config import TrainConfig
 
 Variant = tuple[str, bool, bool]  # routing, angular loss, appearance branch

@@ -9,7 +9,7 @@ from degense.engine.progress import Progress
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.trainings import Training, base_config, phantoms, protocol, score_all, size_of
-from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.prompts import DECODERS
 from degense.engine.semantics.teachers import VLM_LIKE
 
 COARSENESS = (1, 4, 8, 16, 32)  # pixels of the frame along a side of the teacher's patches

@@ -18,8 +18,9 @@ from degense.engine.research.bench.mask_scenes import DEGRADATIONS, Frame, MaskS
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure
-from degense.engine.semantics.masks import DECODERS, FrameSemantics, superpixels
+from degense.engine.semantics.masks import FrameSemantics, superpixels
 from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
+from degense.engine.semantics.prompts import DECODERS, PromptVectors
 from degense.engine.semantics.text.basis import Basis, fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 
@@ -159,7 +160,7 @@ def _decoders(options: BenchOptions, progress: Progress) -> Table:
             Column("tools_f", "boundary F instruments", 3, "mean"),
             Column("tissue", "IoU tissue", 3, "mean"),
             Column("tissue_f", "boundary F tissue", 3, "mean"),
-            Column("masks", "IoU instruments, single prompt", 3, "mean"),
+            Column("labels", "IoU instruments, label map", 3, "mean"),
             Column("error", "error (1 − mean IoU)", 4, "mean"),
             Column("classes", "IoU by class"),
         ],
@@ -179,7 +180,7 @@ def _decoders(options: BenchOptions, progress: Progress) -> Table:
 
 
 def _decoder_row(scene: str, degradation: str, decoder: str, frames: dict[int, list[Frame]], options: BenchOptions) -> dict[str, Cell]:
-    scores: dict[str, list[float]] = {key: [] for key in ("tools", "tools_f", "tissue", "tissue_f", "masks", "error")}
+    scores: dict[str, list[float]] = {key: [] for key in ("tools", "tools_f", "tissue", "tissue_f", "labels", "error")}
     by_class: dict[str, list[float]] = {}
     times: list[float] = []
     for seed, pictures in frames.items():
@@ -190,30 +191,30 @@ def _decoder_row(scene: str, degradation: str, decoder: str, frames: dict[int, l
             latent = DEGRADATIONS[degradation].apply(frame.labels, basis.project(vectors), seed)
             rgb, latent = _on(options.device, frame.rgb, latent)
             query = FrameSemantics(rgb, latent, basis)
-            found = query.label_map(vectors, decoder)
+            found = query.decode(PromptVectors(tuple(vectors), classes=vectors, decoder=decoder))
             for c, name in enumerate(frame.classes):
                 truth = frame.labels == c
                 if np.count_nonzero(truth) < SMALLEST:
                     continue
                 kind = "tools" if name in TOOLS else "tissue"
-                score = iou(found == c, truth) or 0.0
+                score = iou(found.masks[c], truth) or 0.0
                 values[kind].append(score)
-                values[f"{kind}_f"].append(boundary_f(found == c, truth, EDGE) or 0.0)
+                values[f"{kind}_f"].append(boundary_f(found.masks[c], truth, EDGE) or 0.0)
                 values["error"].append(1 - score)
                 by_class.setdefault(name, []).append(score)
                 if kind == "tools":
-                    values["masks"].append(iou(query.mask(vectors[c], decoder, negatives=vectors), truth) or 0.0)
+                    values["labels"].append(iou(found.labels == c, truth) or 0.0)
         for key, cell in values.items():
             if cell:
                 scores[key].append(float(np.mean(cell)))
-        work = partial(_label_map, rgb, latent, basis, vectors, decoder)
+        work = partial(_masks, rgb, latent, basis, vectors, decoder)
         times += measure(work, 1, options.device, warm=1)
     words = ", ".join(f"{name} {np.mean(values):.3f}" for name, values in sorted(by_class.items()))
     return {"name": f"{scene}, {degradation}, {decoder}", "ms": times, **scores, "classes": words}
 
 
-def _label_map(rgb: Any, latent: Any, basis: Basis, vectors: np.ndarray, decoder: str) -> np.ndarray:
-    return FrameSemantics(rgb, latent, basis).label_map(vectors, decoder)
+def _masks(rgb: Any, latent: Any, basis: Basis, vectors: np.ndarray, decoder: str) -> np.ndarray:
+    return FrameSemantics(rgb, latent, basis).decode(PromptVectors(tuple(vectors), classes=vectors, decoder=decoder)).masks
 
 
 # -- prompts -------------------------------------------------------------------------------------------------------------------------------
@@ -245,11 +246,11 @@ def _questions(scene: MaskScene) -> list[tuple[str, Callable[[], object]]]:
 
     return [
         ("drawing alone", scene.draw),
-        ("first prompt on a new frame, drawing included", lambda: scene.query().mask(vectors[0])),
-        ("first prompt on a new frame, all classes competing", lambda: scene.query().mask(vectors[0], negatives=vectors)),
-        ("another prompt", lambda: kept.mask(fresh()[0])),
-        ("another threshold", lambda: kept.mask(sure, threshold=rng.uniform(0.3, 0.7))),
-        (f"{len(vectors)} new prompts, one label map", lambda: kept.label_map(fresh(len(vectors)))),
+        ("first prompt on a new frame, drawing included", lambda: scene.query().decode(PromptVectors((sure,)))),
+        ("first prompt on a new frame, all classes competing", lambda: scene.query().decode(PromptVectors((sure,), classes=vectors))),
+        ("another prompt", lambda: kept.decode(PromptVectors((fresh()[0],)))),
+        ("another threshold", lambda: kept.decode(PromptVectors((sure,), threshold=rng.uniform(0.3, 0.7)))),
+        (f"{len(vectors)} new prompts at once", lambda: kept.decode(PromptVectors(tuple(fresh(len(vectors)))))),
     ]
 
 

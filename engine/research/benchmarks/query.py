@@ -15,7 +15,8 @@ from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.scenes import trained_scene, with_count
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.scene import Scene
-from degense.engine.scene.clip_query import ClipQuestion, query_clip
+from degense.engine.scene.clip_query import encode_prompts, query_clip
+from degense.engine.semantics.prompts import PromptSet
 
 #: Gaussians, picture and frames of the clips; a GPU has the larger scene too.
 STAGES = {"cpu": ((30_000, 854, 480, 81),), "cuda": ((30_000, 854, 480, 81), (100_000, 854, 480, 81))}
@@ -73,8 +74,8 @@ def long_scene(scene: Scene, width: int, height: int, frames: int) -> Scene:
 
 def _alone(scene: Scene, frame: int) -> np.ndarray:
     """The mask of each prompt, bool [n, H, W], with nothing kept from one to the next."""
-    classes = scene.vectors(scene.classes)
-    return np.stack([scene.new_query(frame, scene.camera(frame)).mask(scene.meanings(text), negatives=classes) for text in PROMPTS])
+    asked = [encode_prompts(scene, PromptSet((text,))) for text in PROMPTS]
+    return np.concatenate([scene.new_query(frame, scene.camera(frame)).decode(of_text).masks for of_text in asked])
 
 
 def _timed(scene: Scene, what: str, prompts: Sequence[str], one_by_one: dict[int, np.ndarray], options: BenchOptions) -> dict[str, Cell]:
@@ -83,7 +84,7 @@ def _timed(scene: Scene, what: str, prompts: Sequence[str], one_by_one: dict[int
     def ask() -> None:
         nonlocal differ
         scene.forget_pictures()
-        found = {answer.frame: answer.masks for answer in query_clip(scene, ClipQuestion(tuple(prompts))) if answer.frame in one_by_one}
+        found = {frame: answer.masks for frame, answer in query_clip(scene, PromptSet(tuple(prompts))) if frame in one_by_one}
         differ = sum(int((masks != one_by_one[frame][: len(prompts)]).sum()) for frame, masks in found.items())
 
     return {"what": what, **_clocked(ask, scene.frames, options), "differ": differ}

@@ -25,6 +25,7 @@ from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure_in_turn
 from degense.engine.scene import Scene
 from degense.engine.semantics.masks import FrameSemantics
+from degense.engine.semantics.prompts import PromptVectors
 
 SAMPLED = 256  # pixels on which early termination is looked at
 
@@ -189,19 +190,19 @@ def _kept_maps(scene: Scene) -> Iterator[Saving]:
     basis = scene.basis
 
     def anew(threshold: float = 0.5) -> np.ndarray:
-        return FrameSemantics(rgb, latent, basis, alpha).mask(vectors[0], threshold=threshold)
+        return FrameSemantics(rgb, latent, basis, alpha).decode(PromptVectors((vectors[0],), threshold=threshold)).masks
 
     kept = FrameSemantics(rgb, latent, basis, alpha)
-    kept.mask(vectors[1])
+    kept.decode(PromptVectors((vectors[1],)))
     turn = np.random.default_rng(0)
 
     def new_prompt() -> np.ndarray:
         # a fresh direction near a class, so that nothing is answered from kept maps
-        return kept.mask(vectors[0] + turn.normal(0, 1e-6, vectors.shape[1]))
+        return kept.decode(PromptVectors((vectors[0] + turn.normal(0, 1e-6, vectors.shape[1]),))).masks
 
     for name, on in (
         ("superpixels kept, another prompt", new_prompt),
-        ("similarities kept, another threshold", lambda: kept.mask(vectors[0], threshold=0.5)),
+        ("similarities kept, another threshold", lambda: kept.decode(PromptVectors((vectors[0],))).masks),
     ):
         differ = np.count_nonzero(on() != anew())
         yield Saving(f"{name} on the same picture", (anew, on), f"{differ} pixels of the mask")

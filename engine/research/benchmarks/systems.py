@@ -12,7 +12,7 @@ from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.trainings import TEACHER_WORDS, Training, base_config, phantoms, protocol, score_all, vlm_like
 from degense.engine.research.systems import SYSTEMS, as_system
-from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.prompts import DECODERS
 from degense.engine.semantics.text.vocabulary import surgical_vocabulary
 
 OURS = "degense"

@@ -18,6 +18,7 @@ from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure, percentile, throughput
 from degense.engine.research.benchmarks.raster import back_ends
 from degense.engine.scene import Scene
+from degense.engine.semantics.prompts import PromptVectors
 from degense.engine.splats import Splats
 
 #: Gaussians and picture of what is played.
@@ -140,7 +141,7 @@ def _questions(scene: Scene, camera: Camera, vectors: np.ndarray) -> dict[str, C
     for i in range(scene.frames):
         scene.splats(i, semantics=True)
     kept = scene.new_query(scene.frames // 2, camera)
-    kept.mask(vectors[0], negatives=vectors)
+    kept.decode(PromptVectors((vectors[0],), classes=vectors))
     random = np.random.default_rng(0)
 
     def fresh(row: int) -> np.ndarray:
@@ -148,10 +149,10 @@ def _questions(scene: Scene, camera: Camera, vectors: np.ndarray) -> dict[str, C
         return vectors[row] + random.normal(0, 1e-6, vectors.shape[1])
 
     return {
-        "first prompt on a new frame, all other classes competing": lambda i: scene.new_query(i % scene.frames, camera).mask(
-            vectors[0], negatives=vectors
+        "first prompt on a new frame, all other classes competing": lambda i: scene.new_query(i % scene.frames, camera).decode(
+            PromptVectors((vectors[0],), classes=vectors)
         ),
-        "another prompt on that frame": lambda i: kept.mask(fresh(1)),
-        "another prompt, all other classes competing": lambda i: kept.mask(fresh(2), negatives=vectors),
-        "another threshold": lambda i: kept.mask(vectors[0], threshold=0.3 + 0.001 * (i % 400)),
+        "another prompt on that frame": lambda i: kept.decode(PromptVectors((fresh(1),))),
+        "another prompt, all other classes competing": lambda i: kept.decode(PromptVectors((fresh(2),), classes=vectors)),
+        "another threshold": lambda i: kept.decode(PromptVectors((vectors[0],), threshold=0.3 + 0.001 * (i % 400))),
     }

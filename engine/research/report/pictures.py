@@ -12,6 +12,8 @@ from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.colour_maps import mask_overlay
 from degense.engine.layers.colour import MASK_COLOURS
 from degense.engine.scene import Scene
+from degense.engine.scene.clip_query import decode_frame
+from degense.engine.semantics.prompts import PromptSet
 
 SHOWN = 3  # frames
 WIDEST = 420  # pixels
@@ -43,9 +45,9 @@ def shown_frames(mask_frames: Sequence[int]) -> list[int]:
 
 def pictures_of(scene: Scene, clip: Clip, mask_frames: Sequence[int], decoder: str, caption: str) -> list[Picture]:
     """What a scene makes of the shown frames: its label map by a decoder, over its own picture."""
-    vectors = scene.vectors(clip.classes)
+    prompts = PromptSet(tuple(clip.classes), decoder=decoder)
     return [
-        Picture(frame, caption, painted(scene.picture(frame), scene.query(frame).label_map(vectors, decoder)))
+        Picture(frame, caption, painted(scene.picture(frame), decode_frame(scene, prompts, frame).labels))
         for frame in shown_frames(mask_frames)
     ]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from degense.engine.research.report.entry import Entry, Figure
-from degense.engine.semantics.masks import DECODERS
+from degense.engine.semantics.prompts import DECODERS
 
 INTERVAL = "± is half the 95 % confidence interval of the mean over seeds (Student's t)."
 

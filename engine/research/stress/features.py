@@ -18,8 +18,9 @@ from degense.engine.research.bench.table import Table
 from degense.engine.research.stress.long_clips import write_pictures
 from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row, verdict
 from degense.engine.semantics import EmbeddedEncoder, TextEncoder
-from degense.engine.semantics.masks import DECODERS, FrameSemantics
+from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.masks.similarity import SHORTEST
+from degense.engine.semantics.prompts import DECODERS, PromptVectors
 from degense.engine.semantics.text.basis import Basis
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular
@@ -110,8 +111,7 @@ def mask_finding(latent: np.ndarray) -> Finding:
         query.confidence(vectors[0], np.ones((HEIGHT, WIDTH), bool), vectors[1:]),
     ]
     for decoder in DECODERS:
-        query.mask(vectors[0], decoder, negatives=vectors)
-        query.label_map(vectors, decoder)
+        query.decode(PromptVectors(tuple(vectors), classes=vectors, decoder=decoder))
     wide, prompt = latent.astype(np.float64), vectors[0].astype(np.float64)
     wide[~np.isfinite(wide).all(-1)] = 0
     length = np.linalg.norm(wide, axis=-1)

@@ -73,7 +73,3 @@ class Aggregation(ABC, Generic[Map]):
     @abstractmethod
     def numpy(self, maps: Sequence[Map]) -> list[np.ndarray]:
         """Maps as read-only arrays in memory, all fetched at once."""
-
-    @abstractmethod
-    def winners(self, maps: Sequence[Map]) -> tuple[np.ndarray, np.ndarray]:
-        """Index of the greatest map in each pixel, uint8 [H, W], and its value, float32 [H, W]; the first of equals wins."""

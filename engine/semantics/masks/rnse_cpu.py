@@ -95,10 +95,6 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
             values.flags.writeable = False
         return list(maps)
 
-    def winners(self, maps: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        stack = np.stack(list(maps))
-        return stack.argmax(0).astype(np.uint8), stack.max(0)
-
 
 def box(image: np.ndarray, size: int) -> np.ndarray:
     """Mean of size × size pixels, float32 [H, W] or [H, W, C], the border repeated."""

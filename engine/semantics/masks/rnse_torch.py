@@ -83,10 +83,6 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         array.flags.writeable = False
         return list(array)
 
-    def winners(self, maps: Sequence[Tensor]) -> tuple[np.ndarray, np.ndarray]:
-        values, index = torch.stack(list(maps)).max(0)
-        return index.byte().cpu().numpy(), values.cpu().numpy()
-
     def _rows(self, vectors: np.ndarray) -> Tensor:
         # without waiting: CUDA has taken a copy of a small array by the time this returns
         return torch.from_numpy(np.ascontiguousarray(vectors, np.float32)).to(self.unit.device, non_blocking=True)

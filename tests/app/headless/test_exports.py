@@ -13,6 +13,8 @@ from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.export.formats import FORMATS, ExportOptions, get_format
 from degense.engine.annotation.formats.map_set import mask_of_runs
 from degense.engine.errors import DegenseError
+from degense.engine.scene.clip_query import decode_frame
+from degense.engine.semantics.prompts import PromptSet
 from degense.engine.store.ply import load_ply
 
 
@@ -32,17 +34,17 @@ def test_ply_sequence_has_every_frame(scene, tmp_path):
 
 
 def test_masks_are_label_maps_of_clips(scene, tmp_path):
-    export("masks-png", scene, tmp_path / "x", prompts=("liver", "gallbladder"), decoder="argmax")
+    export("masks-png", scene, tmp_path / "x", prompt_set=PromptSet(("liver", "gallbladder"), decoder="argmax"))
     assert json.loads((tmp_path / "x" / "classes.json").read_text()) == {"classes": ["liver", "gallbladder"]}
     labels = np.array(Image.open(tmp_path / "x" / "labels" / "000004.png"))
-    assert np.array_equal(labels, scene.query(4).label_map(scene.vectors(("liver", "gallbladder")), "argmax"))
+    assert np.array_equal(labels, decode_frame(scene, PromptSet(("liver", "gallbladder"), decoder="argmax"), 4).labels)
 
 
 def test_coco_holds_the_masks(scene, tmp_path):
-    export("coco", scene, tmp_path / "x.json", decoder="argmax")
+    export("coco", scene, tmp_path / "x.json", prompt_set=PromptSet(decoder="argmax"))
     data = json.loads((tmp_path / "x.json").read_text())
     assert [category["name"] for category in data["categories"]] == list(scene.classes)
-    labels = scene.query(6).label_map(scene.vectors(scene.classes), "argmax")
+    labels = decode_frame(scene, PromptSet(scene.classes, decoder="argmax"), 6).labels
     found = [entry for entry in data["annotations"] if entry["image_id"] == 6]
     assert {entry["category_id"] - 1 for entry in found} == set(np.unique(labels)) - {255}
     for entry in found:

@@ -174,9 +174,13 @@ def test_answers_know_area_confidence_and_similarities(scene):
 def test_a_negative_takes_its_pixels(scene):
     """ "Tool" without "hook" leaves the other instruments, and nothing of the hook."""
     from degense.engine.layers import LAYERS, LayerRequest
+    from degense.engine.semantics.prompts import PromptSet
 
-    plain = LayerRequest(3, prompts=("tool",), decoder="threshold")
-    tool, rest = (LAYERS["mask"].image(scene, request).values > 0 for request in (plain, replace(plain, negatives=("hook",))))
+    plain = PromptSet(("tool",), decoder="threshold")
+    tool, rest = (
+        LAYERS["mask"].image(scene, LayerRequest(3, prompt_set=prompts)).values > 0
+        for prompts in (plain, replace(plain, negatives=("hook",)))
+    )
     hook = scene.query(3).similarity(scene.meanings("hook"))
     other = scene.query(3).similarity(scene.meanings("tool")) > hook
     assert np.array_equal(rest, tool & other)
