@@ -44,3 +44,10 @@ def test_a_cell_of_a_table_holds_one_number():
         if "`" not in cell and re.fullmatch(r"[\d.,\s;–±()%→]+", cell) and len(re.findall(r"[\d.,]*\d", cell)) > 1
     ]
     assert not wrong
+
+
+def test_the_index_lists_every_decision_by_its_title():
+    index = (ROOT / "docs" / "decisions" / "README.md").read_text(encoding="utf-8")
+    for page in (ROOT / "docs" / "decisions").glob("0*.md"):
+        number, title = page.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ").split(". ", 1)
+        assert f"| [{number}]({page.name}) | {title} |" in index
