@@ -9,7 +9,7 @@ import pytest
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.motion import chain, confidence, consistent, flow_between, follow, sample, steps_between
-from tests.phantom.files import load
+from tests.data.synthetic.files import load
 
 
 def texture(rng, height=120, width=160):

@@ -20,8 +20,8 @@ from degense.engine.scene import Scene
 from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.teachers import answer_store as store
 from degense.engine.semantics.text.text_vectors import write_vectors
-from tests.language import peers
-from tests.language.tiny_models import write_model
+from tests.semantics.models.tiny_models import write_model
+from tests.semantics.teachers import peers
 
 SMALL = ("--preset", "quick", "--iterations", "20", "--max-gaussians", "800", "--device", "cpu")
 
