@@ -69,7 +69,7 @@ def _run(names: list[str], options: argparse.Namespace) -> None:
 def _bench_options(options: argparse.Namespace, scratch: Path) -> BenchOptions:
     from degense.engine.data.readers import open_clip
     from degense.engine.research.bench.options import BenchOptions
-    from degense.engine.training.device import choose_device
+    from degense.engine.training.config import choose_device
 
     for clip in options.clip:
         open_clip(clip)  # a clip that cannot be read is said before an hour of measuring

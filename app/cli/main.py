@@ -97,6 +97,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     )
     sub.add_argument("--no-fit", dest="fit", action="store_false", help="the preset's full budget, even where the clip needs less")
     sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
+    sub.add_argument("--logger", choices=("tensorboard",), help="also write every term of the loss to RUN/tensorboard (extra tensorboard)")
     sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")
     _clip_options(sub)
 

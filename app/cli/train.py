@@ -6,7 +6,6 @@ import argparse
 import json
 import os
 import signal
-import sys
 import threading
 import traceback
 from dataclasses import fields
@@ -16,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from degense.app.cli.encoding import chosen_encoder
 from degense.app.cli.terminal import Bar
+from degense.app.cli.training_events import JsonEvents, TensorBoardEvents, TerminalEvents
 from degense.engine.errors import DegenseError
+from degense.engine.events import Event, Events, Failed, Stopped
 
 if TYPE_CHECKING:
     from degense.engine.data.readers import ClipOptions
@@ -45,31 +46,26 @@ def phantom(options: argparse.Namespace) -> None:
 
 
 def train(options: argparse.Namespace) -> None:
-    """Train in this process. With `--events`, speak JSON lines; otherwise show a bar."""
+    """Train in this process. With `--events`, print JSON lines; otherwise show a bar."""
     if ("help", "") in options.settings:
         return list_settings(options.preset)
     stop = StopFlag()
-    report: JsonEvents | TerminalEvents = JsonEvents(stop) if options.events else TerminalEvents()
+    report: Events = JsonEvents(stop.set) if options.events else TerminalEvents()
     if options.events:
         stop.listen()
     with stop:
         try:
             _train(options, report, stop)
         except DegenseError as error:
-            report({"event": "error", "message": str(error)})
+            report(Failed(str(error)))
             raise
         except Exception as error:
-            report(
-                {
-                    "event": "error",
-                    "message": f"Training met a defect of the program ({type(error).__name__}: {error}).",
-                }
-            )
+            report(Failed(f"Training met a defect of the program ({type(error).__name__}: {error})."))
             traceback.print_exc()
             raise SystemExit(1) from error
 
 
-def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, stop: StopFlag) -> None:
+def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
     if not options.resume:
         _refuse_non_empty(options.out)
     from degense.app.features.train.job import parse_settings
@@ -88,26 +84,39 @@ def _train(options: argparse.Namespace, report: JsonEvents | TerminalEvents, sto
         **parse_settings(tuple(options.settings)),
     )
     clip = open_clip(options.clip, clip_options(options))
-    said: list[str] = []
+    board = TensorBoardEvents(options.out) if options.logger == "tensorboard" else None
+    stopped = False
 
-    def tell(event: dict[str, Any]) -> None:
-        said.append(event["event"])
+    def tell(event: Event) -> None:
+        nonlocal stopped
+        stopped = stopped or isinstance(event, Stopped)
         report(event)
+        if board is not None:
+            board(event)
 
     encoder = chosen_encoder(options)
-    run = run_training(clip, options.out, config, teacher=options.teacher, encoder=encoder, resume=options.resume, events=tell, stop=stop)
-    if run is None and "stopped" not in said:  # it had not come to its first step
-        report({"event": "stopped", "iteration": 0})
+    try:
+        run = run_training(
+            clip, options.out, config, teacher=options.teacher, encoder=encoder, resume=options.resume, events=tell, stop=stop
+        )
+    finally:
+        if board is not None:
+            board.close()
+    if run is None and not stopped:  # it had not come to its first step
+        report(Stopped(0))
 
 
 def list_settings(preset: str) -> None:
-    """What `--set` takes, with the values of a preset."""
+    """What `--set` takes, by group, with the values of a preset."""
     from degense.app.features.train.settings_help import settings_of
-    from degense.engine.training import TrainConfig
+    from degense.engine.training.config import GROUPS, TrainConfig
 
-    for setting in settings_of(TrainConfig.preset_of(preset)):
-        value = list(setting.value) if isinstance(setting.value, tuple) else setting.value
-        print(f"{setting.name}={json.dumps(value)}\n    {setting.words}")
+    settings = {setting.name: setting for setting in settings_of(TrainConfig.preset_of(preset))}
+    for title, names in GROUPS.items():
+        print(f"\n{title}\n")
+        for setting in (settings[name] for name in names if name in settings):
+            value = list(setting.value) if isinstance(setting.value, tuple) else setting.value
+            print(f"{setting.name}={json.dumps(value)}\n    {setting.words}")
 
 
 def clip_options(options: argparse.Namespace) -> ClipOptions:
@@ -162,50 +171,3 @@ class StopFlag:
         if self():
             raise KeyboardInterrupt
         self.set()
-
-
-class JsonEvents:
-    """Events as JSON lines on standard output. When nobody reads them any more, training stops and saves."""
-
-    def __init__(self, stop: StopFlag) -> None:
-        self._stop = stop
-
-    def __call__(self, event: dict[str, Any]) -> None:
-        try:
-            print(json.dumps(event, default=str), flush=True)
-        except BrokenPipeError:
-            self._stop.set()
-            sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (for the rest of the process)
-
-
-class TerminalEvents:
-    """Events in words on standard error."""
-
-    def __init__(self) -> None:
-        self._bar = Bar()
-
-    def __call__(self, event: dict[str, Any]) -> None:
-        kind = event["event"]
-        if kind == "progress":
-            words = f"{event['iteration']}/{event['iterations']}"
-            words += f"  {event['psnr']:.1f} dB" if event.get("psnr") is not None else ""
-            words += f"  {event['gaussians']} Gaussians" if event.get("gaussians") else ""
-            words += f"  {event['eta']:.0f} s left" if event.get("eta") is not None else ""
-            self._bar(event["iteration"] / event["iterations"], words)
-        elif kind == "step":
-            self._bar(event["fraction"], event["message"])
-        elif kind == "budget":
-            self._bar.close()
-            print("\n".join(event["words"]), file=sys.stderr, flush=True)
-        elif kind in LINES:
-            self._bar.close()
-            line = "stopped before the first step" if event.get("iteration") == 0 else LINES[kind].format(**event)
-            print(line, file=sys.stderr, flush=True)
-
-
-LINES = {
-    "stage": "{stage} …",
-    "rollback": "went back to iteration {iteration}: {reason}",
-    "done": "done: {run}",
-    "stopped": "stopped at iteration {iteration}; go on with --resume",
-}

@@ -11,6 +11,7 @@ from degense.engine.clip import Clip
 from degense.engine.data.poses import find_cameras
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.events import Event, Step, TrainingProgress
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.progress import Progress, silent
 from degense.engine.research.report import Entry, Picture, pictures_of
@@ -115,11 +116,11 @@ class Comparison:
         if not begun or Run.open(folder).info["state"] != "finished":
             config = replace(as_system(method, self.config), seed=seed)
 
-            def tell(event: dict[str, Any]) -> None:
-                if event["event"] == "progress":
-                    progress(0.85 * event["iteration"] / event["iterations"], f"{event['psnr']:.1f} dB")
-                elif event["event"] == "step":
-                    progress(0.85 if event["stage"] == "meaning" else 0.0, event["message"])
+            def tell(event: Event) -> None:
+                if isinstance(event, TrainingProgress):
+                    progress(0.85 * event.iteration / event.iterations, f"{event.psnr:.1f} dB")
+                elif isinstance(event, Step):
+                    progress(0.85 if event.stage == "meaning" else 0.0, event.message)
 
             if train(clip, folder, config, teacher=self.teacher, resume=begun, events=tell, stop=stop) is None:
                 raise Cancelled

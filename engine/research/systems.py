@@ -124,7 +124,7 @@ def _peer(config: TrainConfig) -> TrainConfig:
         "region": 0.0,
         "guided": False,
         "lift": False,
-        "early_stop": False,
+        "early_stopping": False,
         "fixed_latents": True,
     }
     return replace(config, **without)

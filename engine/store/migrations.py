@@ -15,6 +15,8 @@ SETTINGS = {
     "rate_tints": "rate_color_residuals",
     "drifts": "velocities",
     "lasting": "persistent",
+    "early_stop": "early_stopping",
+    "plane_still": "plane_static",
 }
 TENSORS = {
     "canonical.tints": "canonical.color_residuals",

@@ -1,8 +1,10 @@
-"""What a training does, in numbers: one dataclass, three presets."""
+"""What a training does, in numbers: one dataclass, its settings in groups, and three presets."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
+
+import torch
 
 from degense.engine.errors import DegenseError
 from degense.engine.field import ROUTINGS, Routing
@@ -16,132 +18,168 @@ class TrainConfig:
     ----------
     preset : str
         The preset the values started from.
-    routing : {"paper", "isolated", "coupled"}
-        How gradients of the semantic loss may travel (see `engine.field.FieldConfig`).
-    angular : bool
-        True: L_align = E[1 − ⟨ṽ_pred, ṽ_gt⟩] (Eq. 3). False: L1 on the latents, as the coupled peers do.
-    iterations, coarse_iterations : int
-        All steps, and how many of them draw the first training frame only, from Gaussians that stand still, while the field learns to
-        move them from the evidence of motion.
-    max_gaussians : int
-        Cap on the number of Gaussians.
-    max_pixels : int
-        Frames larger than this are trained on at a reduced size.
+    given : tuple of str
+        Settings that were chosen by hand, which fitting leaves alone.
     seed : int
         Of everything that is drawn at random.
     device : {"auto", "cpu", "cuda"}
         What computes; "auto" is the GPU where there is one.
-    ssim, depth, semantic, region : float
-        Weights of 1 − SSIM, |1/z| error (measured depth only), semantic loss and L_smooth.
+    max_pixels : int
+        Frames larger than this are trained on at a reduced size.
+    fit : bool
+        Whether settings may become smaller where the clip needs less (`engine.training.fitting.budget`).
+    checkpoint_seconds : float
+        Seconds between checkpoints: what the end of the program by force can cost at most.
+    iterations : int
+        All steps of the trainer.
+    coarse_iterations : int
+        How many of them draw the first training frame only, from static Gaussians, while the field learns motion from optical flow; at
+        most a fifth of all steps.
+    early_stopping : bool
+        Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.fitting.early_stopping`).
     semantic_every : int
-        A semantic pass every so many steps, where meaning is trained together with geometry (`paper`, `coupled`).
+        A semantic pass every so many steps, where semantics are trained together with geometry (`paper`, `coupled`).
     semantic_steps : int
-        Steps that refine meaning after geometry is finished (`isolated`; see `engine.training.semantic.distillation`).
-    lift : bool
-        Whether these start from the mean of all that the teacher says about a Gaussian, instead of from nothing.
-    guided : bool
-        Whether the vectors of a coarse teacher are shared out over superpixels of the frames.
-    max_rank : int
-        Most dimensions of the latents.
-    plane_space, plane_time, plane_still : float
-        Weights of the planes' total variation, acceleration in time, and distance of the time planes from 1.
-    displacement, rigidity, shape : float
-        Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
-    delta_color, delta_semantics : float
-        Weights of |Δcolour| of Ψ_app and of |Δf_sem|.
-    tint, color_residual_change : float
-        Weights of |Δcolour| that a Gaussian has of its own, and of its squared change from knot to knot.
-    flow : float
-        Weight of motion evidence: how far each visible Gaussian's motion is from the optical flow, in units of the scene.
+        Steps of semantic distillation after geometry is finished (`isolated`; see `engine.training.semantic.distillation`).
+    max_gaussians : int
+        Cap on the number of Gaussians.
+    densify_every, densify_until : int, float
+        Densify and prune every so many steps, until this share of the iterations.
+    velocities : bool
+        Whether transient Gaussians, such as those of instruments, have a linear velocity of their own.
+    persistent : bool
+        Whether every Gaussian exists at all times; transient ones of the initialisation are left out.
+    static : bool
+        Nothing moves. For baselines (`engine.research.systems`).
     appearance : bool
         Whether colour may change in time.
     color_spacing : float
-        Frames between the knots of a Gaussian's own colour changes.
+        Frames between the knots of the per-Gaussian colour residuals.
     channels, resolution, levels, time_resolution
         Of the HexPlane; a time resolution of 0 is half the number of frames.
-    rate_means, rate_field, rate_planes, rate_scales, rate_quats, rate_opacity, rate_color, rate_color_residuals : float
-    rate_semantics, rate_final : float
-        Learning rates, and the factor by which those of positions and field have fallen at the end; then all fall (`set_rates`).
-    densify_every, densify_until : int, float
-        Densify and prune every so many steps, until this share of the iterations.
-    early_stop : bool
-        Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.fitting.early_stopping`).
-    static, fixed_latents : bool
-        Of the field: whether nothing moves, and whether latents never change. For baselines (`engine.research.systems`).
-    velocities : bool
-        Whether what exists for a while may go straight on by itself, as instruments do.
-    persistent : bool
-        Whether every Gaussian exists for ever; those that the initialisation would let live for a few frames are left out.
+    routing : {"paper", "isolated", "coupled"}
+        How gradients of the semantic loss may travel (see `engine.field.FieldConfig`).
+    angular : bool
+        True: L_align = E[1 − ⟨ṽ_pred, ṽ_gt⟩] (Eq. 3). False: L1 on the latents, as the coupled peers do.
+    lift : bool
+        Whether semantic distillation starts from the mean of all targets back-projected to a Gaussian, instead of from nothing.
+    guided : bool
+        Whether the vectors of a coarse teacher are upsampled along the superpixels of the frames.
+    max_rank : int
+        Most dimensions of the latents.
+    fixed_latents : bool
+        Latents never change in time. For baselines.
     codebook : bool
-        Whether meaning belongs to clusters of Gaussians (`engine.training.semantic.codebook`) instead of single ones.
-    checkpoint_seconds : float
-        Seconds between checkpoints: what the end of the program by force can cost at most.
-    fit : bool
-        Whether settings may become smaller where the clip needs less (`engine.training.fitting.budget`).
-    given : tuple of str
-        Settings that were chosen by hand, which fitting leaves alone.
+        Whether semantics belong to clusters of Gaussians (`engine.training.semantic.codebook`) instead of single ones.
+    ssim, depth : float
+        Weights of 1 − SSIM (L1 has the rest) and of |1/z| error, where depth was measured.
+    flow : float
+        Weight of the distance between each visible Gaussian's motion and the optical flow, in units of the scene.
+    displacement, rigidity, shape : float
+        Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
+    delta_color : float
+        Weight of |Δcolour| of Ψ_app.
+    color_residual, color_residual_change : float
+        Weights of the per-Gaussian colour residuals, |Δcolour|, and of their squared change from knot to knot.
+    plane_space, plane_time, plane_static : float
+        Weights of the planes' total variation, acceleration in time, and distance of the time planes from 1.
+    semantic : float
+        Weight of the whole semantic loss.
+    region : float
+        Weight of L_smooth within it.
+    delta_semantics : float
+        Weight of |Δf_sem| within it.
+    rate_means, rate_scales, rate_quats, rate_opacity, rate_color, rate_color_residuals, rate_semantics : float
+        Learning rates of the canonical Gaussians.
+    rate_planes, rate_field : float
+        Learning rates of the HexPlane and of the networks.
+    rate_final : float
+        Factor by which the rates of positions and field have fallen at the end; in the cool-down all fall (`set_rates`).
     """
 
+    # The run
     preset: str = "balanced"
-    routing: Routing = "isolated"
-    angular: bool = True
-    iterations: int = 3000
-    coarse_iterations: int = 600
-    max_gaussians: int = 60_000
-    max_pixels: int = 1 << 20
+    given: tuple[str, ...] = ()
     seed: int = 0
     device: str = "auto"
-    ssim: float = 0.2
-    depth: float = 0.5
-    semantic: float = 0.5
-    region: float = 0.02
+    max_pixels: int = 1 << 20
+    fit: bool = True
+    checkpoint_seconds: float = 30.0
+
+    # Schedule
+    iterations: int = 3000
+    coarse_iterations: int = 600
+    early_stopping: bool = False
     semantic_every: int = 2
     semantic_steps: int = 600
-    lift: bool = True
-    guided: bool = True
-    max_rank: int = 32
-    plane_space: float = 1e-3
-    plane_time: float = 1e-1
-    plane_still: float = 1e-4
-    displacement: float = 0.002
-    rigidity: float = 0.1
-    shape: float = 0.002
-    delta_color: float = 0.001
-    delta_semantics: float = 0.01
-    color_residual: float = 0.002
-    color_residual_change: float = 0.02
-    flow: float = 40.0
+
+    # Gaussians
+    max_gaussians: int = 60_000
+    densify_every: int = 200
+    densify_until: float = 0.6
+    velocities: bool = True
+    persistent: bool = False
+
+    # Field
+    static: bool = False
     appearance: bool = True
     color_spacing: float = 3.0
     channels: int = 16
     resolution: int = 64
     levels: tuple[int, ...] = (1, 2)
     time_resolution: int = 0
+
+    # Semantics
+    routing: Routing = "isolated"
+    angular: bool = True
+    lift: bool = True
+    guided: bool = True
+    max_rank: int = 32
+    fixed_latents: bool = False
+    codebook: bool = False
+
+    # Weights of the losses on frames and flow
+    ssim: float = 0.2
+    depth: float = 0.5
+    flow: float = 40.0
+
+    # Weights of the regularizers
+    displacement: float = 0.002
+    rigidity: float = 0.1
+    shape: float = 0.002
+    delta_color: float = 0.001
+    color_residual: float = 0.002
+    color_residual_change: float = 0.02
+    plane_space: float = 1e-3
+    plane_time: float = 1e-1
+    plane_static: float = 1e-4
+
+    # Weights of the semantic losses
+    semantic: float = 0.5
+    region: float = 0.02
+    delta_semantics: float = 0.01
+
+    # Learning rates
     rate_means: float = 1.6e-4
-    rate_field: float = 1.6e-3
-    rate_planes: float = 2e-2
     rate_scales: float = 5e-3
     rate_quats: float = 1e-3
     rate_opacity: float = 2e-2
     rate_color: float = 2.5e-3
     rate_color_residuals: float = 2.5e-3
     rate_semantics: float = 1e-2
+    rate_planes: float = 2e-2
+    rate_field: float = 1.6e-3
     rate_final: float = 0.05
-    densify_every: int = 200
-    densify_until: float = 0.6
-    early_stop: bool = False
-    static: bool = False
-    fixed_latents: bool = False
-    velocities: bool = True
-    persistent: bool = False
-    codebook: bool = False
-    checkpoint_seconds: float = 30.0
-    fit: bool = True
-    given: tuple[str, ...] = ()
 
     @classmethod
     def preset_of(cls, name: str, **overrides) -> TrainConfig:
-        """The preset `name` with `overrides` that are not None applied. Raises DegenseError for an unknown preset or routing."""
+        """The preset `name` with `overrides` that are not None applied.
+
+        Raises
+        ------
+        DegenseError
+            For an unknown preset or routing, or settings that exclude each other.
+        """
         if name not in PRESETS:
             raise DegenseError(f"there is no preset {name!r}; choose one of {', '.join(PRESETS)}")
         chosen = {key: value for key, value in overrides.items() if value is not None}
@@ -152,7 +190,10 @@ class TrainConfig:
             raise DegenseError("a training needs at least 1 iteration and 16 Gaussians")
         if config.routing == "coupled":  # the baseline distils with L1, as its model does
             config = replace(config, angular=overrides.get("angular", False))
-        return replace(config, coarse_iterations=min(config.coarse_iterations, config.iterations // 5))
+        most = config.iterations // 5
+        if config.coarse_iterations > most and "coarse_iterations" in chosen:
+            raise DegenseError(f"coarse_iterations can be at most a fifth of the iterations: {most:,} of {config.iterations:,}")
+        return replace(config, coarse_iterations=min(config.coarse_iterations, most))
 
     def to_json(self) -> dict:
         return asdict(self) | {"levels": list(self.levels), "given": list(self.given)}
@@ -177,5 +218,37 @@ PRESETS: dict[str, dict] = {
         "semantic_steps": 400,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
-    "best": {"iterations": 10_000, "coarse_iterations": 1000, "early_stop": True, "color_residual_change": 0.1},
+    "best": {"iterations": 10_000, "coarse_iterations": 1000, "early_stopping": True, "color_residual_change": 0.1},
 }
+
+#: Which settings belong together: the name of a group and its first setting; a group ends where the next begins.
+_FIRST = {
+    "The run": "preset",
+    "Schedule": "iterations",
+    "Gaussians": "max_gaussians",
+    "Field": "static",
+    "Semantics": "routing",
+    "Weights of the losses on frames and flow": "ssim",
+    "Weights of the regularizers": "displacement",
+    "Weights of the semantic losses": "semantic",
+    "Learning rates": "rate_means",
+}
+
+
+def _groups() -> dict[str, tuple[str, ...]]:
+    names = [item.name for item in fields(TrainConfig)]
+    starts = [names.index(first) for first in _FIRST.values()]
+    return {title: tuple(names[a:b]) for title, a, b in zip(_FIRST, starts, [*starts[1:], None], strict=True)}
+
+
+#: The settings by group, in the order of the fields.
+GROUPS = _groups()
+
+
+def choose_device(name: str) -> torch.device:
+    """`auto` takes a GPU when there is one. DegenseError when `cuda` is asked for and absent."""
+    if name not in ("auto", "cpu", "cuda"):
+        raise DegenseError(f"there is no device {name!r}; choose auto, cpu or cuda")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise DegenseError("no CUDA GPU was found; train with --device cpu, or see degense doctor")
+    return torch.device("cuda" if name == "cuda" or (name == "auto" and torch.cuda.is_available()) else "cpu")

@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from degense.engine.clip import Clip
 from degense.engine.data.poses import find_cameras, with_cameras
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.events import Budget, Done, Events, Preview, Stage, Step, Stopped, TrainingProgress
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.field.still import find_moving
 from degense.engine.files import replacing
@@ -28,8 +29,7 @@ from degense.engine.store import Run
 from degense.engine.store.migrations import current_settings
 from degense.engine.store.run import hardware
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
-from degense.engine.training.config import TrainConfig
-from degense.engine.training.device import choose_device
+from degense.engine.training.config import TrainConfig, choose_device
 from degense.engine.training.fitting.budget import fit_budget
 from degense.engine.training.fitting.estimate import estimate
 from degense.engine.training.flow.observability import motion_observability
@@ -41,7 +41,6 @@ from degense.engine.training.semantic.distillation import fit_meaning
 from degense.engine.training.semantic.targets import SemanticTargets
 from degense.engine.training.trainer import Diverged, Trainer, draw, run_steps
 
-Events = Callable[[dict[str, Any]], None]
 REPORT_EVERY = 25
 PREVIEW_SECONDS = 5.0
 STILL_MOMENTS = 64  # at most, at which Gaussians are looked at for motion
@@ -79,10 +78,10 @@ def train(
     started = time.perf_counter()
 
     def progress(stage: str) -> Progress:
-        events({"event": "stage", "stage": stage})
+        events(Stage(stage))
 
         def tell(fraction: float, message: str) -> None:
-            events({"event": "step", "stage": stage, "fraction": round(fraction, 4), "message": message})
+            events(Step(stage, round(fraction, 4), message))
             if stop():
                 raise Cancelled
 
@@ -127,7 +126,7 @@ def train(
     if run is None and config.fit:
         budget = fit_budget(frames, config, evidence, semantics.basis if semantics is not None else None)
         config, chosen_budget = budget.config, budget.to_json()
-        events({"event": "budget", "words": [*budget.words, estimate(clip, replace(config, fit=False))["words"]]})
+        events(Budget([*budget.words, estimate(clip, replace(config, fit=False))["words"]]))
     field = field_config(config, len(clip), semantics.basis.rank if semantics is not None else 0)
     random = np.random.default_rng(config.seed)
     canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), field.rank, random, field.color_knots)
@@ -200,24 +199,24 @@ def _loop(
     last_checkpoint = last_preview = time.perf_counter()
     stage = ""
 
-    def after(values: dict[str, Any]) -> None:
+    def after(values: TrainingProgress) -> None:
         nonlocal last_checkpoint, last_preview, stage
-        current = "coarse" if values["iteration"] <= config.coarse_iterations else "joint"
+        current = "coarse" if values.iteration <= config.coarse_iterations else "joint"
         if current != stage:
             stage = current
-            events({"event": "stage", "stage": stage})
-        run.log(values)
-        events({"event": "progress", **values})
+            events(Stage(stage))
+        run.log(asdict(values))
+        events(values)
         now = time.perf_counter()
-        if now - last_preview > PREVIEW_SECONDS or values["iteration"] == trainer.total:
-            events({"event": "preview", **write_preview(run, trainer)})
+        if now - last_preview > PREVIEW_SECONDS or values.iteration == trainer.total:
+            events(write_preview(run, trainer))
             last_preview = now
         if now - last_checkpoint > config.checkpoint_seconds:
             save_checkpoint(run.path / "checkpoints", trainer.state())
             last_checkpoint = time.perf_counter()
 
     try:
-        finished = run_steps(trainer, stop, REPORT_EVERY, lambda fraction, message: None, after)
+        finished = run_steps(trainer, stop, REPORT_EVERY, after)
     except Diverged as error:
         trainer.restore(trainer.good)
         save_checkpoint(run.path / "checkpoints", trainer.state())
@@ -225,10 +224,10 @@ def _loop(
         run.save()
         raise DegenseError(f"{error}; {run.path} keeps it. Try a smaller preset or check the clip's depth and masks") from error
     if finished and afterwards is not None:
-        events({"event": "stage", "stage": "meaning"})
+        events(Stage("meaning"))
 
         def tell(fraction: float, message: str) -> None:
-            events({"event": "step", "stage": "meaning", "fraction": round(fraction, 4), "message": message})
+            events(Step("meaning", round(fraction, 4), message))
 
         fit = fit_codebook if config.codebook else fit_meaning
         finished = fit(trainer.model, afterwards, trainer.frames, config, stop, tell)
@@ -239,11 +238,11 @@ def _loop(
         save_checkpoint(run.path / "checkpoints", trainer.state())
         run.info["state"] = "stopped"
         run.save()
-        events({"event": "stopped", "iteration": trainer.iteration})
+        events(Stopped(trainer.iteration))
         return None
     still = keep_still_out(trainer)
     if run.info.get("budget") is not None:
-        record = {"still Gaussians": still, **({"early stop": trainer.early.to_json()} if config.early_stop else {})}
+        record = {"static Gaussians": still, **({"early stopping": trainer.early.to_json()} if config.early_stopping else {})}
         run.info["budget"]["chosen"] |= record
     run.save_model(trainer.model)
     if trainer.evidence is not None:
@@ -252,7 +251,7 @@ def _loop(
     run.save()
     for file in (run.path / "checkpoints").iterdir():
         file.unlink()
-    events({"event": "done", "run": str(run.path)})
+    events(Done(str(run.path)))
     return run
 
 
@@ -269,8 +268,8 @@ def keep_still_out(trainer: Trainer) -> dict[str, Any]:
 
 
 @torch.no_grad()
-def write_preview(run: Run, trainer: Trainer) -> dict[str, Any]:
-    """Draw the first held-out frame (or the first frame) as `previews/last.png`; the event's fields."""
+def write_preview(run: Run, trainer: Trainer) -> Preview:
+    """Draw the first held-out frame (or the first frame) as `previews/last.png`."""
     clip = trainer.frames.clip
     frame = (clip.test_frames or [0])[0]
     deform = trainer.iteration >= trainer.config.coarse_iterations
@@ -279,7 +278,7 @@ def write_preview(run: Run, trainer: Trainer) -> dict[str, Any]:
     path = run.path / "previews" / "last.png"
     with replacing(path) as temporary:
         temporary.write_bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
-    return {"path": str(path), "frame": frame}
+    return Preview(str(path), frame)
 
 
 def portable(path: Path, start: Path) -> str:

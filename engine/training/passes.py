@@ -67,7 +67,7 @@ class CurvePass:
         """The sum of the regularisers, times `weight`, float []."""
         config = self.config
         space, curvature, stillness = self.model.planes.smoothness()
-        regularizer = config.plane_space * space + config.plane_time * curvature + config.plane_still * stillness
+        regularizer = config.plane_space * space + config.plane_time * curvature + config.plane_static * stillness
         if self.model.config.color_knots > 1:
             color_residuals = self.model.canonical["color_residuals"]
             regularizer = (

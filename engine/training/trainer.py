@@ -11,15 +11,15 @@ import torch
 from torch import Tensor
 
 from degense.engine.camera import Camera
+from degense.engine.events import EarlyStopped, Events, Rollback, TrainingProgress
 from degense.engine.field import SceneModel
-from degense.engine.progress import Progress
 from degense.engine.raster import Render, camera_depths, rasterize
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.cuda_graphs import recorded
 from degense.engine.training.density import Density
-from degense.engine.training.fitting.early_stopping import EarlyStop
+from degense.engine.training.fitting.early_stopping import EarlyStopping
 from degense.engine.training.flow.supervision import FlowSupervision, Pair
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.neighbours import nearest_neighbours
@@ -48,8 +48,8 @@ class Trainer:
     semantics : SemanticTargets or None
     evidence : MotionEvidence or None
     config : TrainConfig
-    event : callable
-        Told of rollbacks and progress, as plain dictionaries.
+    events : callable
+        Gets `Rollback` and `EarlyStopped`.
     """
 
     def __init__(
@@ -59,9 +59,10 @@ class Trainer:
         semantics: SemanticTargets | None,
         evidence: FlowSupervision | None,
         config: TrainConfig,
-        event: Callable[[dict[str, Any]], None],
+        events: Events,
     ):
-        self.model, self.frames, self.semantics, self.evidence, self.config, self.event = model, frames, semantics, evidence, config, event
+        self.model, self.frames, self.semantics, self.evidence = model, frames, semantics, evidence
+        self.config, self.events = config, events
         self.device = model.bounds.device
         self.optimizer = make_optimiser(model, config)
         self.density = Density(model, config.max_gaussians)
@@ -73,7 +74,7 @@ class Trainer:
         self.rollbacks = 0
         self.running = torch.zeros(2, device=self.device)  # sums of loss and squared error since the last report
         self.times = torch.tensor([frames.clip.time(i) for i in range(len(frames.clip))], device=self.device)
-        self.early = EarlyStop(config.iterations, frames.clip.train_frames if config.early_stop else ())
+        self.early = EarlyStopping(config.iterations, frames.clip.train_frames if config.early_stopping else ())
         self.unseen = set(frames.clip.train_frames) - self._held  # since the last pruning
         self._neighbours: tuple[Tensor, Tensor] | None = None
         self._recordings: dict[str, Callable[..., Any]] = {}
@@ -177,14 +178,14 @@ class Trainer:
     @property
     def _held(self) -> frozenset[int]:
         """Frames that are watched, not trained on, at this step."""
-        return self.early.held(self.iteration)
+        return self.early.held_out(self.iteration)
 
     def _watch(self) -> None:
         """Look at the validation frames from time to time; cool down when they have stopped improving."""
         if self.iteration % WATCH_EVERY or not self._held or not self.deforms:
             return
         if self.early.observe(self.iteration, self.validation_psnr()):
-            self.event({"event": "plateau", "iteration": self.iteration, "iterations": self.total, "reason": self.early.plateau.words()})
+            self.events(EarlyStopped(self.iteration, self.total, self.early.rule.reason))
 
     @torch.no_grad()
     def validation_psnr(self) -> float:
@@ -308,15 +309,9 @@ class Trainer:
         self.restore(self.good)
         self.rollbacks, self.caution = rollbacks, caution
         self.running.zero_()
-        self.event(
-            {
-                "event": "rollback",
-                "iteration": self.iteration,
-                "reason": f"values stopped being numbers at step {failed}; learning rates halved",
-            }
-        )
+        self.events(Rollback(self.iteration, f"values stopped being numbers at step {failed}; learning rates halved"))
 
-    def report(self, steps: int) -> dict[str, float]:
+    def report(self, steps: int) -> dict[str, Any]:
         """Mean loss and PSNR (training frames, valid pixels) over the last `steps` steps; forgets them."""
         loss, error = (self.running / max(steps, 1)).tolist()
         self.running.zero_()
@@ -334,7 +329,7 @@ def draw_latents(splats: Splats, camera: Camera, *, detached: bool) -> Tensor:
     return rasterize(splats.detach() if detached else splats, splats.semantics, camera).image
 
 
-def run_steps(trainer: Trainer, stop: Callable[[], bool], every: int, progress: Progress, after: Callable[[dict[str, Any]], None]) -> bool:
+def run_steps(trainer: Trainer, stop: Callable[[], bool], every: int, after: Callable[[TrainingProgress], None]) -> bool:
     """Train to the end, or until `stop()`; call `after(report)` every `every` steps. True when it reached the end."""
     last, started, first = trainer.iteration, time.perf_counter(), trainer.iteration
     while trainer.iteration < trainer.total:
@@ -347,6 +342,5 @@ def run_steps(trainer: Trainer, stop: Callable[[], bool], every: int, progress: 
             eta = seconds / max(1, trainer.iteration - first) * (total - trainer.iteration)
             values = trainer.report(trainer.iteration - last)
             last = trainer.iteration
-            after({"iteration": last, "iterations": total, **values, "seconds": seconds, "eta": eta})
-            progress(last / total, "training")
+            after(TrainingProgress(last, total, **values, seconds=seconds, eta=eta))
     return True

@@ -14,6 +14,7 @@ from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
 from degense.app.features.train.job import TrainingJob
 from degense.app.shell.main_window import MainWindow
 from degense.app.shell.settings import SettingsFile
+from degense.engine.events import Event, TrainingProgress
 from degense.engine.training import TrainConfig
 
 
@@ -130,7 +131,7 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
     assert training.process.job.resume
     seen: list[int] = []
-    training.process.told.connect(lambda event: seen.append(event["iteration"]) if event["event"] == "progress" else None)
+    training.process.told.connect(lambda event: seen.append(event.iteration) if isinstance(event, TrainingProgress) else None)
     qtbot.waitUntil(lambda: bool(seen), timeout=90_000)
     assert seen[0] > stopped_at
     with_clip.registry.run("train.cancel")
@@ -158,12 +159,12 @@ def test_a_killed_training_is_said_and_goes_on(qtbot, with_clip, tmp_path):
     assert "ended by the system" in box.text()
     box.close()
     training.resume(tmp_path / "run")
-    seen: list[dict] = []
+    seen: list[Event] = []
     training.process.told.connect(seen.append)
-    qtbot.waitUntil(lambda: any(event["event"] == "progress" for event in seen), timeout=90_000)
+    qtbot.waitUntil(lambda: any(isinstance(event, TrainingProgress) for event in seen), timeout=90_000)
     training.cancel()
     qtbot.waitUntil(lambda: not training.running, timeout=20_000)
-    assert next(event["iteration"] for event in seen if event["event"] == "progress") > 25  # not from the start
+    assert next(event.iteration for event in seen if isinstance(event, TrainingProgress)) > 25  # not from the start
 
 
 def test_a_finished_training_is_opened(qtbot, with_clip, tmp_path, idle):
@@ -235,7 +236,7 @@ def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
     screenshot(again, "train-kept")
     qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
     seen: list[int] = []
-    again.training.process.told.connect(lambda event: seen.append(event["iteration"]) if event["event"] == "progress" else None)
+    again.training.process.told.connect(lambda event: seen.append(event.iteration) if isinstance(event, TrainingProgress) else None)
     qtbot.waitUntil(lambda: bool(seen), timeout=90_000)
     assert seen[0] > stopped_at
     again.registry.run("train.pause")

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from degense.app.features.train import process as training_process
 from degense.app.features.train.job import TrainingJob
 from degense.app.features.train.process import EventLines, TrainingProcess
+from degense.engine.events import Done, Stage, Stopped, TrainingProgress, to_json
 
 JOB = TrainingJob(Path("clip"), Path("run"))
 
@@ -45,9 +46,9 @@ def ended(heard: list[tuple[str, object]]) -> bool:
 
 @given(st.lists(st.binary(max_size=8), max_size=20), st.data())
 def test_lines_are_found_however_they_are_cut(pieces, data):
-    events = [{"event": "progress", "iteration": number} for number in range(3)]
+    events = [Stopped(number) for number in range(3)]
     noise = [piece.replace(b"\n", b"") for piece in pieces] + [b""] * 3
-    stream = b"".join(json.dumps(event).encode() + b"\n" + piece + b"\n" for event, piece in zip(events, noise, strict=False))
+    stream = b"".join(json.dumps(to_json(event)).encode() + b"\n" + piece + b"\n" for event, piece in zip(events, noise, strict=False))
     lines, found = EventLines(), []
     while stream:
         cut = data.draw(st.integers(1, len(stream)))
@@ -72,23 +73,23 @@ def test_events_arrive_between_garbage(qtbot, child):
     )
     qtbot.waitUntil(lambda: ended(heard))
     assert [entry for entry in heard if entry[0] == "event"] == [
-        ("event", {"event": "progress", "iteration": 1, "iterations": 2}),
-        ("event", {"event": "done", "run": "here"}),
+        ("event", TrainingProgress(1, 2)),
+        ("event", Done("here")),
     ]
     assert heard[-1] == ("finished", "here")
 
 
 OBEDIENT = """
 import sys
-print('{"event": "stage"}')
+print('{"event": "stage", "stage": "load"}')
 assert sys.stdin.readline() == "stop\\n"
 print('{"event": "stopped", "iteration": 5}')
 """
 
 DEAF = """
 import signal, time
-signal.signal(signal.SIGTERM, lambda *_: print('{"event": "terminated"}'))
-print('{"event": "ready"}')
+signal.signal(signal.SIGTERM, lambda *_: print('{"event": "stage", "stage": "terminated"}'))
+print('{"event": "stage", "stage": "ready"}')
 while True:
     time.sleep(1)
 """
@@ -109,7 +110,7 @@ def test_who_does_not_listen_is_terminated_and_then_killed(qtbot, child, monkeyp
     qtbot.waitUntil(lambda: bool(heard))
     process.stop()
     qtbot.waitUntil(lambda: ended(heard))
-    assert [event for kind, event in heard if kind == "event"] == [{"event": "ready"}, {"event": "terminated"}]
+    assert [event for kind, event in heard if kind == "event"] == [Stage("ready"), Stage("terminated")]
     assert heard[-1] == ("stopped", None)
 
 

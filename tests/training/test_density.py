@@ -106,7 +106,7 @@ def test_what_is_seen_only_in_a_watched_frame_is_not_pruned():
     clip = MemoryClip(130)
     frames = TrainingFrames(clip, 1 << 20, torch.device("cpu"))
     canonical, bounds = initial_gaussians(frames, None, 200, 0, np.random.default_rng(0))
-    config = TrainConfig.preset_of("quick", iterations=2000, coarse_iterations=0, early_stop=True, rate_opacity=0.0, device="cpu")
+    config = TrainConfig.preset_of("quick", iterations=2000, coarse_iterations=0, early_stopping=True, rate_opacity=0.0, device="cpu")
     watched = validation_frames(clip.train_frames)[0]
     canonical["temporal_windows"][:40] = torch.tensor([clip.time(watched), 1e4])
     model = SceneModel(FieldConfig(channels=8, resolution=8, time_resolution=4), bounds, canonical)

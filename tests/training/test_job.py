@@ -7,6 +7,7 @@ import torch
 
 import degense.engine.training.job as training
 from degense.engine.errors import DegenseError, RunError
+from degense.engine.events import Done, Rollback, Stage, Stopped, TrainingProgress
 from degense.engine.scene import Scene
 from degense.engine.store import Run
 from degense.engine.store.files import read_tensors
@@ -28,7 +29,7 @@ def run_it(clip, out, config, stop_at=None, **options):
     events = []
 
     def stop():
-        return stop_at is not None and any(e["event"] == "progress" and e["iteration"] >= stop_at for e in events)
+        return stop_at is not None and any(isinstance(e, TrainingProgress) and e.iteration >= stop_at for e in events)
 
     return train(clip, out, config, events=events.append, stop=stop, **options), events
 
@@ -37,11 +38,11 @@ def run_it(clip, out, config, stop_at=None, **options):
 def test_it_learns_and_leaves_a_run(tmp_path, routing):
     clip = MemoryClip()
     run, events = run_it(clip, tmp_path / "run", tiny(routing=routing, iterations=150))
-    progress = [e for e in events if e["event"] == "progress"]
-    assert progress[-1]["psnr"] > progress[0]["psnr"] + 3
-    stages = [e["stage"] for e in events if e["event"] == "stage"]
+    progress = [e for e in events if isinstance(e, TrainingProgress)]
+    assert progress[-1].psnr > progress[0].psnr + 3
+    stages = [e.stage for e in events if isinstance(e, Stage)]
     assert stages == ["load", "flow", "teacher", "coarse", "joint", *(["meaning"] if routing == "isolated" else [])]
-    assert events[-1] == {"event": "done", "run": str(tmp_path / "run")}
+    assert events[-1] == Done(str(tmp_path / "run"))
     assert (tmp_path / "run" / "previews" / "last.png").stat().st_size > 100
     assert len((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()) == len(progress)
     scene = Scene.open(tmp_path / "run", device="cpu", clip=clip)
@@ -70,7 +71,7 @@ def test_stopped_and_resumed_is_the_same_as_not_stopped(tmp_path):
     run_it(clip, tmp_path / "whole", tiny(iterations=130, densify_every=50))
     stopped, events = run_it(clip, tmp_path / "parts", tiny(iterations=130, densify_every=50), stop_at=75)
     assert stopped is None
-    assert events[-1] == {"event": "stopped", "iteration": 75}
+    assert events[-1] == Stopped(75)
     assert Run.open(tmp_path / "parts").info["state"] == "stopped"
     half = Run.open(tmp_path / "parts")
     with pytest.raises(RunError, match="resume"):
@@ -95,9 +96,9 @@ def test_divergence_rolls_back_and_says_so(tmp_path, monkeypatch):
 
     monkeypatch.setattr(training.Trainer, "step", step)
     run, events = run_it(MemoryClip(), tmp_path / "run", tiny(iterations=220))
-    rollback = next(e for e in events if e["event"] == "rollback")
-    assert rollback["iteration"] == 100
-    assert "halved" in rollback["reason"]
+    rollback = next(e for e in events if isinstance(e, Rollback))
+    assert rollback.iteration == 100
+    assert "halved" in rollback.reason
     assert run.info["state"] == "finished"
     assert all(torch.isfinite(t).all() for t in read_tensors(tmp_path / "run" / "model.safetensors").values())
 
@@ -144,6 +145,8 @@ def test_refusals_are_one_sentence(tmp_path):
         TrainConfig.preset_of("fast")
     with pytest.raises(DegenseError, match="routing"):
         TrainConfig.preset_of("quick", routing="loose")
+    with pytest.raises(DegenseError, match="20 of 100"):
+        TrainConfig.preset_of("quick", iterations=100, coarse_iterations=30)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.txt").write_text("mine")
     with pytest.raises(RunError, match="not empty"):

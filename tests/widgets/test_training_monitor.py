@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton
+from PySide6.QtWidgets import QComboBox, QLabel, QProgressBar, QPushButton
 
 from degense.app.features.train.monitor import STATES, TrainingMonitor, duration
+from degense.engine.events import TrainingProgress
 from degense.widgets.curve_plot import CurvePlot
 
 
@@ -40,11 +41,11 @@ def test_a_run_from_start_to_end(monitor):
     assert (monitor.state(), bar.minimum(), bar.maximum()) == ("running", 0, 0)  # busy: nobody knows yet how long
     monitor.set_stage("Coarse")
     assert fact(monitor, "State") == "Coarse"
-    monitor.set_progress(500, 2000, loss=0.125, psnr=31.456, gaussians=30123, seconds=65, eta=195)
+    monitor.set_progress(TrainingProgress(500, 2000, 0.125, 31.456, 30123, 65, 195, {"l1": 0.1, "ssim": 0.025}))
     facts = [fact(monitor, name) for name in ("Iteration", "Loss", "PSNR", "Gaussians", "Elapsed", "Time left")]
     assert facts == ["500 / 2,000", "0.125", "31.46 dB", "30,123", "1 min 05 s", "3 min 15 s"]
     assert bar.value() / bar.maximum() == pytest.approx(0.25)
-    monitor.set_progress(510, 2000)
+    monitor.set_progress(TrainingProgress(510, 2000))
     assert fact(monitor, "Loss") == "0.125"
     assert sorted(plot.series_names()[0] for plot in monitor.findChildren(CurvePlot)) == ["PSNR", "loss"]
     monitor.note("Rolled back")
@@ -56,6 +57,24 @@ def test_a_run_from_start_to_end(monitor):
     monitor.start()
     assert fact(monitor, "Loss") == "–"
     assert monitor.findChild(CurvePlot).series_names() == []
+
+
+def test_any_term_of_the_loss_can_be_plotted(monitor):
+    monitor.start()
+    menu = next(box for box in monitor.findChildren(QComboBox) if "loss" in box.accessibleName())
+    plot = next(plot for plot in monitor.findChildren(CurvePlot) if plot.accessibleName() == "Loss")
+    assert [menu.itemText(i) for i in range(menu.count())] == ["loss"]
+    monitor.set_progress(TrainingProgress(25, 100, 0.5, 20.0))  # of a version without terms
+    monitor.set_progress(TrainingProgress(50, 100, 0.25, 21.0, losses={"l1": 0.2, "ssim": 0.05}))
+    monitor.set_progress(TrainingProgress(75, 100, 0.125, 22.0, losses={"l1": 0.1, "ssim": 0.02, "flow": 0.005}))
+    assert [menu.itemText(i) for i in range(menu.count())] == ["loss", "l1", "ssim", "flow"]
+    assert (plot.series_names(), plot._series["loss"].y) == (["loss"], [0.5, 0.25, 0.125])
+    menu.setCurrentText("ssim")
+    assert (plot.series_names(), plot._series["ssim"].x, plot._series["ssim"].y) == (["ssim"], [50, 75], [0.05, 0.02])
+    monitor.set_progress(TrainingProgress(100, 100, 0.1, losses={"ssim": 0.01}))
+    assert plot._series["ssim"].y == [0.05, 0.02, 0.01]
+    menu.setCurrentText("loss")
+    assert plot._series["loss"].y == [0.5, 0.25, 0.125, 0.1]
 
 
 def test_cancel_asks_nothing_and_says_that_it_stops(monitor):

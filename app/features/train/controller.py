@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,6 +21,7 @@ from degense.app.shell.messages import show_error
 from degense.app.shell.parts import Parts
 from degense.app.shell.worker import RenderService
 from degense.engine.errors import DegenseError
+from degense.engine.events import Budget, Done, EarlyStopped, Event, Failed, Preview, Rollback, Stage, Step, Stopped, TrainingProgress
 
 log = logging.getLogger(__name__)
 
@@ -30,11 +30,9 @@ STAGES = {
     "load": "Reading the clip",
     "teacher": "Asking the teacher what is where",
     "flow": "Measuring motion",
-    "coarse": "Coarse: still Gaussians",
-    "joint": "Joint: motion, colour and meaning",
-    "meaning": "Meaning: what is where",
-    "bake": "Saving",
-    "done": "Done",
+    "coarse": "Coarse: static Gaussians",
+    "joint": "Joint: motion, colour and semantics",
+    "meaning": "Semantics: what is where",
 }
 
 
@@ -213,21 +211,25 @@ class Training(QObject):
         box.open()
         return False
 
-    def _take(self, event: dict[str, Any]) -> None:
-        monitor, kind = self.parts.monitor, event["event"]
-        if kind == "stage":
-            monitor.set_stage(STAGES.get(event.get("stage", ""), str(event.get("stage", ""))))
-        elif kind == "step":
-            monitor.set_stage(f"{STAGES.get(event.get('stage', ''), '')}: {event.get('fraction', 0):.0%}")
-        elif kind == "progress" and "iteration" in event and "iterations" in event:
-            names = ("loss", "psnr", "gaussians", "seconds", "eta")
-            monitor.set_progress(event["iteration"], event["iterations"], **{name: event.get(name) for name in names})
-        elif kind == "preview":
-            self._preview(str(event.get("path", "")), int(event.get("frame", 0)))
-        elif kind == "budget":
-            monitor.note("\n".join(event.get("words", ())))
-        elif kind == "rollback":
-            monitor.note(f"went back to iteration {event.get('iteration')}: {event.get('reason')}")
+    def _take(self, event: Event) -> None:
+        monitor = self.parts.monitor
+        match event:
+            case Stage(stage):
+                monitor.set_stage(STAGES.get(stage, stage))
+            case Step(stage, fraction):
+                monitor.set_stage(f"{STAGES.get(stage, stage)}: {fraction:.0%}")
+            case TrainingProgress():
+                monitor.set_progress(event)
+            case Preview(path, frame):
+                self._preview(path, frame)
+            case Budget(words):
+                monitor.note("\n".join(words))
+            case Rollback(iteration, reason):
+                monitor.note(f"went back to iteration {iteration}: {reason}")
+            case EarlyStopped(iteration, iterations, reason):
+                monitor.note(f"early stop at iteration {iteration:,}, {iterations:,} in all: {reason}")
+            case Done() | Stopped() | Failed():  # the process says so when it has ended
+                pass
 
     def _preview(self, path: str, frame: int) -> None:
         """Show a preview at once, and beside it the recorded frame, which the worker reads the first time."""

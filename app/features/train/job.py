@@ -132,20 +132,22 @@ class TrainingJob:
 
 
 def parse_settings(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
-    """Values of `TrainConfig` from names and JSON texts.
+    """Values of `TrainConfig` from names, of today or of an earlier version, and JSON texts.
 
     Raises
     ------
     DegenseError
         When there is no such setting, or the value is of another kind.
     """
+    from degense.engine.store.migrations import SETTINGS
     from degense.engine.training import TrainConfig
 
     defaults = {item.name: getattr(TrainConfig(), item.name) for item in fields(TrainConfig)}
     values: dict[str, Any] = {}
-    for name, text in pairs:
+    for given, text in pairs:
+        name = SETTINGS.get(given, given)
         if name not in defaults or name in NAMED:
-            raise DegenseError(f"There is no setting {name!r}; add --set help to the command to see all.")
+            raise DegenseError(f"There is no setting {given!r}; add --set help to the command to see all.")
         values[name] = _value(name, text, defaults[name])
     return values
 

@@ -7,6 +7,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QSplitter, QVBoxLayout, QWidget
 
 from degense.app.features.train.queue_list import RunQueue
+from degense.engine.events import TrainingProgress
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.keys import PRESS, keep_keys
@@ -17,6 +18,7 @@ STATES = ("idle", "running", "paused", "finished", "failed", "cancelled")
 COMPARES = (("wipe", "Wipe: model | recorded"), ("off", "Model"), ("blink", "Blink"), ("difference", "Difference"))
 
 _FACTS = ("Iteration", "Loss", "PSNR", "Gaussians", "Elapsed", "Time left")
+TOTAL = "loss"  # the sum of all terms of the loss, which is plotted at first
 
 
 def duration(seconds: float) -> str:
@@ -41,14 +43,12 @@ class TrainingMonitor(QWidget):
         super().__init__(parent)
         self.setAccessibleName("Training")
         self._state = "idle"
-        self._heading = QLabel(self)
+        self._history: list[TrainingProgress] = []
+        self._heading = _plain_label(self)
         font = self._heading.font()
         font.setBold(True)
         self._heading.setFont(font)
-        self._heading.setTextFormat(Qt.TextFormat.PlainText)
-        self._stage = QLabel(self)
-        self._stage.setAccessibleName("State")
-        self._stage.setTextFormat(Qt.TextFormat.PlainText)
+        self._stage = _plain_label(self, "State")
         self._stage.setWordWrap(True)
         self._bar = QProgressBar(self)
         self._bar.setAccessibleName("Progress")
@@ -56,37 +56,20 @@ class TrainingMonitor(QWidget):
         self._cancel = QPushButton("Cancel", self)
         self._cancel.setToolTip("Stop training; what is learnt so far is kept as a checkpoint")
         self._cancel.clicked.connect(self._ask_to_stop)
-        keep_keys(self._cancel, PRESS)
         self._pause = QPushButton("Pause", self)
         self._pause.clicked.connect(self._ask_to_pause)
-        keep_keys(self._pause, PRESS)
-        self._facts: dict[str, QLabel] = {}
-        facts = QGridLayout()
-        facts.setHorizontalSpacing(10)
-        facts.setVerticalSpacing(2)
-        for i, name in enumerate(_FACTS):
-            label, value = QLabel(name, self), QLabel("–", self)
-            label.setObjectName("secondary")
-            value.setAccessibleName(name)
-            row, column = i // 3, 2 * (i % 3)
-            facts.addWidget(label, row, column)
-            facts.addWidget(value, row, column + 1)
-            facts.setColumnStretch(column + 1, 1)
-            self._facts[name] = value
-        self._note = QLabel(self)
+        self._facts = {name: _plain_label(self, name) for name in _FACTS}
+        self._note = _plain_label(self)
         self._note.setObjectName("secondary")
-        self._note.setTextFormat(Qt.TextFormat.PlainText)
         self._note.setWordWrap(True)
         self._note.hide()
-        self._plot = CurvePlot(self)
-        self._plot.setAccessibleName("Loss")
-        self._plot.set_labels("iteration", "loss")
+        self._plot = _curve_plot(self, "Loss", "loss", "The loss curve appears here")
         self._plot.set_log_y(True)
-        self._plot.set_message("The loss curve appears here")
-        self._scores = CurvePlot(self)
-        self._scores.setAccessibleName("PSNR")
-        self._scores.set_labels("iteration", "PSNR [dB]")
-        self._scores.set_message("The PSNR of the training frames appears here")
+        self._term = QComboBox(self)
+        self._term.setAccessibleName("Term of the loss that is plotted")
+        self._term.addItem(TOTAL)
+        self._term.currentIndexChanged.connect(self._plot_term)
+        self._scores = _curve_plot(self, "PSNR", "PSNR [dB]", "The PSNR of the training frames appears here")
         self._preview = RenderPanel(self)
         self._preview.setAccessibleName("Preview")
         self._preview.set_message("A preview appears here during training")
@@ -96,23 +79,33 @@ class TrainingMonitor(QWidget):
             self._compare.addItem(words, mode)
         self._compare.currentIndexChanged.connect(lambda: self._preview.set_compare_mode(self._compare.currentData()))
         self._preview.set_compare_mode("wipe")
-        shown = QWidget(self)
-        below = QVBoxLayout(shown)
-        below.setContentsMargins(0, 0, 0, 0)
-        below.setSpacing(4)
-        below.addWidget(self._preview, 1)
-        below.addWidget(self._compare)
         self.queue = RunQueue(self)
-        split = QSplitter(Qt.Orientation.Horizontal, self)
-        split.setChildrenCollapsible(False)
-        for part in (self._plot, self._scores, shown, self.queue):
-            split.addWidget(part)
-        split.setSizes([300, 300, 300, 160])
+        for button in (self._cancel, self._pause):
+            keep_keys(button, PRESS)
+        self._arrange()
+        self.reset()
 
+    def _arrange(self) -> None:
+        """Heading and buttons on top, then state, bar and numbers; below them curves, preview and queue side by side."""
         top = QHBoxLayout()
         top.addWidget(self._heading, 1)
         top.addWidget(self._pause)
         top.addWidget(self._cancel)
+        facts = QGridLayout()
+        facts.setHorizontalSpacing(10)
+        facts.setVerticalSpacing(2)
+        for i, (name, value) in enumerate(self._facts.items()):
+            label = QLabel(name, self)
+            label.setObjectName("secondary")
+            row, column = i // 3, 2 * (i % 3)
+            facts.addWidget(label, row, column)
+            facts.addWidget(value, row, column + 1)
+            facts.setColumnStretch(column + 1, 1)
+        split = QSplitter(Qt.Orientation.Horizontal, self)
+        split.setChildrenCollapsible(False)
+        for part in (_stacked(self._plot, self._term), self._scores, _stacked(self._preview, self._compare), self.queue):
+            split.addWidget(part)
+        split.setSizes([300, 300, 300, 160])
         layout = QVBoxLayout(self)
         layout.setContentsMargins(8, 8, 8, 8)
         layout.setSpacing(6)
@@ -122,7 +115,6 @@ class TrainingMonitor(QWidget):
         layout.addLayout(facts)
         layout.addWidget(self._note)
         layout.addWidget(split, 1)
-        self.reset()
 
     def state(self) -> str:
         return self._state
@@ -143,34 +135,42 @@ class TrainingMonitor(QWidget):
     def set_stage(self, text: str) -> None:
         self._stage.setText(text)
 
-    def set_progress(
-        self,
-        iteration: int,
-        iterations: int,
-        loss: float | None = None,
-        psnr: float | None = None,
-        gaussians: int | None = None,
-        seconds: float | None = None,
-        eta: float | None = None,
-    ) -> None:
-        """Numbers as they come; None leaves what is shown. PSNR in dB, times in seconds."""
-        self._bar.setRange(0, max(iterations, 1))
-        self._bar.setValue(iteration)
+    def set_progress(self, now: TrainingProgress) -> None:
+        """Numbers as they come; None leaves what is shown."""
+        self._bar.setRange(0, max(now.iterations, 1))
+        self._bar.setValue(now.iteration)
         texts = {
-            "Iteration": f"{iteration:,} / {iterations:,}",
-            "Loss": None if loss is None else f"{loss:.4g}",
-            "PSNR": None if psnr is None else f"{psnr:.2f} dB",
-            "Gaussians": None if gaussians is None else f"{gaussians:,}",
-            "Elapsed": None if seconds is None else duration(seconds),
-            "Time left": None if eta is None else duration(eta),
+            "Iteration": f"{now.iteration:,} / {now.iterations:,}",
+            "Loss": None if now.loss is None else f"{now.loss:.4g}",
+            "PSNR": None if now.psnr is None else f"{now.psnr:.2f} dB",
+            "Gaussians": None if now.gaussians is None else f"{now.gaussians:,}",
+            "Elapsed": None if now.seconds is None else duration(now.seconds),
+            "Time left": None if now.eta is None else duration(now.eta),
         }
         for name, text in texts.items():
             if text is not None:
                 self._facts[name].setText(text)
-        if loss is not None:
-            self._plot.append("loss", iteration, loss)
-        if psnr is not None:
-            self._scores.append("PSNR", iteration, psnr)
+        self._history.append(now)
+        for name in now.losses:
+            if self._term.findText(name) < 0:
+                self._term.addItem(name)
+        self._append(now)
+        if now.psnr is not None:
+            self._scores.append("PSNR", now.iteration, now.psnr)
+
+    def _append(self, now: TrainingProgress) -> None:
+        """Add a point to the curve of the chosen term."""
+        term = self._term.currentText()
+        value = now.loss if term == TOTAL else now.losses.get(term)
+        if value is not None:
+            self._plot.append(term, now.iteration, value)
+
+    def _plot_term(self) -> None:
+        """Plot the chosen term from the beginning."""
+        self._plot.clear()
+        self._plot.set_labels("iteration", self._term.currentText())
+        for past in self._history:
+            self._append(past)
 
     def set_preview(self, rgb: np.ndarray | None, observed: np.ndarray | None = None) -> None:
         """Show a frame as the model draws it, uint8 [H, W, 3], and as it was recorded."""
@@ -218,6 +218,7 @@ class TrainingMonitor(QWidget):
     def _clear(self) -> None:
         self._bar.setRange(0, 1)
         self._bar.reset()
+        self._history.clear()
         self._plot.clear()
         self._scores.clear()
         self._preview.set_image(None)
@@ -245,3 +246,31 @@ class TrainingMonitor(QWidget):
         else:
             self._pause.setText("Pausing…")
             self.pause_requested.emit()
+
+
+def _plain_label(parent: QWidget, name: str = "") -> QLabel:
+    """A label whose text is never taken for markup."""
+    label = QLabel("–", parent)
+    label.setAccessibleName(name)
+    label.setTextFormat(Qt.TextFormat.PlainText)
+    return label
+
+
+def _curve_plot(parent: QWidget, name: str, unit: str, message: str) -> CurvePlot:
+    """An empty plot over iterations."""
+    plot = CurvePlot(parent)
+    plot.setAccessibleName(name)
+    plot.set_labels("iteration", unit)
+    plot.set_message(message)
+    return plot
+
+
+def _stacked(view: QWidget, choice: QComboBox) -> QWidget:
+    """A view with the menu that belongs to it below."""
+    both = QWidget()
+    column = QVBoxLayout(both)
+    column.setContentsMargins(0, 0, 0, 0)
+    column.setSpacing(4)
+    column.addWidget(view, 1)
+    column.addWidget(choice)
+    return both

@@ -8,11 +8,11 @@ import sys
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QObject, QProcess, QTimer, Signal
 
 from degense.app.features.train.job import TrainingJob
+from degense.engine.events import Done, Event, Failed, Stopped, from_json
 
 log = logging.getLogger(__name__)
 
@@ -21,12 +21,12 @@ MAX_LINE = 1 << 20
 
 
 class EventLines:
-    """Turns pieces of output into events. Lines that are no event are handed back as text; overlong lines are dropped, not gathered."""
+    """Turns pieces of output into events. Other lines are handed back as text; overlong lines are dropped, not gathered."""
 
     def __init__(self) -> None:
         self._rest = b""
 
-    def feed(self, piece: bytes) -> tuple[list[dict[str, Any]], list[str]]:
+    def feed(self, piece: bytes) -> tuple[list[Event], list[str]]:
         """Events and other lines that are complete now."""
         *lines, self._rest = (self._rest + piece).split(b"\n")
         if len(self._rest) > MAX_LINE:
@@ -35,10 +35,10 @@ class EventLines:
         for line in lines:
             text = line.decode("utf-8", "replace").strip()
             try:
-                event = json.loads(text)
-            except ValueError:
+                event = from_json(json.loads(text))
+            except (ValueError, RecursionError):
                 event = None
-            if isinstance(event, dict) and isinstance(event.get("event"), str):
+            if event is not None:
                 events.append(event)
             elif text:
                 others.append(text)
@@ -51,7 +51,7 @@ class TrainingProcess(QObject):
     Signals
     -------
     told(event)
-        Each event (docs/architecture.md) as it comes.
+        Each `engine.events.Event` as it comes.
     finished(run path)
         Training is complete.
     stopped()
@@ -62,7 +62,7 @@ class TrainingProcess(QObject):
     Exactly one of the last three is emitted.
     """
 
-    told = Signal(dict)
+    told = Signal(object)
     finished = Signal(str)
     stopped = Signal()
     failed = Signal(str)
@@ -127,14 +127,14 @@ class TrainingProcess(QObject):
         for event in events:
             self._take(event)
 
-    def _take(self, event: dict[str, Any]) -> None:
-        kind = event["event"]
-        if kind == "done":
-            self._run = str(event.get("run", self.job.out))
-        elif kind == "error":
-            self._message = str(event.get("message", "Training failed."))
-        elif kind == "stopped":
-            self._stopping = True
+    def _take(self, event: Event) -> None:
+        match event:
+            case Done(run):
+                self._run = run
+            case Failed(message):
+                self._message = message
+            case Stopped():
+                self._stopping = True
         self.told.emit(event)
 
     def _read_complaints(self) -> None:

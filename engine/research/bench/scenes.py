@@ -6,6 +6,7 @@ import torch
 
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.events import Event, TrainingProgress
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress
 from degense.engine.raster.reference import rotation_matrices
@@ -34,9 +35,9 @@ def trained_scene(options: BenchOptions, progress: Progress) -> tuple[Scene, str
     if not (run_folder / "model.safetensors").exists():
         config = TrainConfig.preset_of(preset, device=options.device, **training)
 
-        def tell(event: dict) -> None:
-            if event["event"] == "progress":
-                progress(0.2 + 0.8 * event["iteration"] / event["iterations"], "training a scene to measure on")
+        def tell(event: Event) -> None:
+            if isinstance(event, TrainingProgress):
+                progress(0.2 + 0.8 * event.iteration / event.iterations, "training a scene to measure on")
 
         train(clip, run_folder, config, events=tell, stop=lambda: False)
     scene = Scene.open(run_folder, device=options.device, clip=clip)

@@ -13,6 +13,7 @@ from degense.engine.annotation.propagation.propagate import propagate
 from degense.engine.clip import Clip
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.events import Event, TrainingProgress
 from degense.engine.metrics.masks import MaskScores
 from degense.engine.progress import Progress
 from degense.engine.research.bench.options import BenchOptions
@@ -71,9 +72,9 @@ def _prepared(
     clip = open_clip(folder)
     config = TrainConfig.preset_of("quick", device=options.device, seed=seed, **short)
 
-    def tell(event: dict) -> None:
-        if event["event"] == "progress":
-            progress(0.1 + 0.6 * event["iteration"] / event["iterations"], "training")
+    def tell(event: Event) -> None:
+        if isinstance(event, TrainingProgress):
+            progress(0.1 + 0.6 * event.iteration / event.iterations, "training")
 
     train(clip, run_folder, config, teacher="none", events=tell, stop=lambda: False)
     return clip, Scene.open(run_folder, device=options.device, clip=clip)

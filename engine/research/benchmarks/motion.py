@@ -20,7 +20,7 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
     "no Ψ_app": {"appearance": False},
     "no lifetimes": {"persistent": True},
     "no drifts": {"velocities": False},
-    "no plane smoothness": {"plane_space": 0.0, "plane_time": 0.0, "plane_still": 0.0},
+    "no plane smoothness": {"plane_space": 0.0, "plane_time": 0.0, "plane_static": 0.0},
     "none of them": {
         "flow": 0.0,
         "depth": 0.0,
@@ -31,7 +31,7 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
         "velocities": False,
         "plane_space": 0.0,
         "plane_time": 0.0,
-        "plane_still": 0.0,
+        "plane_static": 0.0,
     },
 }
 COLUMNS = [

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.events import Event, Step, TrainingProgress
 from degense.engine.progress import Progress
 from degense.engine.research.bench.child import in_child, peak_memory
 from degense.engine.research.bench.options import BenchOptions
@@ -121,11 +122,11 @@ def train_and_score(clip_folder: Path, out: Path, config: TrainConfig, started: 
     from degense.engine.scene import Scene
     from degense.engine.training import train
 
-    def tell(event: dict[str, Any]) -> None:
-        if event["event"] == "step":
-            progress(0.1 * event["fraction"], event["message"])
-        elif event["event"] == "progress":
-            progress(0.1 + 0.8 * event["iteration"] / event["iterations"], f"{event['iteration']:,} of {event['iterations']:,} steps")
+    def tell(event: Event) -> None:
+        if isinstance(event, Step):
+            progress(0.1 * event.fraction, event.message)
+        elif isinstance(event, TrainingProgress):
+            progress(0.1 + 0.8 * event.iteration / event.iterations, f"{event.iteration:,} of {event.iterations:,} steps")
 
     clip = open_clip(clip_folder)
     train(clip, out, config, events=tell, stop=lambda: False)

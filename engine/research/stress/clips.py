@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
 from degense.engine.data.readers import ClipOptions, open_clip
 from degense.engine.errors import DegenseError
+from degense.engine.events import Event, Rollback, TrainingProgress
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.progress import Progress, silent
 from degense.engine.research.bench.options import BenchOptions
@@ -53,14 +55,14 @@ def try_clip(case: ClipCase, folder: Path, device: str, steps: int) -> Finding:
     """`clip_finding` that lets sentences through and leaves its files."""
     clip = open_clip(case.make(folder / "clip"), ClipOptions(mask_means="tool"))
     config = TrainConfig.preset_of("quick", iterations=steps, max_gaussians=400, resolution=8, channels=8, device=device)
-    events: list[dict] = []
+    events: list[Event] = []
     run = train(clip, folder / "run", config, events=events.append, stop=lambda: False)
     assert run is not None
     scene = Scene.open(run.path, device=device, clip=clip)
     what = ("rgb", "latent") if scene.has_semantics else ("rgb",)
     out: list[object] = [dict(scene.model.state_dict()), evaluate(scene, clip), *(scene.render(i, what=what) for i in {0, len(clip) - 1})]
-    out.append([event for event in events if event["event"] == "progress"])
+    out.append([asdict(event) for event in events if isinstance(event, TrainingProgress)])
     if case.refused:
         return Finding(non_finite(out), "TRAINED, THOUGH IT CANNOT HAVE LEARNT ANYTHING")
-    rollbacks = sum(event["event"] == "rollback" for event in events)
+    rollbacks = sum(isinstance(event, Rollback) for event in events)
     return Finding(non_finite(out), f"ok, after {rollbacks} rollbacks" if rollbacks else "ok")

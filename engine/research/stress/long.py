@@ -11,6 +11,7 @@ import torch
 
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.events import Event, Rollback, TrainingProgress
 from degense.engine.progress import Progress, silent
 from degense.engine.research.bench.child import peak_memory
 from degense.engine.research.bench.options import BenchOptions
@@ -113,8 +114,8 @@ def trained(folder: Path, out: Path, config: TrainConfig, halt: int | None = Non
     clip = open_clip(folder / "clip")
     reached = [0]
 
-    def follow(event: dict) -> None:
-        reached[0] = event["iteration"] if event["event"] == "progress" else reached[0]
+    def follow(event: Event) -> None:
+        reached[0] = event.iteration if isinstance(event, TrainingProgress) else reached[0]
 
     if halt is not None:
         assert train(clip, out, config, teacher=teacher, events=follow, stop=lambda: reached[0] >= halt) is None
@@ -132,12 +133,12 @@ def tiny(iterations: int, device: str) -> TrainConfig:
 def long_finding(folder: Path, iterations: int, device: str) -> Finding:
     """A training far beyond any preset."""
     clip = open_clip(clip_cases()[0].make(folder / "clip"))
-    events: list[dict] = []
+    events: list[Event] = []
     run = train(clip, folder / "run", tiny(iterations, device), events=events.append, stop=lambda: False)
     assert run is not None
-    told = [event for event in events if event["event"] == "progress"]
-    rollbacks = sum(event["event"] == "rollback" for event in events)
-    words = f"ok: PSNR of training frames {told[0]['psnr']:.1f} → {told[-1]['psnr']:.1f} dB, {rollbacks} rollbacks"
+    told = [event for event in events if isinstance(event, TrainingProgress)]
+    rollbacks = sum(isinstance(event, Rollback) for event in events)
+    words = f"ok: PSNR of training frames {told[0].psnr:.1f} → {told[-1].psnr:.1f} dB, {rollbacks} rollbacks"
     return Finding(non_finite([read_tensors(run.path / "model.safetensors"), told]), words)
 
 

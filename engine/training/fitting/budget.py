@@ -92,7 +92,10 @@ def fit_budget(frames: TrainingFrames, config: TrainConfig, evidence: FlowSuperv
         choice for choice in choose(found, config, len(frames.clip), len(frames.clip.train_frames)) if choice.setting not in config.given
     ]
     fitted = replace(config, **{choice.setting: choice.chosen for choice in chosen})
-    fitted = replace(fitted, coarse_iterations=min(config.coarse_iterations, fitted.iterations // 5))
+    coarse = min(config.coarse_iterations, fitted.iterations // 5)
+    if coarse < config.coarse_iterations and "coarse_iterations" in config.given:
+        chosen.append(Choice("coarse_iterations", config.coarse_iterations, coarse, f"a fifth of {fitted.iterations:,} steps"))
+    fitted = replace(fitted, coarse_iterations=coarse)
     return Budget((*chosen, *([_rank(basis)] if basis is not None else [])), found, fitted)
 
 

@@ -1,4 +1,4 @@
-"""Early stop: when the validation frames stop improving, training cools down at once instead of going on as hot as before."""
+"""Early stopping: when validation frames stop improving, the cool-down begins at once."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 VALIDATION_FRAMES = 4
-FEWEST_FRAMES = 100  # training frames below which none can be spared: of 42, four are missed more than an early stop could save
-COOLDOWN = 0.3  # last part of a schedule, in which everything settles and nothing is densified
-WATCHED = 0.5  # share of a schedule after which nobody looks any more: little is left to be saved then, and the frames are missed
+FEWEST_FRAMES = 100  # training frames below which none is held out: of 42, four cost more quality than an early stop could save
+COOLDOWN = 0.3  # last part of a schedule, in which all learning rates fall and nothing is densified
+WATCHED = 0.5  # share of a schedule after which validation ends: little time could be saved then, and the frames are needed for training
 
 
 def validation_frames(train_frames: Sequence[int]) -> list[int]:
-    """Up to `VALIDATION_FRAMES` training frames to watch, evenly spread, never the first (displacement starts there) nor the last.
+    """Up to `VALIDATION_FRAMES` training frames, evenly spread, never the first (displacement starts there) nor the last.
 
     They are left out of the colour loss only while they are watched: from half of the schedule on, or from an earlier cool-down, they are
-    trained on like all others. Until then the model learns from a few frames less, which their neighbours mostly show too. Test frames are
-    for the score alone. The error on trained frames does not serve: it falls for as long as one likes (docs/decisions/0011).
-    Empty for clips with fewer than `FEWEST_FRAMES` training frames, which train to the end of their schedule.
+    trained on like all others. Test frames serve for the score alone, and the error on trained frames never stops falling
+    (docs/decisions/0011). Empty for clips with fewer than `FEWEST_FRAMES` training frames, which train to the end of their schedule.
     """
     if len(train_frames) < FEWEST_FRAMES:
         return []
@@ -35,9 +34,9 @@ class Schedule:
     iterations : int
         Steps of the whole schedule.
     cooldown : float
-        Its last part, in which everything settles and nothing is densified; in (0, 1].
+        Its last part, in (0, 1].
     skipped : int
-        Steps that were left out between the plateau and the cool-down.
+        Steps left out between the early stop and the cool-down.
     """
 
     iterations: int
@@ -71,8 +70,8 @@ class Schedule:
 
 
 @dataclass
-class Plateau:
-    """Watches a validation score.
+class StoppingRule:
+    """Decides from validation scores whether a training still improves.
 
     Attributes
     ----------
@@ -80,72 +79,73 @@ class Plateau:
         Steps over which the score must have improved.
     gain : float
         By how much, dB.
-    seen : list of (int, float)
+    scores : list of (int, float)
         Steps and scores so far: all that a resumed training needs.
     """
 
     patience: int
     gain: float = 0.2
-    seen: list[tuple[int, float]] = field(default_factory=list)
+    scores: list[tuple[int, float]] = field(default_factory=list)
 
     def observe(self, iteration: int, psnr: float) -> bool:
-        """Count a score; True when it is time to cool down.
+        """Add a score; True when the best of the last `patience` steps is less than `gain` above the best before them.
 
-        That is when the best score of the last `patience` steps is less than `gain` above the best one before. Scores that are no numbers
-        are not counted: a training that diverges is rolled back, not finished.
+        Scores that are not finite are not counted: a training that diverges is rolled back, not finished.
         """
         if math.isfinite(psnr):
-            self.seen.append((iteration, psnr))
-        before = [score for step, score in self.seen if step <= iteration - self.patience]
-        since = [score for step, score in self.seen if step > iteration - self.patience]
+            self.scores.append((iteration, psnr))
+        before = [score for step, score in self.scores if step <= iteration - self.patience]
+        since = [score for step, score in self.scores if step > iteration - self.patience]
         return bool(before and since) and max(since) < max(before) + self.gain
 
-    def words(self) -> str:
-        """What was seen, for the record."""
-        if not self.seen:
+    @property
+    def reason(self) -> str:
+        """What was observed, for the record."""
+        if not self.scores:
             return "nothing was watched"
-        step, best = max(self.seen, key=lambda entry: entry[1])
+        step, best = max(self.scores, key=lambda entry: entry[1])
         return f"validation frames gained less than {self.gain:g} dB in {self.patience:,} steps; best {best:.2f} dB at step {step:,}"
 
 
-class EarlyStop:
-    """What a trainer asks: which frames to leave out, how far the schedule has come, and how many steps there are.
+class EarlyStopping:
+    """Validation frames, the rule that judges their scores, and the schedule that it may shorten.
 
     Parameters
     ----------
     iterations : int
     train_frames : sequence of int
+        Empty for a training that never stops early.
     patience : int, optional
-        See `Plateau`; by default a sixth of the iterations.
+        See `StoppingRule`; by default a sixth of the iterations.
     """
 
     def __init__(self, iterations: int, train_frames: Sequence[int], patience: int | None = None):
         self.schedule, self.frames = Schedule(iterations), validation_frames(train_frames)
-        self.plateau = Plateau(patience or max(1, iterations // 6))
+        self.rule = StoppingRule(patience or max(1, iterations // 6))
 
-    def held(self, step: int) -> frozenset[int]:
+    def held_out(self, step: int) -> frozenset[int]:
         """Frames that the colour loss must leave out at this step: the validation frames, as long as they are watched."""
         return frozenset(self.frames) if self._watches(step) else frozenset()
 
     def observe(self, step: int, psnr: float) -> bool:
-        """Count a score of the validation frames; True when training cools down from this step on."""
-        if not self._watches(step) or not self.plateau.observe(step, psnr):
+        """Add a score of the validation frames; True when the cool-down begins at this step."""
+        if not self._watches(step) or not self.rule.observe(step, psnr):
             return False
         self.schedule = self.schedule.cool_down(step)
         return True
 
     def state(self) -> dict[str, object]:
-        """For a checkpoint: plain numbers."""
-        return {"skipped": self.schedule.skipped, "seen": [list(entry) for entry in self.plateau.seen]}
+        """For a checkpoint, as JSON values."""
+        return {"skipped": self.schedule.skipped, "seen": [list(entry) for entry in self.rule.scores]}
 
     def restore(self, skipped: int, seen: Sequence[Sequence[float]]) -> None:
         """Go back to what `state` returned."""
         self.schedule = replace(self.schedule, skipped=skipped)
-        self.plateau.seen = [(int(step), float(score)) for step, score in seen]
+        self.rule.scores = [(int(step), float(score)) for step, score in seen]
 
     def to_json(self) -> dict[str, object]:
         """For run.json, as the choices of `engine.training.fitting.budget` are written."""
-        why = self.plateau.words() if self.schedule.skipped else "the validation frames improved as long as they were watched"
+        why = self.rule.reason if self.schedule.skipped else "the validation frames improved as long as they were watched"
         return {
             "preset": self.schedule.iterations,
             "chosen": self.schedule.total,

@@ -6,8 +6,7 @@ import os
 from typing import Any
 
 from degense.engine.clip import Clip
-from degense.engine.training.config import TrainConfig
-from degense.engine.training.device import choose_device
+from degense.engine.training.config import TrainConfig, choose_device
 
 # Measured with `degense train` (docs/benchmarks.md): seconds a step = overhead + per Gaussian + per pixel,
 # on two laptop-class cores and on one H200.

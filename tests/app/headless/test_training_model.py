@@ -15,6 +15,7 @@ from degense.app.features.train.settings_help import TEACHER_WORDS, explanations
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers import TEACHERS
 from degense.engine.training import TrainConfig
+from degense.engine.training.config import GROUPS
 
 JOB = TrainingJob(Path("clip"), Path("run"))
 
@@ -83,6 +84,7 @@ def test_settings_are_typed_and_refused_in_words():
             parse_settings((pair,))
     with pytest.raises(DegenseError, match="iterations"):
         parse_settings((("iterations", "5"),))  # it has an option of its own
+    assert parse_settings((("early_stop", "true"), ("tint", "0.5"))) == {"early_stopping": True, "color_residual": 0.5}
 
 
 def test_answers_are_reused_and_hostile_ones_left_out():
@@ -100,6 +102,8 @@ def test_every_setting_has_words_of_its_own():
     assert [setting.name for setting in changed if setting.changed] == ["flow"]
     assert said["ssim"] == said["depth"]
     assert said["seed"] != said["device"]
+    assert [setting.name for setting in changed] == [n for names in GROUPS.values() for n in names if n not in ("preset", "given")]
+    assert {"rate_planes", "rate_means"} <= set(GROUPS["Learning rates"])
     assert {*TEACHERS, "none"} - set(TEACHER_WORDS) == {"degraded"}  # a stand-in for experiments
 
 

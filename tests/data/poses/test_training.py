@@ -5,6 +5,7 @@ import pytest
 
 import degense.engine.training.job as job
 from degense.engine.data.readers import open_clip
+from degense.engine.events import Stage, Step, TrainingProgress
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
@@ -16,7 +17,7 @@ def run_it(clip, out, stop_at=None, **options):
     events = []
 
     def stop():
-        return stop_at is not None and any(e["event"] == "progress" and e["iteration"] >= stop_at for e in events)
+        return stop_at is not None and any(isinstance(e, TrainingProgress) and e.iteration >= stop_at for e in events)
 
     return train(clip, out, CONFIG, teacher="none", events=events.append, stop=stop, **options), events
 
@@ -24,7 +25,7 @@ def run_it(clip, out, stop_at=None, **options):
 def test_the_run_keeps_the_cameras_and_says_where_they_come_from(moving, without_poses, tmp_path):
     clip = open_clip(without_poses(moving))
     run, events = run_it(clip, tmp_path / "run")
-    assert [e["stage"] for e in events if e["event"] == "stage"][:2] == ["poses", "load"]
+    assert [e.stage for e in events if isinstance(e, Stage)][:2] == ["poses", "load"]
     assert len({camera.viewmat.tobytes() for camera in run.cameras}) == len(clip)
     assert run.info["provenance"]["poses"].startswith("estimated: the camera moves")
     scene = Scene.open(tmp_path / "run", device="cpu")
@@ -41,7 +42,7 @@ def test_a_resumed_training_does_not_look_again(moving, without_poses, tmp_path,
     monkeypatch.setattr(job, "find_cameras", lambda *_: pytest.fail("poses were estimated again"))
     monkeypatch.setattr(job, "TrainingFrames", lambda clip, *rest, real=job.TrainingFrames: (used.append(clip), real(clip, *rest))[1])
     run, events = run_it(clip, tmp_path / "run", resume=True)
-    assert "poses" not in [e.get("stage") for e in events]
+    assert "poses" not in [e.stage for e in events if isinstance(e, Stage)]
     for trained, kept in zip(used[0].cameras, run.cameras, strict=True):
         np.testing.assert_array_equal(trained.viewmat, kept.viewmat)
     assert not np.allclose(run.cameras[5].viewmat, np.eye(4))
@@ -51,7 +52,7 @@ def test_the_search_can_be_stopped(moving, without_poses, tmp_path):
     seen = []
 
     def stop():
-        return any(e.get("stage") == "poses" and e["event"] == "step" for e in seen)
+        return any(isinstance(e, Step) and e.stage == "poses" for e in seen)
 
     assert train(open_clip(without_poses(moving)), tmp_path / "run", CONFIG, events=seen.append, stop=stop) is None
     assert not (tmp_path / "run").exists()

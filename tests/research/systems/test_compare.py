@@ -112,7 +112,7 @@ def test_a_stopped_comparison_goes_on_where_it_was(clip, tmp_path, monkeypatch, 
         stages = []
 
         def watch(event):
-            stages.append(event.get("stage"))
+            stages.append(getattr(event, "stage", None))
             events(event)
 
         return real(*args, resume=resume, events=watch, stop=lambda: not resume and "meaning" in stages, **options)

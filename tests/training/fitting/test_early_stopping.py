@@ -6,10 +6,12 @@ import math
 import numpy as np
 import pytest
 
+from degense.engine.events import EarlyStopped, TrainingProgress
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
-from degense.engine.training.fitting.early_stopping import EarlyStop, Plateau, Schedule, validation_frames
+from degense.engine.training.fitting.early_stopping import EarlyStopping, Schedule, StoppingRule, validation_frames
+from degense.engine.training.trainer import Trainer
 from tests.fakes import MemoryClip
 
 
@@ -19,8 +21,8 @@ def curve(step, ceiling=30.0, speed=400.0):
 
 
 def stops_at(scores, patience=300, every=50, gain=0.1):
-    plateau = Plateau(patience, gain)
-    return next((step for step in range(every, 10_000, every) if plateau.observe(step, scores(step))), None)
+    rule = StoppingRule(patience, gain)
+    return next((step for step in range(every, 10_000, every) if rule.observe(step, scores(step))), None)
 
 
 def test_it_waits_while_there_is_gain_and_stops_when_there_is_none():
@@ -41,15 +43,15 @@ def test_noise_neither_stops_a_rising_score_nor_keeps_a_flat_one():
 
 
 def test_nothing_is_known_before_the_patience_is_over():
-    plateau = Plateau(300)
-    assert not any(plateau.observe(step, 25.0) for step in range(50, 301, 50))
-    assert plateau.observe(350, 25.0)
+    rule = StoppingRule(300)
+    assert not any(rule.observe(step, 25.0) for step in range(50, 301, 50))
+    assert rule.observe(350, 25.0)
 
 
 def test_scores_that_are_no_numbers_do_not_count():
-    plateau = Plateau(100)
-    assert not any(plateau.observe(step, value) for step, value in ((50, math.nan), (100, math.inf), (200, math.nan), (300, -math.inf)))
-    assert plateau.seen == []
+    rule = StoppingRule(100)
+    assert not any(rule.observe(step, value) for step, value in ((50, math.nan), (100, math.inf), (200, math.nan), (300, -math.inf)))
+    assert rule.scores == []
 
 
 def test_the_schedule_without_an_early_stop():
@@ -93,32 +95,32 @@ def test_validation_frames_are_few_inner_training_frames(count):
 
 
 def test_frames_are_held_out_only_until_the_cool_down():
-    early = EarlyStop(1000, range(120), patience=200)
-    assert early.held(100) == frozenset(early.frames)
+    early = EarlyStopping(1000, range(120), patience=200)
+    assert early.held_out(100) == frozenset(early.frames)
     fired = [step for step in range(50, 500, 50) if early.observe(step, 25.0)]
     assert fired == [250]  # once
-    assert early.held(250) == frozenset()
+    assert early.held_out(250) == frozenset()
     assert early.schedule.total == 250 + 300
     assert early.to_json()["chosen"] == 550
     assert "200 steps" in early.to_json()["why"]
 
 
 def test_nobody_looks_after_half_of_the_schedule():
-    early = EarlyStop(1000, range(120), patience=200)
-    assert early.held(499) == frozenset(early.frames)
-    assert early.held(500) == frozenset()
+    early = EarlyStopping(1000, range(120), patience=200)
+    assert early.held_out(499) == frozenset(early.frames)
+    assert early.held_out(500) == frozenset()
     assert not any(early.observe(step, 25.0) for step in range(500, 1000, 50))
     assert early.schedule.total == 1000
     assert early.to_json()["chosen"] == 1000
 
 
 def test_a_resumed_early_stop_goes_on_as_the_same():
-    whole, first = EarlyStop(1000, range(120)), EarlyStop(1000, range(120))
+    whole, first = EarlyStopping(1000, range(120)), EarlyStopping(1000, range(120))
     scores = {step: curve(step, speed=60) for step in range(20, 700, 20)}
     for step in range(20, 300, 20):
         whole.observe(step, scores[step])
         first.observe(step, scores[step])
-    second = EarlyStop(1000, range(120))
+    second = EarlyStopping(1000, range(120))
     second.restore(**json.loads(json.dumps(first.state())))
     for step in range(300, 700, 20):
         assert whole.observe(step, scores[step]) == second.observe(step, scores[step])
@@ -127,8 +129,8 @@ def test_a_resumed_early_stop_goes_on_as_the_same():
 
 
 def test_short_clips_train_to_the_end():
-    early = EarlyStop(1000, range(99))
-    assert early.held(0) == frozenset()
+    early = EarlyStopping(1000, range(99))
+    assert early.held_out(0) == frozenset()
     assert early.schedule.total == 1000
     assert "too few" in early.to_json()["why"]
 
@@ -143,15 +145,32 @@ class Noise(MemoryClip):
         return np.full(self.wall.shape[:2], 2.0, np.float32)
 
 
-def test_a_training_with_nothing_left_to_learn_ends_early_and_says_so(tmp_path):
+def trained(out, iterations):
+    """A training of preset quick with early stopping: its events, the finished run, and what its scores say of the early stop."""
     clip = Noise(116, labels=False)
-    config = TrainConfig.preset_of("quick", iterations=600, early_stop=True, max_gaussians=300, channels=8, resolution=8, device="cpu")
+    values = {"max_gaussians": 300, "channels": 8, "resolution": 8, "flow": 0.0, "device": "cpu"}
+    config = TrainConfig.preset_of("quick", iterations=iterations, early_stopping=True, **values)
     events = []
-    train(clip, tmp_path / "run", config, teacher="none", events=events.append, stop=lambda: False)
-    (plateau,) = [event for event in events if event["event"] == "plateau"]
-    assert plateau["iterations"] < 480
-    scene = Scene.open(tmp_path / "run", device="cpu", clip=clip)
-    assert scene.run.info["iteration"] == plateau["iterations"]
-    told = evaluate(scene, clip)["budget"]["chosen"]["early stop"]
-    assert told["chosen"] == plateau["iterations"]
-    assert told["why"] == plateau["reason"]
+    train(clip, out, config, teacher="none", events=events.append, stop=lambda: False)
+    scene = Scene.open(out, device="cpu", clip=clip)
+    return events, scene.run, evaluate(scene, clip)["budget"]["chosen"]["early stopping"]
+
+
+def test_a_training_whose_validation_frames_stop_improving_ends_early_and_says_so(tmp_path, monkeypatch):
+    """Scores are given, so that nothing depends on rounding: they rise until step 150, the second that is looked at, then never again."""
+    monkeypatch.setattr(Trainer, "validation_psnr", lambda self: min(self.iteration, 150) / 10)
+    events, run, record = trained(tmp_path / "run", 600)
+    (stop,) = [event for event in events if isinstance(event, EarlyStopped)]
+    # patience is 100 steps: at 250 the best of 200 and 250 is no better than that of 150; the last 30 % of 600 steps follow
+    assert (stop.iteration, stop.iterations) == (250, 430)
+    assert run.info["iteration"] == 430
+    assert [event.iteration for event in events if isinstance(event, TrainingProgress)][-1] == 430
+    assert (record["preset"], record["chosen"], record["why"]) == (600, 430, stop.reason)
+
+
+def test_whether_or_not_a_real_training_stops_early_its_record_is_true(tmp_path):
+    events, run, record = trained(tmp_path / "run", 300)
+    stops = [event for event in events if isinstance(event, EarlyStopped)]
+    assert len(stops) <= 1
+    assert record["chosen"] == run.info["iteration"] == (stops[0].iterations if stops else 300)
+    assert record["why"] == (stops[0].reason if stops else "the validation frames improved as long as they were watched")

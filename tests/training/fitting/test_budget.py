@@ -12,6 +12,7 @@ import torch
 import degense.engine.training.job as job
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.events import Budget
 from degense.engine.semantics.text.basis import Basis
 from degense.engine.training import PRESETS, TrainConfig, train
 from degense.engine.training.fitting.budget import choose, fit_budget
@@ -215,14 +216,14 @@ def test_a_run_says_what_was_skipped(tmp_path, monkeypatch):
     for name, fit in (("fitted", True), ("full", False)):
         config = TrainConfig.preset_of("quick", device="cpu", iterations=3, channels=8, fit=fit)
         run = train(PlainWall(6, 64, 48, (0, 0, 0)), tmp_path / name, config, events=events.append, stop=lambda: False)
-        told = [event for event in events if event["event"] == "budget"]
+        told = [event for event in events if isinstance(event, Budget)]
         record = json.loads((tmp_path / name / "run.json").read_text())
         if fit:
             assert record["budget"]["chosen"]["max_gaussians"]["chosen"] == record["config"]["max_gaussians"] < 12_000
             assert record["field"]["time_resolution"] == record["budget"]["chosen"]["time_resolution"]["chosen"] == 3
             assert record["config"]["iterations"] == 3
-            assert any(re.match(r"max gaussians [\d,]+ instead of 12,000: ", line) for line in told[0]["words"])
-            assert "at most" not in told[0]["words"][-1]
+            assert any(re.match(r"max gaussians [\d,]+ instead of 12,000: ", line) for line in told[0].words)
+            assert "at most" not in told[0].words[-1]
             assert len(run.load_model()) <= record["config"]["max_gaussians"]
         else:
             assert record["budget"] is None

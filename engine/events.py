@@ -1,0 +1,155 @@
+"""What a training reports while it runs: one frozen dataclass an event, and their JSON form at the border of a process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, TypeAlias, get_args, get_type_hints
+
+#: The stages of a training, in their order. `coarse` and `joint` are steps of the trainer; `meaning` is semantic distillation.
+STAGES = ("poses", "load", "flow", "teacher", "coarse", "joint", "meaning")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One of `STAGES` begins."""
+
+    stage: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """How far a stage other than the trainer's has come, 0 to 1, and what it does."""
+
+    stage: str
+    fraction: float
+    message: str
+
+
+@dataclass(frozen=True)
+class TrainingProgress:
+    """Means over the steps since the last such event.
+
+    Attributes
+    ----------
+    iteration, iterations : int
+        Steps made, and all that will be made.
+    loss, psnr : float or None
+        The total loss; dB over the valid pixels of the training frames.
+    gaussians : int or None
+    seconds, eta : float or None
+        Since the training began or was resumed, and until its end.
+    losses : dict of str to float
+        Every weighted term of the loss by name; they add up to `loss`.
+    """
+
+    iteration: int
+    iterations: int
+    loss: float | None = None
+    psnr: float | None = None
+    gaussians: int | None = None
+    seconds: float | None = None
+    eta: float | None = None
+    losses: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What the clip does not need, one sentence a setting, and what the training will cost."""
+
+    words: list[str]
+
+
+@dataclass(frozen=True)
+class Preview:
+    """A frame was drawn to an image file."""
+
+    path: str
+    frame: int
+
+
+@dataclass(frozen=True)
+class Rollback:
+    """Training diverged and went back to the step `iteration`."""
+
+    iteration: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class EarlyStopped:
+    """The validation frames stopped improving at the step `iteration`; the cool-down begins, and `iterations` steps are made in all."""
+
+    iteration: int
+    iterations: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Done:
+    """The run in the folder `run` is finished."""
+
+    run: str
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """The training left on request after `iteration` steps; it can be resumed unless that is 0."""
+
+    iteration: int
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The training ended with an error, in words for the user."""
+
+    message: str
+
+
+Event: TypeAlias = Stage | Step | TrainingProgress | Budget | Preview | Rollback | EarlyStopped | Done | Stopped | Failed
+Events: TypeAlias = Callable[[Event], None]
+
+#: The value of "event" in each event's JSON form.
+NAMES: dict[str, type[Event]] = {
+    "stage": Stage,
+    "step": Step,
+    "progress": TrainingProgress,
+    "budget": Budget,
+    "preview": Preview,
+    "rollback": Rollback,
+    "early_stopped": EarlyStopped,
+    "done": Done,
+    "stopped": Stopped,
+    "error": Failed,
+}
+_NAME_OF = {kind: name for name, kind in NAMES.items()}
+
+
+def to_json(event: Event) -> dict[str, Any]:
+    """The event as JSON values, its name under "event"."""
+    return {"event": _NAME_OF[type(event)], **asdict(event)}
+
+
+def from_json(data: Any) -> Event | None:
+    """The event that `to_json` wrote; None for anything else, such as an event of a newer version. Unknown fields are ignored."""
+    kind = NAMES.get(str(data.get("event"))) if isinstance(data, Mapping) else None
+    if kind is None:
+        return None
+    hints = get_type_hints(kind)
+    values = {item.name: data[item.name] for item in fields(kind) if item.name in data}
+    if not all(_fits(value, hints[name]) for name, value in values.items()):
+        return None
+    try:
+        return kind(**values)
+    except TypeError:  # a field without a default is missing
+        return None
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a JSON value is of the kind that a field wants."""
+    if hint == list[str]:
+        return isinstance(value, list) and all(isinstance(item, str) for item in value)
+    if hint == dict[str, float]:
+        return isinstance(value, dict) and all(_fits(item, float) for item in value.values())
+    kinds = get_args(hint) or (hint,)
+    return isinstance(value, (*kinds, int) if float in kinds else kinds) and not isinstance(value, bool)
