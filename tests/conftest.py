@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 # Read when torch and numba are imported. Two, so that threads really run, and results and timings do not depend on the machine's size.
@@ -34,7 +35,18 @@ install_import_hook(
     "beartype.beartype",
 )
 
+# The same examples in every run, however long one takes on a busy machine.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
+
 _passed = pytest.StashKey[bool]()
+
+
+@pytest.fixture(autouse=True)
+def same_seed() -> None:
+    """What a test draws from torch without a seed does not depend on the tests before it."""
+    if torch := sys.modules.get("torch"):
+        torch.manual_seed(0)
 
 
 @pytest.fixture(autouse=True)

@@ -142,7 +142,7 @@ def test_drawing_on_the_cpu_does_not_import_gsplat():
         "import sys; from degense.engine.raster.scenes import draw_scene, random_scene;"
         "draw_scene(*random_scene(10, 8, 8, 1, 0)); sys.exit('gsplat' in sys.modules)"
     )
-    assert subprocess.run([sys.executable, "-c", program], check=False, timeout=120).returncode == 0
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 def test_a_moved_picture_is_drawn_where_the_offsets_put_it():

@@ -84,7 +84,7 @@ def test_no_gaussians_give_the_background(backend):
 wild = st.floats(width=32) | st.sampled_from([0.0, 1e-12, 1e6, 1e30, -1.0, float("nan"), float("inf")]) | st.floats(-2, 2, width=32)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     numbers=st.lists(st.tuples(st.integers(0, 4), st.integers(0, 11), st.integers(0, 3), wild), max_size=12),
     size=st.tuples(st.integers(1, 40), st.integers(1, 20)),

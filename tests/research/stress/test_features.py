@@ -25,7 +25,7 @@ from degense.engine.training.semantic.targets import SemanticTargets
 from tests.fakes import MemoryClip
 
 KINDS = latent_kinds()
-quickly = settings(max_examples=30, deadline=None, derandomize=True)
+quickly = settings(max_examples=30)
 
 
 @pytest.mark.parametrize("name", [name for name, latent in KINDS.items() if np.isfinite(latent).all()])

@@ -16,7 +16,7 @@ from degense.engine.research.stress.outcome import sound
 from degense.engine.research.stress.scenes import draw_large, small_finding, stress_cases
 from degense.engine.splats import Splats
 
-quickly = settings(max_examples=40, deadline=None, derandomize=True)
+quickly = settings(max_examples=40)
 numbers = st.floats(width=32, allow_nan=True, allow_infinity=True)
 
 

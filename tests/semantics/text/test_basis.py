@@ -15,7 +15,7 @@ def unit(rows):
     return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1), n=st.integers(1, 40), dimension=st.integers(1, 48), energy=st.floats(0.3, 1.0), rank=st.integers(1, 48)
 )
@@ -33,7 +33,7 @@ def test_cosines_of_latents_stay_within_the_bound(seed, n, dimension, energy, ra
     assert (bent[sound] <= np.broadcast_to(bound, bent.shape)[sound] + 2e-3).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 30), energy=st.floats(0.5, 1.0))
 def test_rank_is_the_smallest_that_keeps_enough(seed, n, energy):
     rng = np.random.default_rng(seed)
