@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from degense.engine.data.synthetic.scene import KINDS, PhantomScene, View
+from degense.engine.data.synthetic.scene import KINDS, PhantomFrame, PhantomScene
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
 
@@ -143,7 +143,7 @@ def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
             np.lib.format.write_array(file, cautery)
 
 
-def _write_frame(folder: Path, index: int, view: View, noise: np.ndarray, palette: Sequence[tuple[int, int, int]]) -> None:
+def _write_frame(folder: Path, index: int, view: PhantomFrame, noise: np.ndarray, palette: Sequence[tuple[int, int, int]]) -> None:
     stem = f"{index:06d}"
     image = np.clip(np.rint(view.rgb * 255 + noise), 0, 255).astype(np.uint8)
     if not cv2.imwrite(str(folder / "images" / f"{stem}.png"), image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 3]):

@@ -7,6 +7,7 @@ which lies exactly on the pixel's centre. All of them are interpolated on the sa
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -64,57 +65,75 @@ def cover(pixels: np.ndarray, z: np.ndarray, triangles: np.ndarray, inverse_dept
                         owner[y, x] = first + f
 
 
-@njit(cache=True, nogil=True)
-def shade(
-    owner: np.ndarray,
-    pixels: np.ndarray,
-    z: np.ndarray,
-    triangles: np.ndarray,
-    normals: np.ndarray,
-    attributes: np.ndarray,
-    tool_labels: np.ndarray,
-    tissue_triangles: int,
-    texture: np.ndarray,
-    organs: np.ndarray,
-    axes: np.ndarray,
-    intrinsics: np.ndarray,
-    s: float,
-    rise_time: float,
-    kind: int,
-    changed_label: int,
-):
-    """Colour and truth of every pixel.
+class Mesh(NamedTuple):
+    """All meshes as one, the tissue's first.
 
-    Parameters
+    Attributes
     ----------
-    owner : int32 [3H, 3W]
-        From `cover`; −1 where nothing is.
-    pixels, z, triangles, normals
-        All meshes as one: projected vertices (in samples), depths, triangles, normals in the camera's frame.
+    pixels : float64 [V, 2]
+        Projected vertices, in samples.
+    z : float64 [V]
+    triangles : int32 [F, 3]
+    normals : float64 [V, 3]
+        In the camera's frame.
     attributes : float64 [V, 5]
         Of tissue: texture x, y (in texels) and displacement; of tools: linear RGB.
-    tool_labels : uint8 [F]
+    tissue_triangles : int
+    tool_labels : uint8 [F - tissue_triangles]
         Label of each triangle of a tool.
+    """
+
+    pixels: np.ndarray
+    z: np.ndarray
+    triangles: np.ndarray
+    normals: np.ndarray
+    attributes: np.ndarray
+    tissue_triangles: int
+    tool_labels: np.ndarray
+
+
+class Surface(NamedTuple):
+    """How tissue looks at one clip time.
+
+    Attributes
+    ----------
     texture : float32 [Ht, Wt, 8 or 9]
         See `engine.data.synthetic.paint`.
     organs : uint8 [Ht, Wt]
         Label of each texture point, as if nothing had changed.
     axes : float64 [2, 3]
         World x and y in the camera's frame: along them the relief tilts the normals.
-    intrinsics : float64 [4]
-        fx, fy, cx, cy, in samples.
-    s, rise_time : float
-        Clip time, and how long the change of look takes.
-    kind : int
-        `CHARS` or `BLEEDS`.
-    changed_label : int
-        Label of tissue that has changed.
-
-    Returns
-    -------
-    colour float64 [H, W, 3] (linear), depth float64 [H, W] (0: nothing), label uint8 [H, W] (255: nothing),
-    displacement float64 [H, W, 3] (NaN: no tissue), change float64 [H, W] in [0, 1]
+    change, changed_label : int
+        `CHARS` or `BLEEDS`, and the label of tissue that has.
+    s, change_time : float
+        Clip time, and how long the change takes at one place.
     """
+
+    texture: np.ndarray
+    organs: np.ndarray
+    axes: np.ndarray
+    change: int
+    changed_label: int
+    s: float
+    change_time: float
+
+
+class Shaded(NamedTuple):
+    """Colour (linear) float64 [H, W, 3]; depth float64 [H, W], 0 where nothing is; label uint8 [H, W], 255 where nothing is;
+    displacement float64 [H, W, 3], NaN where no tissue is; change float64 [H, W] in [0, 1]."""
+
+    colour: np.ndarray
+    depth: np.ndarray
+    label: np.ndarray
+    displacement: np.ndarray
+    change: np.ndarray
+
+
+@njit(cache=True, nogil=True)
+def shade(owner: np.ndarray, mesh: Mesh, surface: Surface, intrinsics: np.ndarray) -> Shaded:
+    """Colour and truth of every pixel of `owner`, int32 [3H, 3W] from `cover`, −1 where nothing is; fx, fy, cx, cy in samples."""
+    pixels, z, triangles, normals, attributes, tissue_triangles, tool_labels = mesh
+    texture, organs, axes, kind, changed_label, s, change_time = surface
     height, width = owner.shape[0] // SAMPLES, owner.shape[1] // SAMPLES
     colour = np.zeros((height, width, 3))
     depth = np.zeros((height, width))
@@ -122,25 +141,14 @@ def shade(
     displacement = np.full((height, width, 3), np.nan)
     change = np.zeros((height, width))
     weight = 1.0 / SAMPLES**2
-    rows, columns = organs.shape
-    t = np.zeros(texture.shape[2])
-    n = np.zeros(3)
-    values = np.zeros(5)
-    rgb = np.zeros(3)
+    t, n, values, rgb = np.zeros(texture.shape[2]), np.zeros(3), np.zeros(5), np.zeros(3)
     for v in range(owner.shape[0]):
         for u in range(owner.shape[1]):
             f = owner[v, u]
             if f < 0:
                 continue
             a, b, c = triangles[f, 0], triangles[f, 1], triangles[f, 2]
-            px, py = u + 0.5, v + 0.5
-            ax, ay, bx, by, cx, cy = pixels[a, 0], pixels[a, 1], pixels[b, 0], pixels[b, 1], pixels[c, 0], pixels[c, 1]
-            area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-            wa = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area
-            wb = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area
-            wa, wb, wc = wa / z[a], wb / z[b], (1.0 - wa - wb) / z[c]
-            distance = 1.0 / (wa + wb + wc)
-            wa, wb, wc = wa * distance, wb * distance, wc * distance
+            wa, wb, wc, distance = _weights(pixels, z, a, b, c, u + 0.5, v + 0.5)
             for i in range(5):
                 values[i] = wa * attributes[a, i] + wb * attributes[b, i] + wc * attributes[c, i]
             for i in range(3):
@@ -148,28 +156,13 @@ def shade(
             centre = u % SAMPLES == SAMPLES // 2 and v % SAMPLES == SAMPLES // 2
             y, x = v // SAMPLES, u // SAMPLES
             if f < tissue_triangles:
-                tx, ty = min(max(values[0], 0.0), columns - 1.001), min(max(values[1], 0.0), rows - 1.001)
-                ix, iy = int(tx), int(ty)
-                wx, wy = tx - ix, ty - iy
-                for i in range(texture.shape[2]):
-                    top = texture[iy, ix, i] * (1 - wx) + texture[iy, ix + 1, i] * wx
-                    bottom = texture[iy + 1, ix, i] * (1 - wx) + texture[iy + 1, ix + 1, i] * wx
-                    t[i] = top * (1 - wy) + bottom * wy
-                rise = min(max((s - t[CHANGE_START]) / rise_time, 0.0), 1.0)
-                changed = t[CHANGE_STRENGTH] * rise * rise * (3 - 2 * rise)
-                relief, tight = 0.9, 70.0
-                if kind == CHARS:
-                    _burn(t, changed, rgb)
-                    wet = t[WETNESS] * (1 - 0.8 * changed)
-                else:
-                    gone = min(max((s - t[WIPED]) / WIPE_TIME, 0.0), 1.0)
-                    changed *= 1 - (1 - STAIN) * gone * gone * (3 - 2 * gone)
-                    _bleed(t, changed, rgb)
-                    wet, relief = t[WETNESS] + changed * (1.3 - t[WETNESS]), 0.9 - 0.75 * changed
+                column, row = _sample(texture, values[0], values[1], t)
+                changed, wet, relief = _tissue(t, kind, s, change_time, rgb)
+                tight = 70.0
                 for i in range(3):
                     n[i] -= (t[SLOPE_X] * axes[0, i] + t[SLOPE_Y] * axes[1, i]) * relief
                 if centre:
-                    label[y, x] = changed_label if changed > CHANGE_CLASS else organs[int(ty + 0.5), int(tx + 0.5)]
+                    label[y, x] = changed_label if changed > CHANGE_CLASS else organs[row, column]
                     for i in range(3):
                         displacement[y, x, i] = values[2 + i]
                     change[y, x] = changed
@@ -182,14 +175,54 @@ def shade(
             if centre:
                 depth[y, x] = distance
             # The light sits at the camera: its direction, the viewer's and the half vector are all the line of sight.
-            lx, ly = (px - intrinsics[2]) / intrinsics[0], (py - intrinsics[3]) / intrinsics[1]
+            lx, ly = (u + 0.5 - intrinsics[2]) / intrinsics[0], (v + 0.5 - intrinsics[3]) / intrinsics[1]
             reach = math.sqrt(lx * lx + ly * ly + 1.0)
             facing = abs(n[0] * lx + n[1] * ly + n[2]) / reach / math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
             light = (LIT_DEPTH / (distance * reach)) ** 2
             gleam = wet * (0.85 * facing ** (4 * tight) + 0.10 * facing**tight)
             for i in range(3):
                 colour[y, x, i] += weight * min(light * (rgb[i] * facing + gleam), 1.0)
-    return colour, depth, label, displacement, change
+    return Shaded(colour, depth, label, displacement, change)
+
+
+@njit(cache=True, nogil=True)
+def _weights(pixels: np.ndarray, z: np.ndarray, a: int, b: int, c: int, px: float, py: float) -> tuple[float, float, float, float]:
+    """Barycentric weights of the vertices a, b, c at a sample, correct in perspective, and its depth."""
+    ax, ay, bx, by, cx, cy = pixels[a, 0], pixels[a, 1], pixels[b, 0], pixels[b, 1], pixels[c, 0], pixels[c, 1]
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    wa = ((bx - px) * (cy - py) - (by - py) * (cx - px)) / area
+    wb = ((cx - px) * (ay - py) - (cy - py) * (ax - px)) / area
+    wa, wb, wc = wa / z[a], wb / z[b], (1.0 - wa - wb) / z[c]
+    distance = 1.0 / (wa + wb + wc)
+    return wa * distance, wb * distance, wc * distance, distance
+
+
+@njit(cache=True, nogil=True)
+def _sample(texture: np.ndarray, x: float, y: float, t: np.ndarray) -> tuple[int, int]:
+    """Bilinear sample of a texture, written to `t`; column and row of the nearest texel."""
+    rows, columns = texture.shape[0], texture.shape[1]
+    tx, ty = min(max(x, 0.0), columns - 1.001), min(max(y, 0.0), rows - 1.001)
+    ix, iy = int(tx), int(ty)
+    wx, wy = tx - ix, ty - iy
+    for i in range(texture.shape[2]):
+        top = texture[iy, ix, i] * (1 - wx) + texture[iy, ix + 1, i] * wx
+        bottom = texture[iy + 1, ix, i] * (1 - wx) + texture[iy + 1, ix + 1, i] * wx
+        t[i] = top * (1 - wy) + bottom * wy
+    return int(tx + 0.5), int(ty + 0.5)
+
+
+@njit(cache=True, nogil=True)
+def _tissue(t: np.ndarray, change: int, s: float, change_time: float, rgb: np.ndarray) -> tuple[float, float, float]:
+    """Colour of tissue with texture values `t`, written to `rgb`; how far it has changed, its wetness and the strength of its relief."""
+    rise = min(max((s - t[CHANGE_START]) / change_time, 0.0), 1.0)
+    changed = t[CHANGE_STRENGTH] * rise * rise * (3 - 2 * rise)
+    if change == CHARS:
+        _burn(t, changed, rgb)
+        return changed, t[WETNESS] * (1 - 0.8 * changed), 0.9
+    gone = min(max((s - t[WIPED]) / WIPE_TIME, 0.0), 1.0)
+    changed *= 1 - (1 - STAIN) * gone * gone * (3 - 2 * gone)
+    _bleed(t, changed, rgb)
+    return changed, t[WETNESS] + changed * (1.3 - t[WETNESS]), 0.9 - 0.75 * changed
 
 
 @njit(cache=True, nogil=True)

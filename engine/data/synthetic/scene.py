@@ -12,7 +12,7 @@ from degense.engine.data.synthetic.anatomy import REFERENCE_DEPTH
 from degense.engine.data.synthetic.bleeding import Bleeding
 from degense.engine.data.synthetic.cautery import Cautery
 from degense.engine.data.synthetic.motion import camera_path
-from degense.engine.data.synthetic.render import CHANGE_BEGUN, SAMPLES, cover, shade
+from degense.engine.data.synthetic.render import CHANGE_BEGUN, SAMPLES, Mesh, Surface, cover, shade
 from degense.engine.data.synthetic.stage import Stage
 
 KINDS: dict[str, Callable[[tuple[float, float], int, np.random.Generator], Stage]] = {"cautery": Cautery, "bleeding": Bleeding}
@@ -21,7 +21,7 @@ MESH_CELLS = (96, 480)  # across the view
 
 
 @dataclass(frozen=True)
-class View:
+class PhantomFrame:
     """What the camera sees at one time.
 
     Attributes
@@ -76,7 +76,7 @@ class PhantomScene:
         viewmat = camera_path(self.camera_motion, s)
         return Camera(self.width, self.height, self.focal, self.focal, self.width / 2, self.height / 2, viewmat)
 
-    def view(self, s: float) -> View:
+    def view(self, s: float) -> PhantomFrame:
         """Photograph at clip time s in [0, 1]."""
         stage, camera = self.stage, self.camera(s)
         rotation, translation = camera.viewmat[:3, :3], camera.viewmat[:3, 3]
@@ -102,27 +102,14 @@ class PhantomScene:
         pixels = vertices[:, :2] / np.where(np.abs(z) < 1e-9, 1e-9, z)[:, None] * focal + centre
         owner = np.full((self.height * SAMPLES, self.width * SAMPLES), -1, np.int32)
         cover(pixels, z, triangles, np.zeros(owner.shape), owner, 0)
-        colour, depth, labels, moved, change = shade(
-            owner,
-            pixels,
-            z,
-            triangles,
-            normals,
-            attributes,
-            tool_labels,
-            len(self._triangles),
-            stage.texture,
-            stage.organs,
-            np.ascontiguousarray(rotation.T[:2]),
-            np.array([focal, focal, *centre]),
-            s,
-            stage.change_time,
-            stage.change,
-            stage.changed_label,
-        )
-        rgb = np.clip(colour, 0, 1) ** (1 / 2.2)
+        mesh = Mesh(pixels, z, triangles, normals, attributes, len(self._triangles), tool_labels)
+        axes = np.ascontiguousarray(rotation.T[:2])
+        surface = Surface(stage.texture, stage.organs, axes, stage.change, stage.changed_label, s, stage.change_time)
+        shaded = shade(owner, mesh, surface, np.array([focal, focal, *centre]))
+        rgb = np.clip(shaded.colour, 0, 1) ** (1 / 2.2)
         tools = np.any((owner >= len(self._triangles)).reshape(self.height, SAMPLES, self.width, SAMPLES), axis=(1, 3))
-        return View(rgb, depth.astype(np.float32), labels, moved.astype(np.float32), change > CHANGE_BEGUN, tools)
+        depth, moved = shaded.depth.astype(np.float32), shaded.displacement.astype(np.float32)
+        return PhantomFrame(rgb, depth, shaded.label, moved, shaded.change > CHANGE_BEGUN, tools)
 
 
 def _normals(surface: np.ndarray) -> np.ndarray:
