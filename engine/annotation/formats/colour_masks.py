@@ -12,7 +12,8 @@ import numpy as np
 from degense.engine.annotation.classes import LabelClass
 from degense.engine.annotation.formats.map_set import MapSet, frame_of
 from degense.engine.clip import UNLABELLED
-from degense.engine.data.files.images import check_sizes, checked, read_rgb
+from degense.engine.data.files.images import check_sizes
+from degense.engine.data.files.labels import ColourCodes, ColourMaps
 from degense.engine.data.files.numbered import list_files, shown
 from degense.engine.data.readers import cholecseg8k, endovis18
 from degense.engine.errors import ClipError, DegenseError
@@ -74,20 +75,8 @@ class ColourTable:
             raise ClipError(f"{shown(path)} holds no *{self.ending}.png.")
         size = shape[1], shape[0]
         check_sizes(files.values(), size)
-        return MapSet(
-            self.classes,
-            shape,
-            tuple(names),
-            tuple(sorted(files)),
-            lambda frame: self.from_colours(checked(read_rgb(files[frame]), files[frame], size)),
-        )
-
-    def from_colours(self, rgb: np.ndarray) -> np.ndarray:
-        """Label map of a colour mask uint8 [H, W, 3]."""
-        labels = np.full(rgb.shape[:2], UNLABELLED, np.uint8)
-        for index, kind in enumerate(self.classes):
-            labels[(rgb == kind.colour).all(-1)] = index
-        return labels
+        maps = ColourMaps(files, ColourCodes(kind.colour for kind in self.classes), size)
+        return MapSet(self.classes, shape, tuple(names), tuple(sorted(files)), maps.read)
 
 
 def _plain(name: str) -> str:

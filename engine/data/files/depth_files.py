@@ -9,7 +9,7 @@ import numpy as np
 
 from degense.engine.data.files.images import checked, read_raw
 from degense.engine.data.files.numbered import shown
-from degense.engine.data.files.numpy_header import open_npy
+from degense.engine.data.files.numpy_files import open_npy
 from degense.engine.errors import ClipError
 
 

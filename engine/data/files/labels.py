@@ -1,17 +1,16 @@
-"""Label maps beside a clip: `labels/STEM.png` (8-bit indices) and `classes.json`; `strokes/STEM.png` are sparse ones."""
+"""Label maps beside a clip: `labels/STEM.png` (8-bit indices) and `classes.json`; `strokes/STEM.png` are sparse ones; colour masks."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from degense.engine.clip import UNLABELLED
-from degense.engine.data.files.images import check_sizes, checked, read_index
-from degense.engine.data.files.numbered import list_files, regular_file, shown
-from degense.engine.data.files.poses import read_json
+from degense.engine.data.files.images import check_sizes, checked, read_index, read_rgb
+from degense.engine.data.files.numbered import list_files, read_json, regular_file, shown
 from degense.engine.errors import ClipError
 
 
@@ -108,3 +107,35 @@ def index_maps(
     for i in sorted(maps.files)[:: max(1, len(maps.files) // 4)]:
         maps.read(i)
     return maps
+
+
+def _packed(rgb: np.ndarray) -> np.ndarray:
+    """Colours as one number a pixel, int64 [...]."""
+    return (rgb[..., 0].astype(np.int64) << 16) | (rgb[..., 1].astype(np.int64) << 8) | rgb[..., 2]
+
+
+class ColourCodes:
+    """The colours (red, green, blue) of the classes 0, 1, …; no two alike."""
+
+    def __init__(self, colours: Iterable[tuple[int, int, int]]):
+        codes = _packed(np.array(list(colours)))
+        self._order = np.argsort(codes)
+        self._sorted = codes[self._order]
+
+    def labels(self, mask: np.ndarray) -> np.ndarray:
+        """Label map uint8 [H, W] of a colour mask uint8 [H, W, 3]; unknown colours → `UNLABELLED`."""
+        codes = _packed(mask)
+        place = np.minimum(np.searchsorted(self._sorted, codes), len(self._order) - 1)
+        return np.where(self._sorted[place] == codes, self._order[place], UNLABELLED).astype(np.uint8)
+
+
+class ColourMaps:
+    """Label maps stored as colour masks, one a frame."""
+
+    def __init__(self, files: dict[int, Path], codes: ColourCodes, size: tuple[int, int]):
+        self.files, self.codes, self.size = files, codes, size
+
+    def read(self, index: int) -> np.ndarray:
+        """uint8 [H, W]; `UNLABELLED` where a colour is not in the table. ClipError for a damaged file."""
+        path = self.files[index]
+        return self.codes.labels(checked(read_rgb(path), path, self.size))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from degense.engine.errors import ClipError
 
+MAX_JSON = 64 * 2**20
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
@@ -87,3 +90,18 @@ def pair(frames: Sequence[Path], others: Sequence[Path], what: str) -> None:
         offset = o - f if offset is None else offset
         if o - f != offset:
             raise ClipError(f"{shown(other)} does not belong to {frame.name}: their numbers run apart here, so a file is missing.")
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file of modest size holds.
+
+    Raises
+    ------
+    ClipError
+    """
+    if path.stat().st_size > MAX_JSON:
+        raise ClipError(f"{shown(path)} is larger than {MAX_JSON // 2**20} MB; that is no file of a clip.")
+    try:
+        return json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ClipError(f"{shown(path)} is not valid JSON.") from error

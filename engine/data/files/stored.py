@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from degense.engine.clip import Clip, Truth
+from degense.engine.clip import UNLABELLED, Clip, Truth
 from degense.engine.data.depth import DepthPrior
-from degense.engine.data.files.cache import ArrayCache
+from degense.engine.data.files.cameras import ClipCameras
 from degense.engine.data.files.depth_files import DepthFiles
 from degense.engine.data.files.labels import IndexMaps, LabelMaps
 from degense.engine.data.files.masks import MaskFiles
-from degense.engine.data.files.truth import TruthFile
+from degense.engine.data.files.numpy_files import TruthFile
 
 
 class Pictures(Protocol):
@@ -35,6 +37,37 @@ class Pictures(Protocol):
 
     def read(self, index: int) -> np.ndarray:
         """RGB, uint8 [H, W, 3]."""
+
+
+class ArrayCache:
+    """Least-recently-used arrays up to `limit` bytes. Safe to use from several threads; who asks gets a copy of their own.
+
+    Parameters
+    ----------
+    limit : int
+        Bytes. One array larger than that is handed through and not kept.
+    """
+
+    def __init__(self, limit: int = 256 * 2**20):
+        self.limit = limit
+        self.bytes = 0
+        self._arrays: OrderedDict[Hashable, np.ndarray] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: Hashable, load: Callable[[], np.ndarray]) -> np.ndarray:
+        """A copy of the array kept under `key`; `load()` is called (outside the lock) when there is none."""
+        with self._lock:
+            if key in self._arrays:
+                self._arrays.move_to_end(key)
+                return self._arrays[key].copy()
+        array = load()
+        with self._lock:
+            if key not in self._arrays and array.nbytes <= self.limit:
+                self._arrays[key] = array.copy()
+                self.bytes += array.nbytes
+                while self.bytes > self.limit:
+                    self.bytes -= self._arrays.popitem(last=False)[1].nbytes
+        return array
 
 
 @dataclass(kw_only=True)
@@ -109,14 +142,53 @@ class StoredClip(Clip):
         return int(index)
 
 
+def clip_with_prior(
+    path: Path,
+    pictures: Pictures,
+    some: Sequence[np.ndarray],
+    field: np.ndarray | None,
+    found: ClipCameras,
+    words: dict[str, str],
+    **others: Any,
+) -> StoredClip:
+    """A clip without depth files: its depth is a prior, from some of its frames.
+
+    Parameters
+    ----------
+    field : bool [H, W], optional
+        The field of view; None: the whole frame.
+    words : dict of str to str
+        Provenance of all but depth and cameras.
+    others
+        Further attributes of `StoredClip`.
+    """
+    inside = np.ones(pictures.size[::-1], bool) if field is None else field
+    prior = DepthPrior(some, [inside] * len(some), found.cameras[0])
+    provenance = {**words, "depth": prior.words, **found.provenance}
+    about = {"name": path.name, "path": path, "cameras": found.cameras, "poses": found.poses, "provenance": provenance}
+    return StoredClip(**{**about, "pictures": pictures, "inside": inside, "distances": prior, **others})
+
+
 def sampled(count: int, most: int = 8) -> list[int]:
     """Up to `most` frame indices spread over a clip, first and last among them."""
     return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()})
 
 
-def map_words(maps: IndexMaps | None, count: int, folder: str) -> str:
-    """`provenance` of label maps beside a clip of `count` frames."""
-    return f"{len(maps.files)} of {count} frames, {len(maps.classes)} classes, from {folder}/" if maps else "none"
+def map_words(maps: IndexMaps | None, count: int, folder: str) -> dict[str, str]:
+    """Provenance of the label maps or strokes in a folder of a clip of `count` frames; strokes are mentioned when there are some."""
+    if maps is None:
+        return {} if folder == "strokes" else {folder: "none"}
+    return {folder: f"{len(maps.files)} of {count} frames, {len(maps.classes)} classes, from {folder}/"}
+
+
+def colour_map_words(maps: LabelMaps, count: int, source: str, gap: str) -> str:
+    """`provenance["labels"]` of colour or grey masks; `gap` tells what unlabelled pixels lack."""
+    if not maps.files:
+        return "none"
+    keys = sorted(maps.files)
+    unknown = float(np.mean([(maps.read(keys[i]) == UNLABELLED).mean() for i in sampled(len(keys))]))
+    words = f"{len(keys)} of {count} frames, {source}"
+    return words + (f"; {100 * unknown:.1f} % of the pixels {gap} and are unlabelled" if unknown else "")
 
 
 def counted(files: Sequence[Path], size: tuple[int, int]) -> str:

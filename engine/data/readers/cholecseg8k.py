@@ -13,14 +13,12 @@ import numpy as np
 
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.data.depth import DepthPrior
-from degense.engine.data.files.colours import ColourCodes
+from degense.engine.data.files.cameras import guessed_cameras
 from degense.engine.data.files.field_of_view import border_words, brightest, field_of_view
-from degense.engine.data.files.images import ImageFiles, check_sizes, checked, read_raw, read_rgb
-from degense.engine.data.files.labels import index_maps
+from degense.engine.data.files.images import ImageFiles, check_sizes, checked, read_raw
+from degense.engine.data.files.labels import ColourCodes, ColourMaps, index_maps
 from degense.engine.data.files.numbered import list_files, regular_file, shown
-from degense.engine.data.files.poses import guessed_cameras
-from degense.engine.data.files.stored import StoredClip, counted, map_words, sampled
+from degense.engine.data.files.stored import clip_with_prior, colour_map_words, counted, map_words, sampled
 from degense.engine.errors import ClipError
 
 #: name, grey code in the watershed mask, colour in the colour mask
@@ -44,9 +42,7 @@ BACKGROUND = 0
 FRAME = re.compile(r"frame_(\d+)_endo\.png")
 _GREY = np.full(256, UNLABELLED, np.uint8)
 _GREY[[code for _, code, _ in CLASSES]] = np.arange(len(CLASSES))
-
-
-_CODES = ColourCodes([colour for _, _, colour in CLASSES])
+CODES = ColourCodes(colour for _, _, colour in CLASSES)
 
 
 def from_watershed(mask: np.ndarray) -> np.ndarray:
@@ -58,27 +54,13 @@ def from_watershed(mask: np.ndarray) -> np.ndarray:
     return labels
 
 
-def from_colours(mask: np.ndarray) -> np.ndarray:
-    """Label map of a colour mask, uint8 [H, W, 3]; unknown colours → `UNLABELLED`."""
-    return _CODES.labels(mask)
-
-
-class CholecMaps:
+class CholecMaps(ColourMaps):
     """Label maps of a CholecSeg8k clip, from watershed masks where there are any, else from colour masks."""
 
-    def __init__(self, files: dict[int, Path], size: tuple[int, int]):
-        self.files, self.size = files, size
-
     def read(self, index: int) -> np.ndarray:
-        """uint8 [H, W].
-
-        Raises
-        ------
-        ClipError
-        """
         path = self.files[index]
         if path.name.endswith("_color_mask.png"):
-            return from_colours(checked(read_rgb(path), path, self.size))
+            return super().read(index)
         raw = checked(read_raw(path), path, self.size)
         if raw.dtype != np.uint8:
             raise ClipError(f"{shown(path)} has {raw.dtype} values, but a watershed mask is an 8-bit picture.")
@@ -86,72 +68,48 @@ class CholecMaps:
 
 
 def cholec_frames(path: Path) -> list[Path]:
-    """The frames of a CholecSeg8k clip folder by their number; empty when it is none.
-
-    Raises
-    ------
-    ClipError
-        For links that lead out of the folder.
-    """
+    """The frames of a CholecSeg8k clip folder by their number; empty when it is none. ClipError for links that lead out of the folder."""
     found = [(int(match.group(1)), f) for f in path.iterdir() if (match := FRAME.fullmatch(f.name))]
     return [regular_file(f, path) for _, f in sorted(found)]
 
 
 def open_cholecseg8k(path: Path, options: ClipOptions) -> Clip:
-    """Open one clip of the raw data set.
-
-    Raises
-    ------
-    ClipError
-    """
+    """Open one clip of the raw data set. ClipError when it cannot be read."""
     frames = cholec_frames(path)
     if not frames:
         raise ClipError(f"{shown(path)} holds no frame_<number>_endo.png.")
     pictures = ImageFiles(frames)
     size, count = pictures.size, len(frames)
-    masks, by_kind = _mask_files(path, frames)
+    masks, kinds = _mask_files(path, frames)
     check_sizes(masks.values(), size)
-    maps = CholecMaps(masks, size)
-    few = [pictures.read(i) for i in sampled(count)]
-    field, field_words = _field(maps, few)
-    found = guessed_cameras(count, size, field, options)
-    seen = np.ones(size[::-1], bool) if field is None else field
+    maps = CholecMaps(masks, CODES, size)
     strokes = index_maps(path, frames, size, "strokes", NAMES)
-    prior = DepthPrior(few, [seen] * len(few), found.cameras[0])
-    return StoredClip(
-        name=path.name,
-        path=path,
-        cameras=found.cameras,
-        poses=found.poses,
-        classes=NAMES if masks or strokes else (),
-        provenance={
-            "frames": counted(frames, size),
-            "masks": field_words,
-            "depth": prior.words,
-            "labels": _label_words(maps, by_kind, count),
-            **({"strokes": map_words(strokes, count, "strokes")} if strokes else {}),
-            **found.provenance,
-        },
-        pictures=pictures,
-        inside=seen,
-        distances=prior,
-        label_maps=maps if masks else None,
-        stroke_maps=strokes,
-    )
+    some = [pictures.read(i) for i in sampled(count)]
+    field, field_words = _field(maps, some)
+    source = f"13 classes, from {' and '.join(f'{kind} masks' for kind in kinds)}"
+    words = {
+        "frames": counted(frames, size),
+        "masks": field_words,
+        "labels": colour_map_words(maps, count, source, "carry no class's code (outlines, gaps)"),
+        **map_words(strokes, count, "strokes"),
+    }
+    cameras, classes = guessed_cameras(count, size, field, options), NAMES if masks or strokes else ()
+    found = maps if masks else None
+    return clip_with_prior(path, pictures, some, field, cameras, words, classes=classes, label_maps=found, stroke_maps=strokes)
 
 
-def _mask_files(path: Path, frames: list[Path]) -> tuple[dict[int, Path], dict[str, int]]:
+def _mask_files(path: Path, frames: list[Path]) -> tuple[dict[int, Path], list[str]]:
     there = {f.name: f for f in list_files(path, path, (".png",))}
     masks: dict[int, Path] = {}
-    kinds: dict[str, int] = {}
+    kinds: dict[str, None] = {}
     for i, frame in enumerate(frames):
         for kind, ending in (("watershed", "_watershed_mask.png"), ("colour", "_color_mask.png")):
             name = frame.stem + ending
             if name in there:
                 masks[i] = there[name]
-                kinds[kind] = kinds.get(kind, 0) + 1
+                kinds[kind] = None
                 break
-    return masks, kinds
+    return masks, list(kinds)
 
 
 def _field(maps: CholecMaps, few: list[np.ndarray]) -> tuple[np.ndarray | None, str]:
@@ -165,15 +123,3 @@ def _field(maps: CholecMaps, few: list[np.ndarray]) -> tuple[np.ndarray | None, 
             return inside, border_words(inside, "labelled Black Background")
     inside_border = field_of_view(brightest(few))
     return inside_border, border_words(inside_border, "dark border")
-
-
-def _label_words(maps: CholecMaps, kinds: dict[str, int], count: int) -> str:
-    if not maps.files:
-        return "none"
-    keys = sorted(maps.files)
-    looked_at = [maps.read(keys[i]) for i in sampled(len(keys))]
-    unknown = float(np.mean([(m == UNLABELLED).mean() for m in looked_at]))
-    words = f"{len(keys)} of {count} frames, 13 classes, from {' and '.join(f'{kind} masks' for kind in kinds)}"
-    if unknown:
-        words += f"; {100 * unknown:.1f} % of the pixels carry no class's code (outlines, gaps) and are unlabelled"
-    return words

@@ -12,8 +12,7 @@ import numpy as np
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.stored import sampled
-from degense.engine.data.readers.detect import detect, open_clip
-from degense.engine.data.readers.finding import clips_within, is_clip
+from degense.engine.data.readers.detect import clips_within, detect, is_clip, open_clip
 from degense.engine.errors import ClipError
 
 #: The clips of CholecSeg8k on which SurgTPGS and those who compare with it report; the data set has no official split.

@@ -1,22 +1,26 @@
-"""Which layout a path has, and opening it."""
+"""Which layout a path has, the clips inside a folder, and opening a clip."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
+from degense.engine.data.files.labels import index_maps
 from degense.engine.data.files.numbered import list_files, shown
-from degense.engine.data.readers.cholecseg8k import cholec_frames, open_cholecseg8k
-from degense.engine.data.readers.endonerf import open_endonerf
+from degense.engine.data.files.stored import ArrayCache, StoredClip
+from degense.engine.data.readers.cholecseg8k import FRAME, cholec_frames, open_cholecseg8k
 from degense.engine.data.readers.endovis18 import FRAMES, open_endovis18
-from degense.engine.data.readers.finding import clips_within
-from degense.engine.data.readers.frames import open_frames
-from degense.engine.data.readers.relabelled import with_labels
+from degense.engine.data.readers.frame_folder import open_endonerf, open_frames
+from degense.engine.data.readers.identity import frame_names
 from degense.engine.data.readers.video import SUFFIXES, open_video
 from degense.engine.errors import ClipError
+
+DEEPEST = 4  # folders down: a data set, a release, a video, a clip
+MOST = 10_000
 
 OPENERS: dict[str, Callable[[Path, ClipOptions], Clip]] = {
     "endonerf": open_endonerf,
@@ -103,3 +107,45 @@ def open_clip(path: str | Path, options: ClipOptions | None = None) -> Clip:
         clip = with_labels(clip, Path(options.labels))
     clip.options = {item.name: value for item in fields(options) if (value := getattr(options, item.name)) != item.default}
     return clip
+
+
+def clips_within(path: Path, deepest: int = DEEPEST) -> list[Path]:
+    """Clip folders and videos below a folder, in the order of their names, at most `MOST`; links and hidden folders are left out."""
+    found: list[Path] = []
+    for child in sorted(path.iterdir()):
+        if child.name.startswith(".") or child.is_symlink() or len(found) >= MOST:
+            continue
+        if child.is_file():
+            if child.suffix.lower() in SUFFIXES:
+                found.append(child)
+        elif child.is_dir() and os.access(child, os.R_OK | os.X_OK):
+            if is_clip(child):
+                found.append(child)
+            elif deepest > 1:
+                found += clips_within(child, deepest - 1)
+    return found
+
+
+def is_clip(folder: Path) -> bool:
+    """Whether a folder looks like a clip: it has frames in a place of their own, or is named as one of CholecSeg8k."""
+    return (folder / "images").is_dir() or (folder / FRAMES).is_dir() or any(FRAME.fullmatch(f.name) for f in folder.iterdir())
+
+
+def with_labels(clip: Clip, folder: Path) -> Clip:
+    """The clip with the label maps of a folder (`labels/NAME.png` and `classes.json`) instead of its own.
+
+    They are its strokes too: what was only scribbled is for the teacher `strokes` to spread.
+
+    Raises
+    ------
+    ClipError
+        When there are none, or they do not fit the clip.
+    """
+    if not isinstance(clip, StoredClip):
+        raise ClipError(f"Clip '{clip.name}' lies in no files, so it takes no label maps from a folder.")
+    maps = index_maps(folder, [Path(name) for name in frame_names(clip)], clip.size)
+    if maps is None:
+        raise ClipError(f"{shown(folder)} holds no labels/ with PNG files; choose the folder above it.")
+    words = f"{len(maps.files)} of {len(clip)} frames, {len(maps.classes)} classes, from {shown(folder)}"
+    provenance = {**clip.provenance, "labels": words, "strokes": words}
+    return replace(clip, classes=maps.classes, label_maps=maps, stroke_maps=maps, provenance=provenance, cache=ArrayCache())

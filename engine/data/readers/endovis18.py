@@ -14,14 +14,12 @@ import numpy as np
 
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.data.depth import DepthPrior
-from degense.engine.data.files.colours import ColourCodes
+from degense.engine.data.files.cameras import ClipCameras, calibrated_cameras, guessed_cameras, read_json
 from degense.engine.data.files.field_of_view import border_words, brightest, field_of_view
-from degense.engine.data.files.images import ImageFiles, check_sizes, checked, read_rgb
-from degense.engine.data.files.labels import index_maps
+from degense.engine.data.files.images import ImageFiles, check_sizes
+from degense.engine.data.files.labels import ColourCodes, ColourMaps, index_maps
 from degense.engine.data.files.numbered import list_files, regular_file, shown
-from degense.engine.data.files.poses import Found, calibrated_cameras, guessed_cameras, read_json
-from degense.engine.data.files.stored import StoredClip, counted, map_words, sampled
+from degense.engine.data.files.stored import clip_with_prior, colour_map_words, counted, map_words, sampled
 from degense.engine.errors import ClipError
 
 FRAMES = "left_frames"
@@ -44,26 +42,8 @@ CLASSES: tuple[tuple[str, tuple[int, int, int]], ...] = (
 )
 
 
-class EndoVisMaps:
-    """Label maps of a sequence, from its colour masks."""
-
-    def __init__(self, files: dict[int, Path], table: Sequence[tuple[str, tuple[int, int, int]]], size: tuple[int, int]):
-        self.files, self.size = files, size
-        self._codes = ColourCodes([colour for _, colour in table])
-
-    def read(self, index: int) -> np.ndarray:
-        """uint8 [H, W]; `UNLABELLED` where a colour is not in the table. ClipError for a damaged file."""
-        path = self.files[index]
-        return self._codes.labels(checked(read_rgb(path), path, self.size))
-
-
 def open_endovis18(path: Path, options: ClipOptions) -> Clip:
-    """Open one sequence of the raw data set.
-
-    Raises
-    ------
-    ClipError
-    """
+    """Open one sequence of the raw data set. ClipError when it cannot be read."""
     frames = list_files(path / FRAMES, path)
     if not frames:
         raise ClipError(f"{shown(path / FRAMES)} holds no pictures (frame000.png, …).")
@@ -72,32 +52,19 @@ def open_endovis18(path: Path, options: ClipOptions) -> Clip:
     table, origin = class_table(path)
     names = tuple(name for name, _ in table)
     maps = _label_maps(path, frames, table, size)
-    few = [pictures.read(i) for i in sampled(count)]
-    field = field_of_view(brightest(few))
-    seen = np.ones(size[::-1], bool) if field is None else field
-    found = _cameras(path, count, size, field, options)
     strokes = index_maps(path, frames, size, "strokes", names)
-    prior = DepthPrior(few, [seen] * len(few), found.cameras[0])
-    return StoredClip(
-        name=path.name,
-        path=path,
-        cameras=found.cameras,
-        poses=found.poses,
-        classes=names if maps.files or strokes else (),
-        provenance={
-            "frames": counted(frames, size) + ", left view",
-            "masks": border_words(field, "dark border"),
-            "depth": prior.words,
-            "labels": _label_words(maps, count, origin),
-            **({"strokes": map_words(strokes, count, "strokes")} if strokes else {}),
-            **found.provenance,
-        },
-        pictures=pictures,
-        inside=seen,
-        distances=prior,
-        label_maps=maps if maps.files else None,
-        stroke_maps=strokes,
-    )
+    some = [pictures.read(i) for i in sampled(count)]
+    field = field_of_view(brightest(some))
+    words = {
+        "frames": counted(frames, size) + ", left view",
+        "masks": border_words(field, "dark border"),
+        "labels": colour_map_words(maps, count, f"colours of {origin}", "have no class's colour"),
+        **map_words(strokes, count, "strokes"),
+    }
+    classes = names if maps.files or strokes else ()
+    cameras = _cameras(path, count, size, field, options)
+    found = maps if maps.files else None
+    return clip_with_prior(path, pictures, some, field, cameras, words, classes=classes, label_maps=found, stroke_maps=strokes)
 
 
 def class_table(path: Path) -> tuple[list[tuple[str, tuple[int, int, int]]], str]:
@@ -131,7 +98,7 @@ def _read_table(file: Path) -> list[tuple[str, tuple[int, int, int]]]:
     return [(name, (colour[0], colour[1], colour[2])) for name, colour in table]
 
 
-def _label_maps(path: Path, frames: list[Path], table: Sequence[tuple[str, tuple[int, int, int]]], size: tuple[int, int]) -> EndoVisMaps:
+def _label_maps(path: Path, frames: list[Path], table: Sequence[tuple[str, tuple[int, int, int]]], size: tuple[int, int]) -> ColourMaps:
     index = {frame.stem: i for i, frame in enumerate(frames)}
     files = list_files(path / "labels", path, (".png",))
     for file in files:
@@ -139,20 +106,11 @@ def _label_maps(path: Path, frames: list[Path], table: Sequence[tuple[str, tuple
             raise ClipError(f"{shown(file)} belongs to no frame in {FRAMES}/; it must be named like one, for example {frames[0].name}.")
     if files:
         check_sizes(files, size)
-    return EndoVisMaps({index[file.stem]: file for file in files}, table, size)
+    return ColourMaps({index[file.stem]: file for file in files}, ColourCodes(colour for _, colour in table), size)
 
 
-def _cameras(path: Path, count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions) -> Found:
+def _cameras(path: Path, count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions) -> ClipCameras:
     file = path / "camera_calibration.txt"
     if options.focal or not file.exists() or not math.isclose(size[0] / size[1], SIZE[0] / SIZE[1], rel_tol=0.01):
         return guessed_cameras(count, size, field, options)
     return calibrated_cameras(regular_file(file, path), count, size, SIZE, options)
-
-
-def _label_words(maps: EndoVisMaps, count: int, origin: str) -> str:
-    if not maps.files:
-        return "none"
-    keys = sorted(maps.files)
-    unknown = float(np.mean([(maps.read(keys[i]) == UNLABELLED).mean() for i in sampled(len(keys))]))
-    words = f"{len(keys)} of {count} frames, colours of {origin}"
-    return words + (f"; {100 * unknown:.1f} % of the pixels have no class's colour and are unlabelled" if unknown else "")

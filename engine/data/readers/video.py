@@ -17,12 +17,11 @@ import numpy as np
 
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.data.depth import DepthPrior
+from degense.engine.data.files.cameras import guessed_cameras
 from degense.engine.data.files.field_of_view import border_words, field_of_view
 from degense.engine.data.files.images import MAX_PIXELS
 from degense.engine.data.files.numbered import shown
-from degense.engine.data.files.poses import guessed_cameras
-from degense.engine.data.files.stored import StoredClip, sampled
+from degense.engine.data.files.stored import clip_with_prior, sampled
 from degense.engine.errors import ClipError
 
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm")
@@ -159,34 +158,14 @@ class VideoFrames:
 
 
 def open_video(path: Path, options: ClipOptions) -> Clip:
-    """Open a video file.
-
-    Raises
-    ------
-    ClipError
-    """
+    """Open a video file. ClipError when it cannot be read."""
     pictures = VideoFrames(path, options.start, options.stride, options.max_frames)
-    seen = field_of_view(pictures.brightest)
-    inside = np.ones(pictures.size[::-1], bool) if seen is None else seen
-    found = guessed_cameras(len(pictures), pictures.size, seen, options)
-    provenance = found.provenance
-    few = [pictures.read(i) for i in sampled(len(pictures), 4)]
-    prior = DepthPrior(few, [inside] * len(few), found.cameras[0])
-    provenance["frames"] = _frame_words(pictures, options)
-    provenance["masks"] = border_words(seen, "dark border")
-    provenance["depth"] = prior.words
-    provenance["labels"] = "none"
-    return StoredClip(
-        name=path.stem,
-        path=path,
-        cameras=found.cameras,
-        poses=found.poses,
-        provenance=provenance,
-        fps=(pictures.rate or 25.0) / options.stride,
-        pictures=pictures,
-        inside=inside,
-        distances=prior,
-    )
+    field = field_of_view(pictures.brightest)
+    cameras = guessed_cameras(len(pictures), pictures.size, field, options)
+    some = [pictures.read(i) for i in sampled(len(pictures), 4)]
+    words = {"frames": _frame_words(pictures, options), "masks": border_words(field, "dark border"), "labels": "none"}
+    fps = (pictures.rate or 25.0) / options.stride
+    return clip_with_prior(path, pictures, some, field, cameras, words, name=path.stem, fps=fps)
 
 
 def _frame_words(pictures: VideoFrames, options: ClipOptions) -> str:

@@ -20,7 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from degense.engine.data.files.numbered import list_files, shown
-from degense.engine.data.files.numpy_header import open_npy
+from degense.engine.data.files.numpy_files import open_npy
 from degense.engine.errors import ClipError
 
 MOST_BYTES = 2 << 30  # of one file

@@ -5,7 +5,7 @@ import pytest
 
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.readers import detect, open_clip
-from degense.engine.data.readers.cholecseg8k import CLASSES, NAMES, from_colours, from_watershed
+from degense.engine.data.readers.cholecseg8k import CLASSES, CODES, NAMES, from_watershed
 from degense.engine.errors import ClipError
 from tests.data.readers.makers import HEIGHT, WIDTH, disc, save, tissue
 
@@ -43,7 +43,7 @@ def test_codes_are_those_of_the_published_table():
         assert grey == GREY[name]
         assert bytes(colour).hex() == HEX[name]
         assert NAMES[from_watershed(np.array([[grey]], np.uint8))[0, 0]] == name
-        assert NAMES[from_colours(np.array([[colour]], np.uint8))[0, 0]] == name
+        assert NAMES[CODES.labels(np.array([[colour]], np.uint8))[0, 0]] == name
 
 
 def test_unknown_codes_are_unlabelled():
@@ -55,7 +55,7 @@ def test_unknown_codes_are_unlabelled():
     colours = rng.integers(0, 256, (50, 50, 3)).astype(np.uint8)
     table = {bytes.fromhex(HEX[n]): i for i, n in enumerate(NAMES)}
     expected = [[table.get(bytes(p), UNLABELLED) for p in row] for row in colours]
-    np.testing.assert_array_equal(from_colours(colours), expected)
+    np.testing.assert_array_equal(CODES.labels(colours), expected)
 
 
 @pytest.mark.parametrize("colour_only", [False, True])

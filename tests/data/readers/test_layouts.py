@@ -146,7 +146,7 @@ def test_frames_are_the_callers_own(tmp_path):
 
 
 def test_the_cache_keeps_what_fits():
-    from degense.engine.data.files.cache import ArrayCache
+    from degense.engine.data.files.stored import ArrayCache
 
     cache = ArrayCache(limit=3000)
     loads = []

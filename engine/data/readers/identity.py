@@ -1,4 +1,4 @@
-"""Recognising a clip again."""
+"""What a clip is known by: the lines that describe it, the names of its frames, and a fingerprint."""
 
 from __future__ import annotations
 
@@ -8,7 +8,25 @@ from pathlib import Path
 from degense.engine.clip import Clip
 from degense.engine.data.files.stored import StoredClip, sampled
 
+DESCRIBED = ("frames", "poses", "focal", "masks", "depth", "labels", "strokes")
 PIECE = 2**20
+
+
+def describe(clip: Clip) -> str:
+    """The lines a user sees: name, length and size, then where each thing comes from."""
+    width, height = clip.size
+    lines = [f"{clip.name}: {len(clip)} frames, {width} × {height}"]
+    lines += [f"  {key:<7} {clip.provenance[key]}" for key in DESCRIBED if key in clip.provenance]
+    if clip.classes:
+        lines.append(f"  classes {', '.join(clip.classes)}")
+    return "\n".join(lines)
+
+
+def frame_names(clip: Clip) -> tuple[str, ...]:
+    """What label files of the frames are called: the stems of the pictures, numbers where the frames are no files of their own."""
+    if isinstance(clip, StoredClip) and len(clip.pictures.files) == len(clip) > 1:
+        return tuple(file.stem for file in clip.pictures.files)
+    return tuple(f"{index:06d}" for index in range(len(clip)))
 
 
 def fingerprint(clip: Clip) -> str:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from degense.engine.camera import Camera
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.data.files.numbered import shown
-from degense.engine.data.files.numpy_header import open_npy
+from degense.engine.data.files.numbered import read_json, shown
+from degense.engine.data.files.numpy_files import open_npy
 from degense.engine.errors import ClipError
 
 ASSUMED_ANGLE = 70.0  # degrees across the field of view: laparoscopes have 65 to 80
-MAX_JSON = 64 * 2**20
 
 
 def assumed_focal(size: tuple[int, int], field: np.ndarray | None) -> tuple[float, str]:
@@ -32,13 +30,13 @@ def assumed_focal(size: tuple[int, int], field: np.ndarray | None) -> tuple[floa
     return focal, f"assumed {focal:.0f} pixels ({ASSUMED_ANGLE:.0f}° across {what}); set focal to change"
 
 
-def still_cameras(count: int, size: tuple[int, int], focal: float) -> list[Camera]:
+def static_cameras(count: int, size: tuple[int, int], focal: float) -> list[Camera]:
     """One camera at the origin for all frames, principal point in the middle."""
     return [Camera(*size, focal, focal, size[0] / 2, size[1] / 2)] * count
 
 
 @dataclass(frozen=True)
-class Found:
+class ClipCameras:
     """Cameras of a clip, what is to be done about their poses (`Clip.poses`), and provenance of "poses" and "focal"."""
 
     cameras: list[Camera]
@@ -46,13 +44,13 @@ class Found:
     provenance: dict[str, str]
 
 
-def guessed_cameras(count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions) -> Found:
+def guessed_cameras(count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions) -> ClipCameras:
     """Cameras of a clip that brings none."""
     focal, words = (options.focal, f"{options.focal:g} pixels, as set") if options.focal else assumed_focal(size, field)
-    return _found(still_cameras(count, size, focal), None, words, options)
+    return _found(static_cameras(count, size, focal), None, words, options)
 
 
-def calibrated_cameras(path: Path, count: int, size: tuple[int, int], made_for: tuple[int, int], options: ClipOptions) -> Found:
+def calibrated_cameras(path: Path, count: int, size: tuple[int, int], made_for: tuple[int, int], options: ClipOptions) -> ClipCameras:
     """Cameras from the `camera_calibration.txt` of a da Vinci recording: `Camera-0-F: fx fy` and `Camera-0-C: cx cy`, the left view.
 
     Scaled from pictures of `made_for` (width, height). Distortion, which is below a pixel there, is not read.
@@ -78,18 +76,18 @@ def calibrated_cameras(path: Path, count: int, size: tuple[int, int], made_for: 
     return _found([Camera(*size, fx, fy, cx, cy)] * count, None, words, options)
 
 
-def _found(cameras: list[Camera], poses: str | None, focal: str, options: ClipOptions) -> Found:
+def _found(cameras: list[Camera], poses: str | None, focal: str, options: ClipOptions) -> ClipCameras:
     """What the user wishes comes first, then what the clip says of its poses, in words; None: nothing."""
     if options.poses == "auto" and poses is not None:
-        return Found(cameras, "given", {"poses": poses, "focal": focal})
+        return ClipCameras(cameras, "given", {"poses": poses, "focal": focal})
     still: list[Camera] = []
     for camera in cameras:
         same = still and (camera.fx, camera.fy) == (still[-1].fx, still[-1].fy)
         still.append(still[-1] if same else replace(camera, viewmat=np.eye(4)))
     if options.poses == "still":
-        return Found(still, "given", {"poses": "the camera stands still, as set", "focal": focal})
+        return ClipCameras(still, "given", {"poses": "the camera stands still, as set", "focal": focal})
     words = "training looks whether it moves" if options.poses == "auto" else "training estimates how it moves, as set"
-    return Found(still, options.poses, {"poses": f"assumed: the camera stands still; {words}", "focal": focal})
+    return ClipCameras(still, options.poses, {"poses": f"assumed: the camera stands still; {words}", "focal": focal})
 
 
 def llff_viewmats(poses: np.ndarray, axes: str = "llff") -> np.ndarray:
@@ -113,7 +111,7 @@ def llff_viewmats(poses: np.ndarray, axes: str = "llff") -> np.ndarray:
     return np.linalg.inv(to_world) @ to_world[0]
 
 
-def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> Found:
+def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> ClipCameras:
     """Cameras from `poses_bounds.npy`: [N, 17] rows of 3 × 5 [R | t | (height, width, focal)] and near, far.
 
     Rows that agree mean a camera that stands still. Focal lengths are scaled when the pictures are smaller or larger than the file says.
@@ -155,22 +153,7 @@ def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
     return _found(_cameras(viewmats, size, focal, focal, size[0] / 2, size[1] / 2), poses, words, options)
 
 
-def read_json(path: Path) -> Any:
-    """What a JSON file of modest size holds.
-
-    Raises
-    ------
-    ClipError
-    """
-    if path.stat().st_size > MAX_JSON:
-        raise ClipError(f"{shown(path)} is larger than {MAX_JSON // 2**20} MB; that is no file of a clip.")
-    try:
-        return json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ClipError(f"{shown(path)} is not valid JSON.") from error
-
-
-def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> Found:
+def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> ClipCameras:
     """Cameras from `camera.json`: `width`, `height`, `fx`, `fy`, `cx`, `cy` and at will `viewmats` [frames][4][4].
 
     Without `viewmats` the clip says nothing of its poses.

@@ -1,4 +1,7 @@
-"""Arrays in .npy and .npz files of unknown origin: no pickle, and shape and type are known before anything is allocated."""
+"""Arrays in .npy and .npz files of unknown origin: no pickle, and shape and type are known before anything is allocated.
+
+`gt.npz` holds the exact answers of a synthetic clip.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from typing import IO
 
 import numpy as np
 
+from degense.engine.clip import Truth
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError
 
@@ -74,3 +78,36 @@ def read_npz(path: Path, name: str) -> np.ndarray:
             return archive[name]
     except _BROKEN_ZIP as error:
         raise ClipError(f"{shown(path)}: the array '{name}' is damaged or cut short.") from error
+
+
+class TruthFile:
+    """`gt.npz` of a clip; its headers are checked at once, its arrays are read when asked for.
+
+    Raises
+    ------
+    ClipError
+        When an array is missing or has the wrong shape or type.
+    """
+
+    def __init__(self, path: Path, count: int, size: tuple[int, int]):
+        self.path = path
+        headers = npz_headers(path)
+        wanted = {"displacement": ((count, size[1], size[0], 3), "f"), "cautery": ((count, size[1], size[0]), "b")}
+        for name, (shape, kind) in wanted.items():
+            if name not in headers:
+                raise ClipError(f"{shown(path)} has no array '{name}'.")
+            found, dtype = headers[name]
+            if found != shape or dtype.kind != kind:
+                raise ClipError(
+                    f"{shown(path)}: '{name}' is {dtype} {list(found)}, but must be {'float' if kind == 'f' else 'bool'} {list(shape)}."
+                )
+
+    def read(self) -> Truth:
+        """The arrays.
+
+        Raises
+        ------
+        ClipError
+        """
+        displacement = np.asarray(read_npz(self.path, "displacement"), np.float32)
+        return Truth(displacement, read_npz(self.path, "cautery"))

@@ -1,0 +1,178 @@
+"""Folders of frames with masks, depth, labels and truth beside them: the layouts endonerf and frames.
+
+endonerf: `images/`, `masks/` or `gt_masks/`, `depth/` or `monodepth/`, `poses_bounds.npy`. EndoGaussian, Deform3DGS, SurgicalGaussian and
+G-SHARP share it; SurgTPGS's CholecSeg8k has masks of the opposite polarity and no poses.
+
+frames: pictures in a folder or in its `images/`; beside them may lie `masks/`, `depth/`, `labels/` with `classes.json`, `camera.json`, and
+`gt.npz`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from degense.engine.camera import Camera
+from degense.engine.clip import Clip
+from degense.engine.data.clip_options import ClipOptions
+from degense.engine.data.depth import DepthPrior
+from degense.engine.data.files.cameras import ClipCameras, guessed_cameras, json_cameras, json_unit, llff_cameras
+from degense.engine.data.files.depth_files import DepthFiles
+from degense.engine.data.files.field_of_view import border_words, brightest, field_of_view
+from degense.engine.data.files.images import ImageFiles, check_sizes
+from degense.engine.data.files.labels import index_maps, read_classes
+from degense.engine.data.files.masks import MaskFiles, decide, read_mask
+from degense.engine.data.files.numbered import list_files, pair, regular_file, shown
+from degense.engine.data.files.numpy_files import TruthFile, open_npy
+from degense.engine.data.files.stored import StoredClip, counted, map_words, sampled
+from degense.engine.errors import ClipError
+
+CameraRule = Callable[[int, tuple[int, int], np.ndarray | None], ClipCameras]
+
+
+def open_endonerf(path: Path, options: ClipOptions) -> Clip:
+    """Open a clip in the layout endonerf. ClipError when it cannot be read."""
+
+    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> ClipCameras:
+        poses = path / "poses_bounds.npy"
+        if poses.exists():
+            return llff_cameras(regular_file(poses, path), count, size, options)
+        return guessed_cameras(count, size, field, options)
+
+    return _open_folder(path, options, cameras, clip_depth=True)
+
+
+def open_frames(path: Path, options: ClipOptions) -> Clip:
+    """Open a folder of frames. ClipError when it cannot be read."""
+    camera = path / "camera.json"
+
+    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> ClipCameras:
+        if camera.exists():
+            return json_cameras(regular_file(camera, path), count, size, options)
+        return guessed_cameras(count, size, field, options)
+
+    clip = _open_folder(path, options, cameras, clip_depth=False)
+    if camera.exists() and clip.depth_measured:
+        clip.unit = json_unit(camera)
+    return clip
+
+
+def _open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_depth: bool) -> StoredClip:
+    """Open a folder; with `clip_depth`, depth is clipped to robust percentiles, for it is not exact."""
+    files = frame_files(path)
+    pictures = ImageFiles(files)
+    size, count = pictures.size, len(files)
+    mask_paths = mask_files(path, files, size)
+    looked_at = sampled(count)
+    if mask_paths:  # an empty mask compresses best, so the largest file is one that says something
+        looked_at = sorted({*looked_at, max(range(count), key=lambda i: mask_paths[i].stat().st_size)})
+    frames = [pictures.read(i) for i in looked_at]
+
+    masks, border, disc, words = _masks(mask_paths, looked_at, frames, size, options)
+    inside = np.ones(size[::-1], bool) if border is None else border
+    found = cameras(count, size, disc)
+    distances, depth_words = _depth_files(path, files, size, clip_depth) or _prior(
+        frames, [inside if masks is None else inside & masks.keep(i) for i in looked_at], found.cameras[0]
+    )
+    labels, strokes = index_maps(path, files, size), index_maps(path, files, size, "strokes")
+    provenance = {"frames": counted(files, size), "masks": words, **found.provenance, "depth": depth_words}
+    return StoredClip(
+        name=path.name,
+        path=path,
+        cameras=found.cameras,
+        poses=found.poses,
+        classes=_classes(path),
+        provenance=provenance | map_words(labels, count, "labels") | map_words(strokes, count, "strokes"),
+        pictures=pictures,
+        inside=inside,
+        distances=distances,
+        masks=masks,
+        label_maps=labels,
+        stroke_maps=strokes,
+        truth_file=TruthFile(regular_file(path / "gt.npz", path), count, size) if (path / "gt.npz").exists() else None,
+    )
+
+
+def _masks(
+    files: list[Path], looked_at: list[int], frames: list[np.ndarray], size: tuple[int, int], options: ClipOptions
+) -> tuple[MaskFiles | None, np.ndarray | None, np.ndarray | None, str]:
+    """The masks, the dark border to leave out, the visible disc that tells the focal length, and provenance."""
+    border = field_of_view(brightest(frames))
+    words = border_words(border, "dark border")
+    if not files:
+        return None, border, border, words
+    highs, tops = zip(*(read_mask(files[i], size) for i in looked_at), strict=True)
+    polarity = decide(highs, frames, max(tops), options.mask_means)
+    disc = border
+    if polarity.means == "keep":  # such masks have said where the field of view is
+        border, disc = None, field_of_view(np.any(highs, axis=0).astype(np.uint8) * 255)
+    extra = "" if border is None else words.removeprefix("none")
+    return MaskFiles(files, size, polarity), border, disc, f"{files[0].parent.name}/: {polarity.words}{extra}"
+
+
+def _classes(path: Path) -> tuple[str, ...]:
+    """What `classes.json` names; empty without it."""
+    file = path / "classes.json"
+    return read_classes(regular_file(file, path)) if file.exists() else ()
+
+
+def frame_files(path: Path) -> list[Path]:
+    """The frames of a folder: in `images/`, else in the folder itself.
+
+    Raises
+    ------
+    ClipError
+        When there are none.
+    """
+    folder = path / "images" if (path / "images").is_dir() else path
+    files = list_files(folder, path)
+    if not files:
+        raise ClipError(f"{shown(folder)} holds no pictures (.png, .jpg, .bmp, .tif, .webp).")
+    return files
+
+
+def mask_files(path: Path, frames: list[Path], size: tuple[int, int]) -> list[Path]:
+    """The masks of a folder, one a frame; empty when it has none. `gt_masks/` is SurgicalGaussian's name for them.
+
+    Raises
+    ------
+    ClipError
+    """
+    files = list_files(path / "masks", path) or list_files(path / "gt_masks", path)
+    if files:
+        pair(frames, files, "masks")
+        check_sizes(files, size)
+    return files
+
+
+def _depth_files(path: Path, frames: list[Path], size: tuple[int, int], clip_depth: bool) -> tuple[DepthFiles, str] | None:
+    for name in ("depth", "monodepth"):
+        files = list_files(path / name, path, (".npy",)) or list_files(path / name, path)
+        if not files:
+            continue
+        pair(frames, files, "depth maps")
+        exact = files[0].suffix.lower() == ".npy"
+        if exact:
+            for file in files:
+                open_npy(file)
+        else:
+            check_sizes(files, size)
+        distances = DepthFiles(files, size)
+        few = sampled(len(files))
+        limits = distances.robust_limits(few)
+        if limits is None:
+            raise ClipError(f"{shown(path / name)} holds no depth: every value looked at is 0 or not finite; remove the folder or mend it.")
+        kind = "monocular estimate, up to a scale" if name == "monodepth" else "measured"
+        words = f"{kind}, from {name}/ ({'.npy' if exact else 'raw picture values'}), 0 = unknown"
+        if clip_depth:
+            distances.limits = limits
+            words += f", clipped to {limits[0]:.4g} … {limits[1]:.4g}"
+        return distances, words
+    return None
+
+
+def _prior(frames: list[np.ndarray], usable: list[np.ndarray], camera: Camera) -> tuple[DepthPrior, str]:
+    prior = DepthPrior(frames, usable, camera)
+    return prior, prior.words
