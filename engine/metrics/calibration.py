@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from degense.engine.clip import UNLABELLED
-from degense.engine.metrics.mean import Mean
+from degense.engine.metrics.averages import Mean
 
 STEPS = 100  # thresholds 0, 1/100, …, 99/100
 BINS = 10  # of the reliability diagram

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from skimage.metrics import structural_similarity
 
-from degense.engine.metrics.mean import Mean
+from degense.engine.metrics.averages import Mean
 
 IDENTICAL = 100.0  # dB: pictures without any difference score this, because infinity cannot be averaged or stored
 SSIM_BORDER = 5  # pixels at each edge whose 11 × 11 window is not whole

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from degense.engine.clip import UNLABELLED
-from degense.engine.metrics.mean import Mean
+from degense.engine.metrics.averages import Mean
 
 
 def iou(predicted: np.ndarray, truth: np.ndarray) -> float | None:

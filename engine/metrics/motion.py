@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from degense.engine.metrics.mean import Mean
+from degense.engine.metrics.averages import Mean
 
 
 class MotionScores:

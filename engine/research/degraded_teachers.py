@@ -10,7 +10,7 @@ import numpy as np
 
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers.teacher import Targets, Teacher
-from degense.engine.semantics.text.directions import unit_rows
+from degense.engine.semantics.basis import unit_rows
 
 CELLS = (6, 5)  # regions that can be mistaken as a whole: cells of this jittered grid, cut by the borders of the classes
 EPISODE = 5  # frames that a mistaken region stays so

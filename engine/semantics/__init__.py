@@ -1,7 +1,7 @@
 """From words to vectors, from label maps to training targets, and from long vectors to short ones."""
 
 from degense.engine.semantics.teachers import LabelTeacher, Targets, Teacher
-from degense.engine.semantics.text.basis import Basis, fit_basis
+from degense.engine.semantics.basis import Basis, fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.run_encoder import keep_encoder, open_encoder

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from degense.engine.metrics.interval import t_interval
+from degense.engine.metrics.averages import t_interval
 
 
 @dataclass(frozen=True)

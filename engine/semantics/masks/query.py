@@ -16,8 +16,8 @@ from degense.engine.semantics.masks.rnse import Aggregation
 from degense.engine.semantics.masks.rnse_cpu import CpuAggregation
 from degense.engine.semantics.masks.rnse_torch import TorchAggregation
 from degense.engine.semantics.prompts import PromptVectors, reads_regions
-from degense.engine.semantics.text.basis import Basis
-from degense.engine.semantics.text.directions import unit_rows
+from degense.engine.semantics.basis import Basis
+from degense.engine.semantics.basis import unit_rows
 
 #: Similarity maps kept per frame, one a text vector and kind: the classes of a session, so that a moved threshold computes none anew.
 KEPT_MAPS = 32

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from degense.engine.semantics.text.directions import unit_rows
+from degense.engine.semantics.basis import unit_rows
 
 Embed = Callable[[Sequence[str]], np.ndarray]
 #: CLIPSeg is asked in this one, and runs whose encoder's name says nothing of templates were made with it alone.

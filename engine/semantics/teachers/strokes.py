@@ -24,7 +24,7 @@ from degense.engine.progress import Progress, silent
 from degense.engine.semantics.teachers.answer_store import digest
 from degense.engine.semantics.teachers.appearance import Appearance
 from degense.engine.semantics.teachers.regions import Regions
-from degense.engine.semantics.teachers.soft import soft_targets
+from degense.engine.semantics.teachers.teacher import soft_targets
 from degense.engine.semantics.teachers.teacher import Targets
 from degense.engine.semantics.text.encoder import TextEncoder
 

@@ -1,4 +1,4 @@
-"""What every teacher offers."""
+"""What every teacher offers, and targets of a soft label map: every place a mixture of its two likeliest classes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
+from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.text.encoder import TextEncoder
 
 #: Unit vectors float32 [k, D], and int32 [H, W] that says which of them a pixel should have; −1 where the teacher says nothing.
 Targets = tuple[np.ndarray, np.ndarray]
+LEVELS = 8  # steps of a mixture of two classes, from half and half to the first class alone
 
 
 class Teacher(Protocol):
@@ -38,3 +40,38 @@ class Teacher(Protocol):
     def targets(self, frame: int) -> Targets | None:
         """Vectors and index map of a frame, or None when the teacher says nothing about it."""
         ...
+
+
+def soft_targets(probabilities: np.ndarray, vectors: np.ndarray, known: np.ndarray) -> Targets:
+    """Targets of a soft label map.
+
+    Parameters
+    ----------
+    probabilities : float [..., k]
+        Of the classes; only their proportions count.
+    vectors : float32 [k, D]
+        Unit vectors of the classes.
+    known : bool [...]
+        Elsewhere nothing is said.
+
+    Returns
+    -------
+    vectors float32 [m, D], index int32 [...]
+        Only mixtures that occur: p · v_first + (1 − p) · v_second, of unit length, with p rounded to `LEVELS` steps.
+    """
+    count = len(vectors)
+    if count == 1:
+        return vectors, np.where(known, 0, -1).astype(np.int32)
+    order = np.argpartition(probabilities, count - 2, axis=-1)[..., -2:]
+    pair = np.take_along_axis(probabilities, order, -1)
+    swap = pair[..., 0] > pair[..., 1]
+    first, second = np.where(swap, order[..., 0], order[..., 1]), np.where(swap, order[..., 1], order[..., 0])
+    share = pair.max(-1) / np.maximum(pair.sum(-1), 1e-12)
+    level = np.clip(np.round((2 * share - 1) * LEVELS), 0, LEVELS).astype(np.int64)
+    second = np.where(level == LEVELS, first, second)
+    codes, places = np.unique(((first * count + second) * (LEVELS + 1) + level)[known], return_inverse=True)
+    a, b, p = codes // (LEVELS + 1) // count, codes // (LEVELS + 1) % count, 0.5 + codes % (LEVELS + 1) / (2 * LEVELS)
+    mixed = p[:, None] * vectors[a] + (1 - p)[:, None] * vectors[b]
+    index = np.full(known.shape, -1, np.int32)
+    index[known] = places
+    return unit_rows(mixed).astype(np.float32), index

@@ -18,9 +18,9 @@ from degense.engine.semantics.models.templates import PLAIN, asked_in_templates
 from degense.engine.semantics.models.tiles import tiled
 from degense.engine.semantics.models.vlm_models import DenseModel
 from degense.engine.semantics.teachers.answer_store import digest
-from degense.engine.semantics.teachers.soft import soft_targets
+from degense.engine.semantics.teachers.teacher import soft_targets
 from degense.engine.semantics.teachers.teacher import Targets
-from degense.engine.semantics.text.directions import unit_rows
+from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors

@@ -12,7 +12,7 @@ from safetensors.numpy import save_file
 
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.files import replacing
-from degense.engine.semantics.text.class_names import ClassNames
+from degense.engine.semantics.text.encoder import ClassNames
 from degense.engine.semantics.text.encoder import WordedEncoder
 from degense.engine.semantics.text.vocabulary import Vocabulary
 

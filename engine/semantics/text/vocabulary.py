@@ -8,6 +8,7 @@ misspellings. A wording that is not understood is an error that names the neares
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
@@ -16,7 +17,7 @@ from importlib.resources import files
 from typing import Any
 
 from degense.engine.errors import PromptError
-from degense.engine.semantics.text.spelling import allowed_errors, allowed_errors_abroad, american, key, slips, words
+from degense.engine.semantics.text.spelling import HAN, allowed_errors, allowed_errors_abroad, american, key, slips, words
 
 #: A prompt longer than this is not a name of anything, and matching would only waste time.
 MAX_PROMPT = 200
@@ -229,6 +230,31 @@ def surgical_vocabulary() -> Vocabulary:
     return Vocabulary(
         concepts, fixed["fillers"] + fillers, fixed["prepositions"] + prepositions, fixed["not_misspellings"] + added["not_misspellings"]
     )
+
+
+def split_negatives(text: str) -> tuple[str, tuple[str, ...]]:
+    """What is wanted, and each thing that is not, as they were typed.
+
+    `"tool, not grasper or scissors"` → `("tool,", ("grasper", "scissors"))`; either may be empty.
+    Negations of all languages in `names.json` are understood.
+    """
+    negation, separator = _patterns()
+    wanted, *excluded = negation.split(text)
+    things = [thing.strip() for part in excluded for thing in separator.split(part)]
+    return wanted.strip(), tuple(thing for thing in things if thing)
+
+
+@lru_cache(maxsize=1)
+def _patterns() -> tuple[re.Pattern[str], re.Pattern[str]]:
+    data = _read_json("names.json")
+    negations = [word for of_language in data["negations"].values() for word in of_language]
+    return re.compile(_any_of(negations), re.IGNORECASE), re.compile(f"[,;，、；]|{_any_of(data['separators'])}", re.IGNORECASE)
+
+
+def _any_of(wordings: list[str]) -> str:
+    """A pattern for any of them, the longest first; a Chinese one may stand inside of a word."""
+    longest = sorted(wordings, key=len, reverse=True)
+    return "|".join(re.escape(word) if re.match(f"[{HAN}]", word) else rf"(?<!\w){re.escape(word)}(?!\w)" for word in longest)
 
 
 def _read_json(name: str) -> Any:

@@ -17,7 +17,7 @@ from degense.engine.research.stress.features import SpoiltTeacher, latent_kinds,
 from degense.engine.research.stress.outcome import sound
 from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.prompts import DECODERS, PromptVectors
-from degense.engine.semantics.text.basis import Basis
+from degense.engine.semantics.basis import Basis
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular, inverse_depth, photometric, region_smoothness, rigidity
 from degense.engine.training.semantic import targets as semantics

@@ -6,7 +6,7 @@ import pytest
 from degense.engine.errors import ClipError
 from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.teachers import StrokeTeacher
-from degense.engine.semantics.teachers.soft import soft_targets
+from degense.engine.semantics.teachers.teacher import soft_targets
 from tests.semantics.teachers.stroked import HONEST, StrokedClip
 
 

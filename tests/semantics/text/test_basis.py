@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from degense.engine.semantics.text.basis import KEPT_BY_EACH, Basis, fit_basis
+from degense.engine.semantics.basis import KEPT_BY_EACH, Basis, fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 
 CLASSES = ["liver", "gallbladder", "fat", "grasper", "L-hook electrocautery", "background"]

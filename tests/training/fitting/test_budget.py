@@ -13,7 +13,7 @@ import degense.engine.training.job as job
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.events import Budget
-from degense.engine.semantics.text.basis import Basis
+from degense.engine.semantics.basis import Basis
 from degense.engine.training import PRESETS, TrainConfig, train
 from degense.engine.training.fitting.budget import choose, fit_budget
 from degense.engine.training.fitting.statistics import Statistics, gaussians_needed, knots_needed, noise_of

@@ -7,8 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32
 
+LEAST = 1e-12  # a shorter vector has no direction and stays about zero
 #: A vector keeps at least this share of its squared length, however little it weighs: a needle covers few pixels, yet its prompt must work.
 KEPT_BY_EACH = 0.9
+
+
+def unit_rows(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [..., D] at unit length, of the same float type; those of no length stay."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), LEAST)
 
 
 @dataclass(frozen=True)

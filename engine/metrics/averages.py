@@ -1,4 +1,4 @@
-"""How sure a mean over seeds is."""
+"""Means: of numbers that come one by one, and over seeds with a confidence interval."""
 
 from __future__ import annotations
 
@@ -6,6 +6,23 @@ import statistics
 from collections.abc import Sequence
 
 from scipy.special import stdtrit
+
+
+class Mean:
+    """Running mean, weighted; None while there is nothing to average."""
+
+    def __init__(self) -> None:
+        self.total, self.weight = 0.0, 0.0
+
+    def add(self, value: float | None, weight: float = 1.0) -> None:
+        """Count a value; None does not count."""
+        if value is not None:
+            self.total += float(value) * weight
+            self.weight += weight
+
+    @property
+    def value(self) -> float | None:
+        return self.total / self.weight if self.weight else None
 
 
 def t_interval(values: Sequence[float], level: float = 0.95) -> tuple[float, float | None]:
