@@ -12,10 +12,10 @@ import torch
 from degense.engine.clip import Clip
 from degense.engine.errors import ClipError
 from degense.engine.layers import LAYERS, LayerRequest
-from degense.engine.metrics.image import ImageScores
 from degense.engine.metrics.averages import Mean
-from degense.engine.metrics.semantics import score_flicker, score_masks
+from degense.engine.metrics.image import ImageScores
 from degense.engine.metrics.motion import MotionScores
+from degense.engine.metrics.semantics import score_flicker, score_masks
 from degense.engine.progress import Progress, silent
 from degense.engine.scene import Scene
 from degense.engine.scene.clip_query import encode_prompts

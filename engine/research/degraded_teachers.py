@@ -8,9 +8,12 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
+from degense.engine.clip import Clip
 from degense.engine.errors import DegenseError
-from degense.engine.semantics.teachers.teacher import Targets, Teacher
 from degense.engine.semantics.basis import unit_rows
+from degense.engine.semantics.teachers.labels import LabelTeacher
+from degense.engine.semantics.teachers.teacher import Targets, Teacher
+from degense.engine.semantics.text.encoder import TextEncoder
 
 CELLS = (6, 5)  # regions that can be mistaken as a whole: cells of this jittered grid, cut by the borders of the classes
 EPISODE = 5  # frames that a mistaken region stays so
@@ -131,6 +134,11 @@ class DegradedTeacher:
                     yield inside, int(truly), int(twin[truly])
                 if rng.random() < how.flicker and classes > 1:
                     yield inside, int(truly), int((truly + rng.integers(1, classes)) % classes)
+
+
+def degraded(name: str, clip: Clip, encoder: TextEncoder) -> DegradedTeacher:
+    """The labels degraded like a vision-language model's: "degraded", or with the measure, "degraded:patches=24,noise=0.5,seed=0"."""
+    return DegradedTeacher(LabelTeacher(clip, encoder), Degradation.parse(name.partition(":")[2]))
 
 
 def confusable(vectors: np.ndarray) -> np.ndarray:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from degense.engine.metrics.calibration import STEPS, Calibration
 from degense.engine.metrics.averages import t_interval
+from degense.engine.metrics.calibration import STEPS, Calibration
 from degense.engine.metrics.masks import MaskScores
 
 

@@ -6,9 +6,10 @@ import torch
 
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.raster import rasterize
+from degense.engine.research.degraded_teachers import Degradation, DegradedTeacher
 from degense.engine.semantics import EmbeddedEncoder
-from degense.engine.semantics.teachers import Degradation, DegradedTeacher, LabelTeacher
 from degense.engine.semantics.basis import fit_basis
+from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians

@@ -3,8 +3,9 @@
 import numpy as np
 import torch
 
+from degense.engine.research.degraded_teachers import Degradation, DegradedTeacher
 from degense.engine.semantics import EmbeddedEncoder
-from degense.engine.semantics.teachers import Degradation, DegradedTeacher, LabelTeacher
+from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.semantic.patches import BLUR, Patches
 from degense.engine.training.semantic.targets import SemanticTargets

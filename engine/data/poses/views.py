@@ -8,7 +8,7 @@ import numpy as np
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.motion import confidence
-from degense.engine.semantics.text.vocabulary import surgical_vocabulary
+from degense.engine.vocabulary import instruments
 
 PIXELS = 40_000  # frames are matched at about this size; twice as many are no nearer the truth
 EDGE = 7  # pixels around an invalid pixel or an instrument, whose motion bleeds into the tissue beside it
@@ -32,7 +32,7 @@ class Views:
         width, height = clip.size
         self.factor = min(1.0, (PIXELS / (width * height)) ** 0.5)
         self.camera: Camera = clip.cameras[0].scaled(self.factor)
-        self._instruments = [value for value, name in enumerate(clip.classes) if surgical_vocabulary().is_a(name, "instrument")]
+        self._instruments = instruments(clip.classes)
         depth = self.depth(first)[self.tissue(first)]
         self.unit = 1 / float(np.median(depth[depth > 0])) if (depth > 0).any() else 1.0
 

@@ -12,8 +12,8 @@ from degense.engine.camera import Camera
 from degense.engine.data.synthetic.anatomy import CLASSES
 from degense.engine.data.synthetic.scene import PhantomScene
 from degense.engine.raster import Render, rasterize
-from degense.engine.semantics.masks.query import FrameSemantics, query_of
 from degense.engine.semantics.basis import fit_basis
+from degense.engine.semantics.masks.query import FrameSemantics, query_of
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.splats import Splats
 

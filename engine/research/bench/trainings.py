@@ -12,7 +12,7 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.progress import Progress
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.workers import run_jobs, worker_count
-from degense.engine.semantics.teachers import VLM_LIKE
+from degense.engine.research.degraded_teachers import VLM_LIKE
 from degense.engine.training.config import TrainConfig
 
 KINDS = ("cautery", "bleeding")
@@ -102,7 +102,7 @@ def vlm_like(seed: int) -> str:
 
 #: `vlm_like` for the words above a table.
 TEACHER_WORDS = (
-    f"Teacher: exact labels degraded like a VLM ({str(VLM_LIKE).rpartition(',')[0]}; engine/language/teachers/degraded.py) with the "
+    f"Teacher: exact labels degraded like a VLM ({str(VLM_LIKE).rpartition(',')[0]}; engine/research/degraded_teachers.py) with the "
     "training's seed, training frames only"
 )
 

@@ -9,8 +9,8 @@ from degense.engine.progress import Progress
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.trainings import Training, base_config, phantoms, protocol, score_all, size_of
+from degense.engine.research.degraded_teachers import VLM_LIKE
 from degense.engine.semantics.prompts import DECODERS
-from degense.engine.semantics.teachers import VLM_LIKE
 
 COARSENESS = (1, 4, 8, 16, 32)  # pixels of the frame along a side of the teacher's patches
 RANKS = (2, 4, 8, 16, 32, 128)

@@ -18,10 +18,10 @@ from degense.engine.research.bench.mask_scenes import DEGRADATIONS, Frame, MaskS
 from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure
+from degense.engine.semantics.basis import Basis, fit_basis
 from degense.engine.semantics.masks import FrameSemantics, superpixels
 from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
 from degense.engine.semantics.prompts import DECODERS, PromptVectors
-from degense.engine.semantics.basis import Basis, fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 
 TOOLS = ("grasper", "L-hook electrocautery")

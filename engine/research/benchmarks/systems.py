@@ -13,7 +13,7 @@ from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.trainings import TEACHER_WORDS, Training, base_config, phantoms, protocol, score_all, vlm_like
 from degense.engine.research.systems import SYSTEMS, as_system
 from degense.engine.semantics.prompts import DECODERS
-from degense.engine.semantics.text.vocabulary import surgical_vocabulary
+from degense.engine.vocabulary import instruments
 
 OURS = "degense"
 Found = dict[str, list[dict[str, Any]]]  # system → scores, one a seed
@@ -51,10 +51,10 @@ def best_decoder(runs: list[dict[str, Any]]) -> str:
     return max(DECODERS, key=lambda decoder: sum(r["miou"][decoder] or 0.0 for r in runs))
 
 
-def instruments(iou: dict[str, float | None]) -> float | None:
+def of_instruments(iou: dict[str, float | None]) -> float | None:
     """Mean IoU of the classes that are instruments."""
-    vocabulary = surgical_vocabulary()
-    return mean(value for name, value in iou.items() if vocabulary.is_a(name, "instrument"))
+    values = list(iou.values())
+    return mean(values[index] for index in instruments(tuple(iou)))
 
 
 def words(options: BenchOptions) -> str:
@@ -88,7 +88,7 @@ def summary(kind: str, found: Found, options: BenchOptions) -> Table:
         masks = [r["masks"][decoder] for r in runs]
         row: dict[str, Cell] = {"system": name, "decoder": decoder}
         row |= {"miou": [m["miou"] for m in masks], "pairs": [m["miou_pairs"] for m in masks], "boundary": [m["boundary_f"] for m in masks]}
-        row["instruments"] = _known(instruments(m["iou"]) for m in masks)
+        row["instruments"] = _known(of_instruments(m["iou"]) for m in masks)
         row["flicker"] = [100 * value for value in _known(r["flicker"][decoder] for r in runs)]
         row["false"] = [float(sum(false["frames"] for false in m["false_positives"].values())) for m in masks]
         row |= {f"miou {d}": [r["miou"][d] for r in runs] for d in DECODERS}
@@ -133,7 +133,7 @@ def margins(by_kind: dict[str, Found], options: BenchOptions) -> Table:
 def reached(runs: list[dict[str, Any]]) -> list[tuple[float, float | None]]:
     """mIoU, and that of instruments alone, of each seed of a system with its own best decoder."""
     decoder = best_decoder(runs)
-    return [(r["miou"][decoder], instruments(r["masks"][decoder]["iou"])) for r in runs]
+    return [(r["miou"][decoder], of_instruments(r["masks"][decoder]["iou"])) for r in runs]
 
 
 def _known(values: Iterable[float | None]) -> list[float]:

@@ -18,10 +18,10 @@ from degense.engine.research.bench.table import Table
 from degense.engine.research.stress.long_clips import write_pictures
 from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row, verdict
 from degense.engine.semantics import EmbeddedEncoder, TextEncoder
+from degense.engine.semantics.basis import Basis
 from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.masks.similarity import SHORTEST
 from degense.engine.semantics.prompts import DECODERS, PromptVectors
-from degense.engine.semantics.basis import Basis
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular
 from degense.engine.training.semantic.targets import SemanticTargets

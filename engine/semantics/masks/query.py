@@ -11,13 +11,12 @@ import numpy as np
 from torch import Tensor
 
 from degense.engine.raster import Render
+from degense.engine.semantics.basis import Basis, unit_rows
 from degense.engine.semantics.masks.decode import Decoded, Similarities, decode
 from degense.engine.semantics.masks.rnse import Aggregation
 from degense.engine.semantics.masks.rnse_cpu import CpuAggregation
 from degense.engine.semantics.masks.rnse_torch import TorchAggregation
 from degense.engine.semantics.prompts import PromptVectors, reads_regions
-from degense.engine.semantics.basis import Basis
-from degense.engine.semantics.basis import unit_rows
 
 #: Similarity maps kept per frame, one a text vector and kind: the classes of a session, so that a moved threshold computes none anew.
 KEPT_MAPS = 32

@@ -1,19 +1,15 @@
 """Where the 2D features of training frames come from."""
 
-from degense.engine.research.degraded_teachers import VLM_LIKE, Degradation, DegradedTeacher
 from degense.engine.semantics.teachers.answer_store import CostlyTeacher, answered
-from degense.engine.semantics.teachers.choosing import TEACHERS, TeacherChoice, default_teacher, teacher_by_name, teacher_choices
+from degense.engine.semantics.teachers.choosing import MAKERS, TeacherChoice, default_teacher, teacher_by_name, teacher_choices
 from degense.engine.semantics.teachers.labels import LabelTeacher
 from degense.engine.semantics.teachers.precomputed import PrecomputedTeacher
 from degense.engine.semantics.teachers.strokes import StrokeTeacher
 from degense.engine.semantics.teachers.teacher import Targets, Teacher
 
 __all__ = [
-    "TEACHERS",
-    "VLM_LIKE",
+    "MAKERS",
     "CostlyTeacher",
-    "Degradation",
-    "DegradedTeacher",
     "LabelTeacher",
     "PrecomputedTeacher",
     "StrokeTeacher",

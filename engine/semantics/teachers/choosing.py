@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from degense.engine.clip import Clip
 from degense.engine.errors import DegenseError
-from degense.engine.research.degraded_teachers import Degradation, DegradedTeacher
 from degense.engine.semantics.teachers.answer_store import CostlyTeacher
 from degense.engine.semantics.teachers.labels import LabelTeacher
 from degense.engine.semantics.teachers.precomputed import PrecomputedTeacher, find_features
@@ -16,7 +16,6 @@ from degense.engine.semantics.teachers.teacher import Teacher
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
 
-TEACHERS = ("labels", "strokes", "precomputed", "vlm", "degraded")
 NO_MODEL = "a model must be named: the folder of a CLIP or CLIPSeg as transformers or open_clip saves it (vlm:FOLDER)"
 
 
@@ -64,10 +63,9 @@ def _choice(name: str, count: int, there: str, missing: str) -> TeacherChoice:
 
 
 def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -> Teacher | CostlyTeacher:
-    """The teacher called `name` for a clip; `answered` makes a costly one speak.
+    """The teacher called `name` for a clip; `answered` runs a costly one.
 
-    "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; or "degraded", the labels made as unreliable
-    as a vision-language model, possibly with its strength: "degraded:patches=24,noise=0.5,confusion=0.15,flicker=0.1,seed=0".
+    "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; and what was added to `MAKERS`.
 
     Parameters
     ----------
@@ -82,24 +80,25 @@ def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -
         For an unknown name, an encoder that the teacher cannot take, and when the clip lacks what the teacher needs.
     """
     kind, _, how = name.partition(":")
-    if kind not in TEACHERS or (how and kind in ("labels", "strokes")):
-        raise DegenseError(f"there is no teacher {name!r}; choose {', '.join(TEACHERS)} or none")
+    if kind not in MAKERS or (how and kind in ("labels", "strokes")):
+        raise DegenseError(f"there is no teacher {name!r}; choose {', '.join(MAKERS)} or none")
     if encoder is not None and kind in ("precomputed", "vlm"):
         raise DegenseError(f"features of the teacher {kind} bring their own text vectors, so no other encoder can be chosen")
-    if kind == "precomputed":
-        place, values = _place(name, {"level": 0})
-        return PrecomputedTeacher(clip, Path(place).expanduser() if place else find_features(clip), values["level"])
-    if kind == "vlm":
-        model, values = _place(name, {"scales": 1})
-        if not model:
-            raise DegenseError(NO_MODEL)
-        from degense.engine.semantics.teachers.vlm import VlmTeacher
+    return MAKERS[kind](name, clip, encoder or EmbeddedEncoder())
 
-        return VlmTeacher(clip, model, values["scales"])
-    encoder = encoder or EmbeddedEncoder()
-    if kind == "strokes":
-        return StrokeTeacher(clip, encoder)
-    return LabelTeacher(clip, encoder) if kind == "labels" else DegradedTeacher(LabelTeacher(clip, encoder), Degradation.parse(how))
+
+def _precomputed(name: str, clip: Clip, encoder: TextEncoder) -> Teacher:
+    place, values = _place(name, {"level": 0})
+    return PrecomputedTeacher(clip, Path(place).expanduser() if place else find_features(clip), values["level"])
+
+
+def _vlm(name: str, clip: Clip, encoder: TextEncoder) -> CostlyTeacher:
+    model, values = _place(name, {"scales": 1})
+    if not model:
+        raise DegenseError(NO_MODEL)
+    from degense.engine.semantics.teachers.vlm import VlmTeacher
+
+    return VlmTeacher(clip, model, values["scales"])
 
 
 def _place(name: str, defaults: dict[str, int]) -> tuple[str, dict[str, int]]:
@@ -113,3 +112,12 @@ def _place(name: str, defaults: dict[str, int]) -> tuple[str, dict[str, int]]:
             raise DegenseError(f"the teacher {name!r} does not understand {word!r}: say name=number, of {', '.join(defaults)}")
         values[key] = int(number)
     return folder, values
+
+
+#: What makes a teacher of its whole name, by its kind. Experiments add their own.
+MAKERS: dict[str, Callable[[str, Clip, TextEncoder], Teacher | CostlyTeacher]] = {
+    "labels": lambda name, clip, encoder: LabelTeacher(clip, encoder),
+    "strokes": lambda name, clip, encoder: StrokeTeacher(clip, encoder),
+    "precomputed": _precomputed,
+    "vlm": _vlm,
+}

@@ -24,8 +24,7 @@ from degense.engine.progress import Progress, silent
 from degense.engine.semantics.teachers.answer_store import digest
 from degense.engine.semantics.teachers.appearance import Appearance
 from degense.engine.semantics.teachers.regions import Regions
-from degense.engine.semantics.teachers.teacher import soft_targets
-from degense.engine.semantics.teachers.teacher import Targets
+from degense.engine.semantics.teachers.teacher import Targets, soft_targets
 from degense.engine.semantics.text.encoder import TextEncoder
 
 REVISION = 3  # of the method: answers of another are not the same

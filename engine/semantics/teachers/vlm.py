@@ -13,18 +13,17 @@ from degense.engine.clip import Clip
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import ClipError
 from degense.engine.progress import Progress, silent
+from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import find_model
 from degense.engine.semantics.models.templates import PLAIN, asked_in_templates
 from degense.engine.semantics.models.tiles import tiled
 from degense.engine.semantics.models.vlm_models import DenseModel
 from degense.engine.semantics.teachers.answer_store import digest
-from degense.engine.semantics.teachers.teacher import soft_targets
-from degense.engine.semantics.teachers.teacher import Targets
-from degense.engine.semantics.basis import unit_rows
+from degense.engine.semantics.teachers.teacher import Targets, soft_targets
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
-from degense.engine.semantics.text.vocabulary import surgical_vocabulary
+from degense.engine.vocabulary.concepts import surgical_vocabulary
 
 REVISION = 1  # of the method: answers of another are not the same
 MOST_SCALES = 6

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from degense.engine.semantics.text.encoder import WordedEncoder
-from degense.engine.semantics.text.vocabulary import Vocabulary
+from degense.engine.vocabulary.concepts import Vocabulary
 
 
 class EmbeddedEncoder(WordedEncoder):

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from degense.engine.errors import PromptError
-from degense.engine.semantics.text.spelling import key, words
-from degense.engine.semantics.text.vocabulary import Vocabulary, split_negatives, surgical_vocabulary
+from degense.engine.vocabulary.concepts import Vocabulary, split_negatives, surgical_vocabulary
+from degense.engine.vocabulary.spelling import key, words
 
 
 class TextEncoder(Protocol):

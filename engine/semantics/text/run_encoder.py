@@ -11,7 +11,7 @@ from degense.engine.errors import PromptError, RunError
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors, write_vectors
-from degense.engine.semantics.text.vocabulary import surgical_vocabulary
+from degense.engine.vocabulary.concepts import surgical_vocabulary
 
 KEPT = "text_vectors.safetensors"
 

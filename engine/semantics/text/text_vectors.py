@@ -12,9 +12,8 @@ from safetensors.numpy import save_file
 
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.files import replacing
-from degense.engine.semantics.text.encoder import ClassNames
-from degense.engine.semantics.text.encoder import WordedEncoder
-from degense.engine.semantics.text.vocabulary import Vocabulary
+from degense.engine.semantics.text.encoder import ClassNames, WordedEncoder
+from degense.engine.vocabulary.concepts import Vocabulary
 
 MOST_NAMES, MOST_DIMENSIONS, LONGEST_NAME = 10_000, 65_536, 200
 MOST_BYTES = 256 << 20

@@ -12,13 +12,13 @@ import numpy as np
 import torch
 
 from degense.engine.errors import DegenseError
+from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import find_model, model_config, model_digest, transformers_library
 from degense.engine.semantics.models.templates import Embed, asked_in_templates
 from degense.engine.semantics.models.vlm_models import DenseModel
-from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.text.encoder import TextEncoder, WordedEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
-from degense.engine.semantics.text.vocabulary import Vocabulary, surgical_vocabulary
+from degense.engine.vocabulary.concepts import Vocabulary, surgical_vocabulary
 
 QUOTED = re.compile(r"\s*[\"“„«](.+)[\"“”»]\s*")
 #: What sentence-transformers may put one after the other, and we know how to.

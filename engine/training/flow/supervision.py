@@ -19,8 +19,8 @@ from torch import Tensor
 from degense.engine.motion import consistent, follow, sample, steps_between
 from degense.engine.progress import Progress, silent
 from degense.engine.raster.camera_tensors import view_and_lens
-from degense.engine.semantics.text.vocabulary import surgical_vocabulary
 from degense.engine.training.frames import TrainingFrames
+from degense.engine.vocabulary import instruments
 
 FLOW_PIXELS = 100_000
 PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
@@ -245,11 +245,11 @@ def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
     """Valid pixels that no label map calls an instrument, bool [H, W] at the working size."""
     valid = frames.valid(index)
     clip = frames.clip
-    instruments = [value for value, name in enumerate(clip.classes) if surgical_vocabulary().is_a(name, "instrument")]
-    labels = clip.labels(index) if instruments and index in clip.labelled_frames else None
+    tools = instruments(clip.classes)
+    labels = clip.labels(index) if tools and index in clip.labelled_frames else None
     if labels is None:
         return valid
-    tool = np.isin(labels, instruments).astype(np.uint8)
+    tool = np.isin(labels, tools).astype(np.uint8)
     return valid & (cv2.resize(tool, frames.size, interpolation=cv2.INTER_NEAREST) == 0)
 
 

@@ -13,9 +13,10 @@ from torch import Tensor
 
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
-from degense.engine.semantics import Basis, Teacher, fit_basis
-from degense.engine.semantics.masks.superpixels import superpixels
+from degense.engine.semantics import Basis, fit_basis
 from degense.engine.semantics.basis import unit_rows
+from degense.engine.semantics.masks.superpixels import superpixels
+from degense.engine.semantics.teachers import Teacher
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular, chord, region_smoothness

@@ -15,9 +15,9 @@ from degense.engine.metrics.masks import MaskScores
 from degense.engine.metrics.motion import MotionScores
 from degense.engine.research.stress.features import SpoiltTeacher, latent_kinds, loss_finding, mask_finding, teacher_kinds
 from degense.engine.research.stress.outcome import sound
+from degense.engine.semantics.basis import Basis
 from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.prompts import DECODERS, PromptVectors
-from degense.engine.semantics.basis import Basis
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import angular, inverse_depth, photometric, region_smoothness, rigidity
 from degense.engine.training.semantic import targets as semantics

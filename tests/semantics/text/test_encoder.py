@@ -8,7 +8,7 @@ import pytest
 
 from degense.engine.errors import PromptError
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
-from degense.engine.semantics.text.vocabulary import surgical_vocabulary
+from degense.engine.vocabulary.concepts import surgical_vocabulary
 
 PHANTOM = [
     "liver",

@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from degense.engine.errors import PromptError
-from degense.engine.semantics.text.spelling import edit_distance
-from degense.engine.semantics.text.vocabulary import Concept, Vocabulary, surgical_vocabulary
+from degense.engine.vocabulary.concepts import Concept, Vocabulary, surgical_vocabulary
+from degense.engine.vocabulary.spelling import edit_distance
 
 WORDINGS = {
     "liver": [

@@ -8,7 +8,7 @@ import pytest
 from degense.engine.errors import PromptError
 from degense.engine.semantics import EmbeddedEncoder, fit_basis
 from degense.engine.semantics.masks import FrameSemantics
-from degense.engine.semantics.text.vocabulary import surgical_vocabulary
+from degense.engine.vocabulary.concepts import surgical_vocabulary
 from tests.semantics.masks.scenes import mask_of
 from tests.semantics.text.wordings import FOREIGN, HELD_OUT
 
@@ -97,7 +97,7 @@ def test_both_sides_of_the_atlantic(british, american):
 
 
 def test_a_name_belongs_to_one_concept_in_all_languages():
-    from degense.engine.semantics.text.spelling import key
+    from degense.engine.vocabulary.spelling import key
 
     owners: dict[str, set[str]] = {}
     for concept in surgical_vocabulary().concepts:

@@ -17,7 +17,7 @@ from importlib.resources import files
 from typing import Any
 
 from degense.engine.errors import PromptError
-from degense.engine.semantics.text.spelling import HAN, allowed_errors, allowed_errors_abroad, american, key, slips, words
+from degense.engine.vocabulary.spelling import HAN, allowed_errors, allowed_errors_abroad, american, key, slips, words
 
 #: A prompt longer than this is not a name of anything, and matching would only waste time.
 MAX_PROMPT = 200
@@ -232,6 +232,11 @@ def surgical_vocabulary() -> Vocabulary:
     )
 
 
+def instruments(classes: Sequence[str]) -> list[int]:
+    """Indices of the classes that are instruments, by any wording."""
+    return [index for index, name in enumerate(classes) if surgical_vocabulary().is_a(name, "instrument")]
+
+
 def split_negatives(text: str) -> tuple[str, tuple[str, ...]]:
     """What is wanted, and each thing that is not, as they were typed.
 
@@ -258,4 +263,4 @@ def _any_of(wordings: list[str]) -> str:
 
 
 def _read_json(name: str) -> Any:
-    return json.loads(files("degense.engine.semantics.text").joinpath(name).read_text(encoding="utf-8"))
+    return json.loads(files("degense.engine.vocabulary").joinpath(name).read_text(encoding="utf-8"))
