@@ -123,7 +123,7 @@ def protocol(options: BenchOptions) -> str:
     size = size_of(options)
     return (
         f"Phantoms of {size.frames} frames, {size.width} × {size.height}, seed 0, exact depth. "
-        f"Noise floor: {noise_floor(PhantomOptions().noise):.1f} dB, what a perfect picture scores in 8 bits, as all are scored. "
+        f"PSNR ceiling: {noise_floor(PhantomOptions().noise):.1f} dB, what a perfect picture scores in 8 bits, as all are scored. "
         f"Each training: preset quick with {size.iterations:,} iterations and at most {size.gaussians:,} Gaussians, one thread, "
         f"{worker_count(options.device)} at once. Training seeds {', '.join(map(str, options.seeds))}: mean (least–greatest). "
         "Scores on held-out frames, (i − 1) % 8 == 0; motion on all frames, mm."

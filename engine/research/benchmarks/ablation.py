@@ -18,14 +18,14 @@ Variant = tuple[str, bool, bool]  # routing, angular loss, appearance branch
 Found = dict[Variant | str, list[dict[str, Any]]]  # scores of a variant, or of one of `OTHERS`, one a seed
 VARIANTS: list[Variant] = [*product(ROUTINGS, (True, False), (True, False))]
 BASELINE: Variant = ("coupled", False, False)
-#: The baseline as peers train its meaning: on the teacher's patches as they are.
+#: The baseline as peers train its semantics: on the teacher's patches as they are.
 PEERS: dict[str, Any] = {"routing": "coupled", "angular": False, "appearance": False, "guided": False}
 #: Beside the grid: other parts of the default, taken away alone, and the baseline as peers train it, its motion too.
 OTHERS: dict[str, dict[str, Any]] = {
-    "meaning from nothing, not lifted": {"lift": False},
+    "semantics from nothing, without back-projection": {"lift": False},
     "teacher's patches as they are": {"guided": False},
     "baseline: coupled, L1, no Ψ_app, patches as they are": PEERS,
-    "baseline, and no motion evidence": PEERS | {"flow": 0.0, "velocities": False},
+    "baseline, and no flow supervision": PEERS | {"flow": 0.0, "velocities": False},
 }
 SCENE = {
     "spurious_displacement": ("spurious, mm", 3),

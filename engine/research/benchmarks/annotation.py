@@ -30,7 +30,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     short = {"iterations": 60, "max_gaussians": 3_000} if options.quick else {}
     table = Table(
         "annotation",
-        "One corrected frame, carried to all others",
+        "One corrected frame, propagated to all others",
         f"Phantoms of {size[0]} frames, {size[1]} × {size[2]}, of {len(options.seeds)} seeds. One frame, the one that shows most classes, "
         "is corrected to the truth; intersection over union of the other frames, the mean over classes of the mean over frames (a class "
         "predicted where the truth lacks it scores 0 there). The run is made with the preset quick and without any labels. Seconds: of the "

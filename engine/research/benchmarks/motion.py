@@ -18,8 +18,8 @@ INGREDIENTS: dict[str, dict[str, Any]] = {
     "no rigidity": {"rigidity": 0.0},
     "no displacement sparsity": {"displacement": 0.0},
     "no Ψ_app": {"appearance": False},
-    "no lifetimes": {"persistent": True},
-    "no drifts": {"velocities": False},
+    "no temporal windows": {"persistent": True},
+    "no velocities": {"velocities": False},
     "no plane smoothness": {"plane_space": 0.0, "plane_time": 0.0, "plane_static": 0.0},
     "none of them": {
         "flow": 0.0,
@@ -83,6 +83,6 @@ def table(kind: str, found: dict[str, list[dict[str, Any]]], options: BenchOptio
     words = (
         f"{protocol(options)} No teacher. Spurious: motion beyond the true one where tissue changes its look. False: on other tissue "
         f"that stands still. True motion: mean {truth['true_displacement']:.2f}, largest {truth['largest_displacement']:.1f} mm. "
-        "“No lifetimes”: what comes and goes is left out at the start."
+        "“No temporal windows”: transient Gaussians are left out at the start."
     )
     return Table(f"motion-{kind}", f"Ingredients of motion, phantom “{kind}”", words, COLUMNS, rows)

@@ -60,7 +60,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
 
 
 def _table(clip: Path, name: str, words: str, floor: float | None, options: BenchOptions, progress: Progress) -> Table:
-    behind = "the noise floor" if floor is not None else "the best training here"
+    behind = "the PSNR ceiling" if floor is not None else "the best training here"
     unit = "mm" if floor is not None else "clip's unit"
     table = Table(
         f"presets-{name}",
