@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 from collections import Counter, defaultdict
 from collections.abc import Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -92,6 +93,7 @@ def files() -> dict[str, Path]:
     return found
 
 
+@cache
 def arrows() -> set[tuple[Path, Path]]:
     """(importing file, imported file) of the product."""
     known, found = files(), set()
