@@ -46,7 +46,7 @@ def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:
     from degense.engine.semantics.prompts import PromptSet
 
     frame = scene.frames - 1
-    rgb = scene.picture(frame)
+    rgb = scene.render_rgb(frame)
     said = []
     yield 0.0, "colours"
     write_png(out / "rgb.png", rgb)

@@ -31,6 +31,7 @@ def render(options: argparse.Namespace) -> None:
     from degense.engine.scene import Scene
 
     layer = get_layer(options.layer)
+    options.layer = layer.name
     wanted = ExportOptions(asked_prompts(options), layer=options.layer, span=options.range)
     scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
     if options.cameras is not None:
@@ -79,7 +80,8 @@ def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: 
         image = layer.image(scene, request)
         write_npy(out, image.values)
         if image.uncertain is not None and image.uncertain.any():
-            print(f"{image.uncertain.mean():.1%} of the pixels hold a guess, kept as it is; where: --layer support, below {REVEALED:g}")
+            share = f"{image.uncertain.mean():.1%}"
+            print(f"{share} of the pixels hold a guess, kept as it is; where: --layer observability, below {REVEALED:g}")
     elif out.suffix.lower() == ".png":
         write_png(out, layer_picture(scene, layer, request, options.span))
     else:

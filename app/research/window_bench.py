@@ -89,7 +89,7 @@ def prepared(options: BenchOptions, count: int, progress: Progress) -> tuple[Pat
     folder = options.scratch / "window-run"
     if not folder.exists():
         shutil.copytree(scene.run.path, folder)
-        (folder / "support.safetensors").unlink(missing_ok=True)  # it is of another number of Gaussians
+        (folder / "observability.safetensors").unlink(missing_ok=True)  # it is of another number of Gaussians
         larger = with_count(scene, count)
         from degense.engine.store import Run
 

@@ -131,17 +131,19 @@ class ViewState:
         RunError
             When the data is not a look; the sentence names `source`.
         """
+        from degense.engine.store.migrations import current_layer
+
         try:
             _only_known(data, ViewState)
             return ViewState(
-                layer=str(data["layer"]),
+                layer=current_layer(str(data["layer"])),
                 prompts=tuple(_prompt(item) for item in data["prompts"]),
                 threshold=float(data["threshold"]),
                 decoder=str(data["decoder"]),
                 masks_shown=bool(data["masks_shown"]),
                 overlay_opacity=min(1.0, max(0.0, float(data["overlay_opacity"]))),
                 compare=_one_of(data["compare"], Compare),
-                ranges=tuple((str(layer), _colour_range(item)) for layer, item in data["ranges"]),
+                ranges=tuple((current_layer(str(layer)), _colour_range(item)) for layer, item in data["ranges"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise RunError(f"{source} does not hold a saved view ({error}); delete it to start with a fresh one.") from error

@@ -1,7 +1,4 @@
-"""The decoders of Z_kin: Ψ_geo, Ψ_sem, Ψ_app (paper Eq. 2), and the rigidly coupled baseline.
-
-Every last layer starts at zero: an untrained field is the identity.
-"""
+"""From a HexPlane feature to the kinematic latent Z_kin (paper Eq. 1), and the branches that decode it (Eq. 2)."""
 
 from __future__ import annotations
 
@@ -10,14 +7,57 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+PROPERTIES = ("pos", "scale", "rot", "opa")
+DEFORMATION = 11  # numbers of a `Deformation`
 
-def decoder(inputs: int, outputs: int, width: int = 64) -> nn.Sequential:
-    """Two-layer perceptron whose last layer is zero."""
-    hidden, last = nn.Linear(inputs, width), nn.Linear(width, outputs)
-    nn.init.kaiming_uniform_(hidden.weight, nonlinearity="relu")
-    nn.init.zeros_(last.weight)
-    nn.init.zeros_(last.bias)
-    return nn.Sequential(hidden, nn.ReLU(inplace=True), last)
+
+class Kinematics(nn.Module):
+    """h_base = base(h_st);  Z_kin = ⊕_k φ_k(h_base), k ∈ {pos, scale, rot, opa}, φ_k linear (Eq. 1).
+
+    Parameters
+    ----------
+    feature : int
+        Length of h_st.
+    width : int
+        Length of h_base.
+    state : int
+        Length of each φ_k(h_base); Z_kin has 4 × `state` numbers.
+    """
+
+    def __init__(self, feature: int, width: int = 64, state: int = 16):
+        super().__init__()
+        self.base = nn.Sequential(nn.Linear(feature, width), nn.ReLU(inplace=True), nn.Linear(width, width), nn.ReLU(inplace=True))
+        # The four maps share their input: one matrix holds them as blocks of rows, in the order of PROPERTIES.
+        self.states = nn.Linear(width, state * len(PROPERTIES))
+        for layer in (*self.base, self.states):
+            if isinstance(layer, nn.Linear):
+                nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu")
+
+    @property
+    def dimension(self) -> int:
+        return self.states.out_features
+
+    def forward(self, feature: Tensor) -> Tensor:
+        """Z_kin [N, 4 × state] of h_st [N, feature]."""
+        return torch.relu_(self.states(self.base(feature)))
+
+
+class Branch(nn.Module):
+    """A two-layer perceptron whose last layer starts at zero, so that an untrained field is the identity.
+
+    Ψ_geo: Z_kin → ΔG_t, Ψ_sem: Z_kin → Δf_sem (Eq. 2), Ψ_app: Z_kin → Δcolour; in the coupled baseline [ΔG_t, f_sem] → Δf_sem.
+    """
+
+    def __init__(self, inputs: int, outputs: int, width: int = 64):
+        super().__init__()
+        hidden, last = nn.Linear(inputs, width), nn.Linear(width, outputs)
+        nn.init.kaiming_uniform_(hidden.weight, nonlinearity="relu")
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.decode = nn.Sequential(hidden, nn.ReLU(inplace=True), last)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        return self.decode(inputs)
 
 
 @dataclass
@@ -48,47 +88,3 @@ class Deformation:
     def of(cls, flat: Tensor) -> Deformation:
         """From eleven numbers a Gaussian, [N, 11]: the inverse of `flat`."""
         return cls(flat[:, :3], flat[:, 3:6], flat[:, 6:10], flat[:, 10])
-
-
-class GeometryBranch(nn.Module):
-    """ΔG_t = Ψ_geo(Z_kin) (Eq. 2), [N, 11] in the order of `Deformation.flat`."""
-
-    def __init__(self, latent: int):
-        super().__init__()
-        self.decode = decoder(latent, 11)
-
-    def forward(self, latent: Tensor) -> Tensor:
-        return self.decode(latent)
-
-
-class SemanticBranch(nn.Module):
-    """Δf_sem,t = Ψ_sem(Z_kin) (Eq. 2), optionally with a feature of its own planes beside Z_kin."""
-
-    def __init__(self, latent: int, rank: int):
-        super().__init__()
-        self.decode = decoder(latent, rank)
-
-    def forward(self, latent: Tensor) -> Tensor:
-        return self.decode(latent)
-
-
-class CoupledSemantics(nn.Module):
-    """The rigid baseline, as in SurgTPGS-like systems: semantics as a function of decoded geometry, f_sem(t) = f_sem + C([ΔG_t, f_sem])."""
-
-    def __init__(self, rank: int):
-        super().__init__()
-        self.decode = decoder(11 + rank, rank)
-
-    def forward(self, deformation: Deformation, semantics: Tensor) -> Tensor:
-        return self.decode(torch.cat([deformation.flat, semantics], 1))
-
-
-class AppearanceBranch(nn.Module):
-    """Δcolour_t = Ψ_app(Z_kin): charring and bleeding change colour in place, which otherwise only motion or fading could explain."""
-
-    def __init__(self, latent: int):
-        super().__init__()
-        self.decode = decoder(latent, 3)
-
-    def forward(self, latent: Tensor) -> Tensor:
-        return self.decode(latent)

@@ -10,9 +10,9 @@ import torch
 from numba import njit
 from torch import Tensor, nn
 
+from degense.engine.field.branches import Kinematics
 from degense.engine.field.hexplane import HexPlane, inside
 from degense.engine.field.hexplane_cpu import sample_rows
-from degense.engine.field.kinematics import Kinematics
 from degense.engine.threads import run_kernel, take_ticket
 
 ROWS = 64  # Gaussians a ticket stands for. BLAS leaves a product of 64 × 64 × 64 to the calling thread; a larger one it would share out

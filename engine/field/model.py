@@ -9,19 +9,15 @@ import torch
 from torch import Tensor, nn
 
 from degense.engine.field import decode_cpu
-from degense.engine.field.branches import AppearanceBranch, CoupledSemantics, Deformation, GeometryBranch, SemanticBranch
-from degense.engine.field.hexplane import HexPlane
-from degense.engine.field.kinematics import Kinematics
-from degense.engine.field.time_axis import at_time
+from degense.engine.field.branches import DEFORMATION, Branch, Deformation, Kinematics
+from degense.engine.field.hexplane import HexPlane, at_time
 from degense.engine.splats import Splats
 
 Routing = Literal["paper", "isolated", "coupled"]
 ROUTINGS: tuple[Routing, ...] = ("paper", "isolated", "coupled")
 CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "color_residuals", "semantics", "temporal_windows", "velocities")
-GIVEN = ("temporal_windows",)  # of these: as the initialisation has it, never learned (docs/decisions/0025)
-
-
-REACH = 2.0  # of 1/ω: how long before and after the middle of its life a Gaussian drifts
+FIXED = ("temporal_windows",)  # of these: as the initialisation has it, never learned (docs/decisions/0025)
+MAX_AGE = 2.0  # of 1/ω: how long before and after its temporal centre a Gaussian keeps its linear velocity
 
 
 @dataclass(frozen=True)
@@ -42,7 +38,7 @@ class FieldConfig:
     fixed_latents : bool
         Whether latents belong to the canonical Gaussians and never change, as in baselines without Ψ_sem.
     color_knots : int
-        Times at which every Gaussian has a colour change of its own, beside the smooth one of Ψ_app: highlights are finer than any plane.
+        Times at which every Gaussian has a colour residual, beside the smooth Δcolour of Ψ_app: highlights are finer than any plane.
     channels, resolution, time_resolution, levels
         Of the HexPlane.
     """
@@ -76,8 +72,8 @@ class State:
     """Δcolour of Ψ_app [N, 3]."""
     delta_semantics: Tensor | None
     """Δf_sem [N, rank]."""
-    there: Tensor | None = None
-    """Centres [N, 3] at the other time that was asked for."""
+    means_at_other: Tensor | None = None
+    """Centres [N, 3] at the other time, if one was given."""
 
 
 class SceneModel(nn.Module):
@@ -92,15 +88,15 @@ class SceneModel(nn.Module):
         `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `semantics` [N, rank].
         `color_residuals` [N, color_knots, 3]: added to the colour, a spline over the knots. `temporal_windows` [N, 2]: centre τ and
         inverse scale ω of a Gaussian's temporal window, which are set at initialisation and not learned; ω = 0 is persistent.
-        `velocities` [N, 3]: linear motion of a transient Gaussian in 1/ω, added to the deformation, within `REACH`/ω of τ.
+        `velocities` [N, 3]: linear motion of a transient Gaussian in 1/ω, added to the deformation, within `MAX_AGE`/ω of τ.
 
     Attributes
     ----------
     moving : int64 [M] or None
-        The Gaussians that the field changes; the others never enter it. None: all. See `engine.field.still`.
+        The Gaussians that the field changes; the others never enter it. None: all. See `engine.field.static_gaussians`.
     semantic_coefficients : float [N, 3, rank] or None
-        R_i: how much a Gaussian's latent changes with its colour, since tissue that chars or is bled over changes its name with its look.
-        Given by `engine.training.semantic.distillation`; None: not at all.
+        R_i: how much a Gaussian's latent changes with its colour, since tissue that chars or is bled over changes its class with its
+        colour. Set by `engine.training.semantic.distillation`; None: not at all.
 
     Raises
     ------
@@ -135,23 +131,23 @@ class SceneModel(nn.Module):
         self.register_buffer("moving", None)
         self.register_buffer("semantic_coefficients", None)
         self.canonical = nn.ParameterDict(
-            {name: nn.Parameter(canonical[name].float().contiguous(), name not in GIVEN) for name in CANONICAL}
+            {name: nn.Parameter(canonical[name].float().contiguous(), name not in FIXED) for name in CANONICAL}
         )
         self.planes = HexPlane(config.channels, config.resolution, config.time_resolution, config.levels)
         self.kinematics = Kinematics(self.planes.dimension)
         latent = self.kinematics.dimension
-        self.geometry = GeometryBranch(latent)
-        self.appearance = AppearanceBranch(latent) if config.appearance else None
+        self.geometry = Branch(latent, DEFORMATION)
+        self.appearance = Branch(latent, 3) if config.appearance else None
         self.semantic_planes: HexPlane | None = None
-        self.semantic: SemanticBranch | CoupledSemantics | None = None
+        self.semantic: Branch | None = None
         changing = config.rank > 0 and not config.fixed_latents
         if changing and config.routing == "isolated":
             self.semantic_planes = HexPlane(8, config.resolution, config.time_resolution, config.levels)
-            self.semantic = SemanticBranch(latent + self.semantic_planes.dimension, config.rank)
+            self.semantic = Branch(latent + self.semantic_planes.dimension, config.rank)
         elif changing and config.routing == "paper":
-            self.semantic = SemanticBranch(latent, config.rank)
+            self.semantic = Branch(latent, config.rank)
         elif changing:
-            self.semantic = CoupledSemantics(config.rank)
+            self.semantic = Branch(DEFORMATION + config.rank, config.rank)
 
     def __len__(self) -> int:
         return self.canonical["means"].shape[0]
@@ -185,27 +181,27 @@ class SceneModel(nn.Module):
         semantics : bool
             False skips everything that only semantics need; the splats then carry no latents.
         other : float or float [], optional
-            A second time, at which only the centres are wanted.
+            A second time, for which only the centres are computed.
         """
         latents = self.canonical["semantics"] if semantics else self.canonical["semantics"][:, :0]
         if not deform or self.config.static:
             return State(self._splats(t, None, None, latents), None, None, None, None if other is None else self.means_at(other))
         rows = slice(None) if self.moving is None else self.moving
         points = self.normalised(self.canonical["means"].detach()[rows])
-        there = None
+        means_at_other = None
         if other is None and self._is_fused():
             decoded, delta_color, change = self._decode_fused(points, t, semantics)
         else:
-            decoded, elsewhere, delta_color, change = self._decode(points, t, other, semantics)
-            if other is not None and elsewhere is not None:
-                there = self.canonical["means"] + self.travel_at(other) + elsewhere[:, :3]
+            decoded, decoded_at_other, delta_color, change = self._decode(points, t, other, semantics)
+            if other is not None and decoded_at_other is not None:
+                means_at_other = self.canonical["means"] + self.linear_motion(other) + decoded_at_other[:, :3]
         deformation = Deformation.of(decoded)
-        if semantics and isinstance(self.semantic, CoupledSemantics):
-            change = self.semantic(deformation, latents[rows])
+        if semantics and self.semantic is not None and self.config.routing == "coupled":  # f_sem(t) = f_sem + C([ΔG_t, f_sem])
+            change = self.semantic(torch.cat([deformation.flat, latents[rows]], 1))
         if self.moving is not None:
-            deformation, delta_color, change = self._spread(deformation, delta_color, change)
+            deformation, delta_color, change = self._scatter_moving(deformation, delta_color, change)
         splats = self._splats(t, deformation, delta_color, latents if change is None else latents + change)
-        return State(splats, deformation, delta_color, change, there)
+        return State(splats, deformation, delta_color, change, means_at_other)
 
     def means_at(self, t: float | Tensor) -> Tensor:
         """Only the centres [N, 3] at time `t`: what motion supervision and displacement layers need."""
@@ -216,28 +212,33 @@ class SceneModel(nn.Module):
             [decoded] = decode_cpu.decode(points, t, self.planes, None, self.kinematics, [self.geometry.decode])
         else:
             decoded = self.geometry(self.kinematics(self.planes(points, t)))
-        return self.canonical["means"] + self.travel_at(t) + decoded[:, :3]
+        return self.canonical["means"] + self.linear_motion(t) + decoded[:, :3]
 
-    def travel_at(self, t: float | Tensor) -> Tensor:
-        """How far [N, 3] each Gaussian has gone of its own since the middle of its life; 0 for what exists for ever."""
-        return self.canonical["velocities"] * self._age(t).clamp(-REACH, REACH)[:, None]
+    def linear_motion(self, t: float | Tensor) -> Tensor:
+        """Displacement [N, 3] by each transient Gaussian's linear velocity since its temporal centre; 0 for persistent ones."""
+        return self.canonical["velocities"] * self._age(t).clamp(-MAX_AGE, MAX_AGE)[:, None]
 
     def _age(self, t: float | Tensor) -> Tensor:
-        """ω (t − τ) of every Gaussian [N]: 0 in the middle of its life, always 0 for what exists for ever."""
-        middle, rate = self.canonical["temporal_windows"].unbind(1)
-        return rate * (t - middle)
+        """ω (t − τ) of every Gaussian [N]; always 0 for persistent ones."""
+        center, inverse_scale = self.canonical["temporal_windows"].unbind(1)
+        return inverse_scale * (t - center)
 
-    def _spread(
+    @property
+    def persistent(self) -> Tensor:
+        """Which Gaussians are persistent, bool [N]."""
+        return is_persistent(self.canonical["temporal_windows"])
+
+    def _scatter_moving(
         self, deformation: Deformation, delta_color: Tensor | None, change: Tensor | None
     ) -> tuple[Deformation, Tensor | None, Tensor | None]:
-        """What the field says of the moving Gaussians, as rows among all; 0 for the others."""
+        """Changes of the moving Gaussians as rows among all; 0 for the others."""
         parts = [deformation.flat, *(part for part in (delta_color, change) if part is not None)]
-        said = torch.cat(parts, 1)
+        changes = torch.cat(parts, 1)
         assert self.moving is not None
-        all_rows = said.new_zeros(len(self), said.shape[1]).index_copy(0, self.moving, said)
+        all_rows = changes.new_zeros(len(self), changes.shape[1]).index_copy(0, self.moving, changes)
         flat, *rest = all_rows.split([part.shape[1] for part in parts], 1)
-        spread = iter(rest)
-        return Deformation.of(flat), next(spread) if delta_color is not None else None, next(spread) if change is not None else None
+        scattered = iter(rest)
+        return Deformation.of(flat), next(scattered) if delta_color is not None else None, next(scattered) if change is not None else None
 
     def _is_fused(self) -> bool:
         """Whether no gradient is wanted, and there is a fused way to decode: on the CPU, in float32."""
@@ -245,50 +246,55 @@ class SceneModel(nn.Module):
         return not learning and self.bounds.device.type == "cpu" and self.bounds.dtype == torch.float32
 
     def _decode_fused(self, points: Tensor, t: float | Tensor, semantics: bool) -> tuple[Tensor, Tensor | None, Tensor | None]:
-        """What `_decode` says at one time."""
-        asked = self.semantic if semantics and isinstance(self.semantic, SemanticBranch) else None
-        branches = (self.geometry, self.appearance, asked)
-        own = None if asked is None else self.semantic_planes
+        """`_decode` at one time, by the fused kernel."""
+        semantic = self.semantic if semantics and self.config.routing != "coupled" else None
+        branches = (self.geometry, self.appearance, semantic)
+        semantic_planes = None if semantic is None else self.semantic_planes
         decoders = [branch.decode for branch in branches if branch is not None]
-        said = iter(decode_cpu.decode(points, t, self.planes, own, self.kinematics, decoders))
-        return next(said), None if self.appearance is None else next(said), None if asked is None else next(said)
+        outputs = iter(decode_cpu.decode(points, t, self.planes, semantic_planes, self.kinematics, decoders))
+        return next(outputs), None if self.appearance is None else next(outputs), None if semantic is None else next(outputs)
 
     def _decode(
         self, points: Tensor, t: float | Tensor, other: float | Tensor | None, semantics: bool
     ) -> tuple[Tensor, Tensor | None, Tensor | None, Tensor | None]:
-        """ΔG at `t` and at `other`, Δcolour and Δf_sem as a function of Z_kin (Eq. 1, 2); None for what is not there or not asked for."""
+        """ΔG at `t` and at `other`, Δcolour and Δf_sem as a function of Z_kin (Eq. 1, 2); None for what there is none of."""
         features = self.planes(points, t)
         if other is not None:
             features = torch.cat([features, self.planes(points, other)])
         kinematic = self.kinematics(features)
-        decoded, elsewhere = self.geometry(kinematic), None
+        decoded, decoded_at_other = self.geometry(kinematic), None
         if other is not None:
-            kinematic, (decoded, elsewhere) = kinematic[: len(points)], decoded.chunk(2)
+            kinematic, (decoded, decoded_at_other) = kinematic[: len(points)], decoded.chunk(2)
         delta_color = self.appearance(kinematic) if self.appearance is not None else None
         change = None
-        if semantics and isinstance(self.semantic, SemanticBranch):
-            own = self.semantic_planes
-            change = self.semantic(kinematic if own is None else torch.cat([kinematic.detach(), own(points, t)], 1))
-        return decoded, elsewhere, delta_color, change
+        if semantics and self.semantic is not None and self.config.routing != "coupled":
+            planes = self.semantic_planes
+            change = self.semantic(kinematic if planes is None else torch.cat([kinematic.detach(), planes(points, t)], 1))
+        return decoded, decoded_at_other, delta_color, change
 
-    def _recolouring(self, t: float | Tensor, delta_color: Tensor | None) -> Tensor | None:
-        """Δcolour [N, 3] at time `t`: that of Ψ_app and each Gaussian's own; None where colours do not change."""
+    def _color_change(self, t: float | Tensor, delta_color: Tensor | None) -> Tensor | None:
+        """Δcolour [N, 3] at time `t`: that of Ψ_app plus each Gaussian's residual; None where colours do not change."""
         if self.config.color_knots:
-            own = at_time(self.canonical["color_residuals"], t)
-            return own if delta_color is None else delta_color + own
+            residual = at_time(self.canonical["color_residuals"], t)
+            return residual if delta_color is None else delta_color + residual
         return delta_color
 
     def _splats(self, t: float | Tensor, deformation: Deformation | None, delta_color: Tensor | None, latents: Tensor) -> Splats:
         c = self.canonical
         means, log_scales, quats, logits, colors = c["means"], c["log_scales"], c["quats"], c["logits"], c["colors"]
         if deformation is not None:
-            means, log_scales = means + self.travel_at(t) + deformation.means, log_scales + deformation.log_scales
+            means, log_scales = means + self.linear_motion(t) + deformation.means, log_scales + deformation.log_scales
             quats, logits = quats + deformation.quats, logits + deformation.opacities
-            change = self._recolouring(t, delta_color)
+            change = self._color_change(t, delta_color)
             if change is not None:
                 colors = colors + change
                 if self.semantic_coefficients is not None and latents.shape[1]:
-                    for channel, response in zip(change.detach().split(1, 1), self.semantic_coefficients.unbind(1), strict=True):
-                        latents = torch.addcmul(latents, channel, response)
-        alive = torch.exp(-0.5 * self._age(t).square())
-        return Splats(means, quats, log_scales.exp(), logits.sigmoid() * alive, colors, latents)
+                    for channel, coefficient in zip(change.detach().split(1, 1), self.semantic_coefficients.unbind(1), strict=True):
+                        latents = torch.addcmul(latents, channel, coefficient)
+        window = torch.exp(-0.5 * self._age(t).square())
+        return Splats(means, quats, log_scales.exp(), logits.sigmoid() * window, colors, latents)
+
+
+def is_persistent(temporal_windows: Tensor) -> Tensor:
+    """Which of the temporal windows [N, 2] (centre, inverse scale) are of persistent Gaussians, bool [N]: an inverse scale of 0."""
+    return temporal_windows[:, 1] == 0

@@ -43,7 +43,7 @@ def growths(scales: Float[Tensor, "n 3"], reference: Float[Tensor, "n 3"]) -> Fl
 def speed_of(scene: Scene, frame: float) -> Tensor:
     """Central difference over the two neighbouring frames; one-sided at both ends of the sequence."""
     first, last = max(0.0, frame - 1), min(float(scene.frames - 1), frame + 1)
-    return speeds(scene.carried(first), scene.carried(last), (last - first) / scene.fps)
+    return speeds(scene.states.advected_means(first), scene.states.advected_means(last), (last - first) / scene.fps)
 
 
 def turn_of(scene: Scene, frame: float) -> Tensor:
@@ -54,19 +54,21 @@ def growth_of(scene: Scene, frame: float) -> Tensor:
     return growths(scene.splats(frame).scales, scene.splats(scene.reference_frame).scales)
 
 
-def guessed(scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("support",)) -> np.ndarray | None:
-    """Pixels whose motion the recording does not reveal, bool [H, W], by the picture of the channels `drawn`, support among them; None when
-    the run does not say."""
-    if scene.support is None:
+def guessed(scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("observability",)) -> np.ndarray | None:
+    """Pixels whose motion the recording does not reveal, bool [H, W], by a frame of the channels `drawn`, observability among them.
+
+    None when the run does not say.
+    """
+    if scene.observability is None:
         return None
-    return scene.render(request.frame, request.camera, drawn)["support"] < REVEALED
+    return scene.render(request.frame, request.camera, drawn)["observability"] < REVEALED
 
 
 def guessed_splats(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    return None if scene.support is None else scene.support.cpu().numpy() < REVEALED
+    return None if scene.observability is None else scene.observability.cpu().numpy() < REVEALED
 
 
-def guessed_since(scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("support",)) -> np.ndarray | None:
+def guessed_since(scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("observability",)) -> np.ndarray | None:
     """As `guessed`, for what is measured from the reference frame: there it is 0 by definition, which is certain."""
     return None if request.frame == scene.reference_frame else guessed(scene, request, drawn)
 
@@ -79,7 +81,7 @@ def moving(name: str, title: str, description: str, measure: Measure, unit: Call
     """A layer of one number a Gaussian. All but the speed are measured from the reference frame."""
 
     def picture(scene: Scene, request: LayerRequest) -> np.ndarray:
-        return scene.blend(name, request.frame, lambda: measure(scene, float(request.frame)), request.camera)
+        return scene.renderer.blend(name, request.frame, lambda: measure(scene, float(request.frame)), request.camera)
 
     def per_splat(scene: Scene, request: LayerRequest) -> np.ndarray:
         return measure(scene, float(request.frame)).float().cpu().numpy()

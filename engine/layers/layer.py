@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from degense.engine.camera import Camera
-from degense.engine.scene import NO_SUPPORT, Scene
+from degense.engine.scene import NO_OBSERVABILITY, Scene
 from degense.engine.semantics.prompts import NO_PROMPTS, PromptSet
 
 Kind = Literal["colour", "scalar", "mask"]
@@ -89,7 +89,7 @@ class Layer:
         Where the value is a guess; None where the scene cannot tell.
     uncertain_words : str
         What that means, for legends.
-    needs_semantics, needs_clip, needs_prompt, needs_support : bool
+    needs_semantics, needs_clip, needs_prompt, needs_observability : bool
     """
 
     name: str
@@ -110,7 +110,7 @@ class Layer:
     needs_semantics: bool = False
     needs_clip: bool = False
     needs_prompt: bool = False
-    needs_support: bool = False
+    needs_observability: bool = False
 
     def unit(self, scene: Scene) -> str:
         return self.unit_of(scene)
@@ -129,8 +129,8 @@ class Layer:
             return "this run was trained without semantics"
         if self.needs_clip and scene.clip is None:
             return f"this layer compares with the recording, which is missing: {scene.clip_missing}"
-        if self.needs_support and scene.support is None:
-            return f"this run {NO_SUPPORT}"
+        if self.needs_observability and scene.observability is None:
+            return f"this run {NO_OBSERVABILITY}"
         if self.needs_prompt and not prompts:
             return "type a prompt first"
         return ""

@@ -9,10 +9,10 @@ from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_sin
 from degense.engine.layers.layer import Layer, LayerRequest
 from degense.engine.layers.semantics import FEATURES, MASKS, SIMILARITY
 from degense.engine.motion import spurious
-from degense.engine.scene import NO_SUPPORT, REVEALED, Scene
+from degense.engine.scene import NO_OBSERVABILITY, REVEALED, Scene
 
 WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
-MOVED = ("displacement", "support")  # channels of the displacement layer: its values, and where they are guesses
+MOVED = ("displacement", "observability")  # channels of the displacement layer: its values, and where they are guesses
 
 
 def _rgb(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -33,7 +33,7 @@ def _depth_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
-    together = request.camera is None and scene.support is not None  # the surgeon's pictures are kept: both of MOVED take one drawing
+    together = request.camera is None and scene.observability is not None  # the surgeon's pictures are kept: both of MOVED take one drawing
     return scene.render(request.frame, request.camera, MOVED if together else MOVED[:1])["displacement"]
 
 
@@ -41,18 +41,18 @@ def _displacement_guessed(scene: Scene, request: LayerRequest) -> np.ndarray | N
     return guessed_since(scene, request, MOVED if request.camera is None else MOVED[1:])
 
 
-def _support(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return scene.render(request.frame, request.camera, ("support",))["support"]
+def _observability(scene: Scene, request: LayerRequest) -> np.ndarray:
+    return scene.render(request.frame, request.camera, ("observability",))["observability"]
 
 
-def _support_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    if scene.support is None:
-        raise DegenseError(f"{scene.name} {NO_SUPPORT}")
-    return scene.support.cpu().numpy()
+def _observability_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    if scene.observability is None:
+        raise DegenseError(f"{scene.name} {NO_OBSERVABILITY}")
+    return scene.observability.cpu().numpy()
 
 
 def _displacement_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return scene.displacement(request.frame).cpu().numpy()
+    return scene.states.displacement(request.frame).cpu().numpy()
 
 
 def _warp(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -137,17 +137,17 @@ LAYERS: dict[str, Layer] = {
             needs_clip=True,
         ),
         Layer(
-            "support",
-            "Motion support",
+            "observability",
+            "Motion observability",
             "scalar",
             "In which share of the frames the recording reveals how far tissue has moved: seen, no instrument, optical flow the same "
             "forwards and backwards, on texture that pins it down.",
-            _support,
-            _support_splats,
+            _observability,
+            _observability_splats,
             _none,
             "cividis",
             fixed_range=(0.0, 1.0),
-            needs_support=True,
+            needs_observability=True,
         ),
     )
 }

@@ -15,7 +15,7 @@ def _as_colours(scene: Scene, latents: np.ndarray) -> np.ndarray:
     if not scene.has_semantics:
         raise DegenseError(f"{scene.name} was trained without semantics, so it has no features to show")
     direction = latents / np.maximum(np.linalg.norm(latents, axis=-1, keepdims=True), 1e-6)
-    return np.clip(direction @ scene.feature_axes * 0.5 + 0.5, 0, 1).astype(np.float32)
+    return np.clip(direction @ scene.states.feature_axes * 0.5 + 0.5, 0, 1).astype(np.float32)
 
 
 def _features(scene: Scene, request: LayerRequest) -> np.ndarray:

@@ -69,7 +69,7 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     images = ImageScores()
     for done, i in enumerate(frames):
         progress(0.4 * done / len(frames), "comparing pictures")
-        images.add(scene.picture(i), clip.frame(i), clip.valid(i))
+        images.add(scene.render_rgb(i), clip.frame(i), clip.valid(i))
     result |= images.result()
     if scene.has_semantics and clip.labelled_frames:
         result |= score_masks(scene, clip, frames, lambda f, words: progress(0.4 + 0.2 * f, words))
@@ -99,7 +99,7 @@ def _render_fps(scene: Scene) -> float:
     seconds = []
     for i in frames:
         start = time.perf_counter()
-        scene.draw(i, scene.camera(i), ("rgb",))
+        scene.renderer.draw(i, scene.camera(i), ("rgb",))
         if torch.cuda.is_available():
             torch.cuda.synchronize()
         seconds.append(time.perf_counter() - start)
@@ -114,7 +114,7 @@ def _query_times(scene: Scene) -> dict[str, float]:
     for i in frames:
         scene.splats(i, semantics=True)
         start = time.perf_counter()
-        query = scene.new_query(i, scene.camera(i))
+        query = scene.renderer.new_query(i, scene.camera(i))
         query.decode(asked[0])
         first.append(time.perf_counter() - start)
         start = time.perf_counter()

@@ -42,7 +42,7 @@ def spurious(
     Returns
     -------
     float32 [H, W]
-        Pixels; NaN where unsupported or where either flow is not finite.
+        Pixels; NaN where unobserved or where either flow is not finite.
     """
     difference = np.linalg.norm(np.asarray(model_flow, np.float32) - np.asarray(observed_flow, np.float32), axis=-1)
     excess = np.maximum(difference - tolerance, 0)  # NaN stays NaN

@@ -1,5 +1,6 @@
 """A trained run, ready to be looked at: its states in time, its renders, and the masks of prompts."""
 
-from degense.engine.scene.scene import NO_SUPPORT, REVEALED, Scene
+from degense.engine.scene.renderer import NO_OBSERVABILITY
+from degense.engine.scene.scene import REVEALED, Scene
 
-__all__ = ["NO_SUPPORT", "REVEALED", "Scene"]
+__all__ = ["NO_OBSERVABILITY", "REVEALED", "Scene"]

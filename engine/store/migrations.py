@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -23,7 +24,11 @@ TENSORS = {
     "canonical.drifts": "canonical.velocities",
     "canonical.lifetimes": "canonical.temporal_windows",
     "responses": "semantic_coefficients",
+    "support": "observability",
 }
+#: Layers, and files of a run folder, that have other names now.
+LAYERS = {"support": "observability"}
+FILES = {"observability.safetensors": "support.safetensors"}
 #: Settings of trainings that no longer exist.
 REMOVED = {"flow_final"}
 
@@ -41,3 +46,14 @@ def current_tensors(tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]
 def current_settings(settings: dict[str, Any]) -> dict[str, Any]:
     """A run's settings by the names of today, without those that no longer exist."""
     return {SETTINGS.get(name, name): value for name, value in settings.items() if name not in REMOVED}
+
+
+def current_layer(name: str) -> str:
+    """A layer by its name of today."""
+    return LAYERS.get(name, name)
+
+
+def existing_file(folder: Path, name: str) -> Path:
+    """A file of a run folder, by the name of an earlier version where only that is there."""
+    path, earlier = folder / name, folder / FILES.get(name, name)
+    return earlier if earlier.exists() and not path.exists() else path

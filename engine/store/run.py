@@ -21,7 +21,7 @@ from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.field.model import CANONICAL
 from degense.engine.semantics import Basis
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from degense.engine.store.migrations import current_tensors
+from degense.engine.store.migrations import current_tensors, existing_file
 
 FORMAT = 1
 MAX_FRAMES, MAX_GAUSSIANS, MAX_SIDE = 1_000_000, 10_000_000, 16_384
@@ -114,24 +114,19 @@ class Run:
             )
         return build_model(self.info["field"], current_tensors(finite(read_tensors(path), path)), path).to(device)
 
-    def save_support(self, support: torch.Tensor) -> None:
+    def save_observability(self, observability: torch.Tensor) -> None:
         """Keep the share [N] of its frames in which each Gaussian's displacement is revealed (`engine.training.flow.observability`)."""
-        write_tensors(self.path / "support.safetensors", {"support": support})
+        write_tensors(self.path / "observability.safetensors", {"observability": observability})
 
-    def load_support(self, count: int) -> torch.Tensor | None:
-        """Support of the `count` Gaussians of the model, float32 [N] in [0, 1]; None for a run that kept none."""
-        path = self.path / "support.safetensors"
+    def load_observability(self, count: int) -> torch.Tensor | None:
+        """Motion observability of the `count` Gaussians of the model, float32 [N] in [0, 1]; None for a run that kept none."""
+        path = existing_file(self.path, "observability.safetensors")
         if not path.exists():
             return None
-        support = finite(read_tensors(path), path).get("support")
-        if (
-            support is None
-            or support.dtype != torch.float32
-            or support.shape != (count,)
-            or not bool(((support >= 0) & (support <= 1)).all())
-        ):
+        shares = current_tensors(finite(read_tensors(path), path)).get("observability", torch.empty(0))
+        if shares.dtype != torch.float32 or shares.shape != (count,) or not bool(((shares >= 0) & (shares <= 1)).all()):
             raise RunError(f"{path} does not hold {count} numbers from 0 to 1, one for each Gaussian; delete it to open the run without it")
-        return support
+        return shares
 
     def save_basis(self, basis: Basis) -> None:
         write_tensors(

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from degense.engine.errors import ClipError
+from degense.engine.field.model import is_persistent
 from degense.engine.training.flow.supervision import FlowSupervision, from_nearest
 from degense.engine.training.frames import TrainingFrames
 
@@ -50,7 +51,7 @@ def initial_gaussians(
     for key in keys:
         image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
         smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
-        expected = [shown] if evidence is None else [shown, evidence.carried(shown, train[0], key)[0]]
+        expected = [shown] if evidence is None else [shown, evidence.warped(shown, train[0], key)[0]]
         fresh = valid & (~known | (np.minimum.reduce([unlike(smooth, picture) for picture in expected]) > DIFFERENT))
         pixels = jittered_grid(width, height, stride, generator)
         pixels = pixels[fresh[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]]
@@ -94,7 +95,7 @@ def key_count(frames: int) -> int:
 
 def persistent_only(canonical: dict[str, Tensor]) -> dict[str, Tensor]:
     """The Gaussians of `initial_gaussians` that exist for ever; those of the first frame always do."""
-    persistent = canonical["temporal_windows"][:, 1] == 0
+    persistent = is_persistent(canonical["temporal_windows"])
     return {name: values[persistent] for name, values in canonical.items()}
 
 

@@ -20,7 +20,7 @@ from degense.engine.data.readers import fingerprint
 from degense.engine.errors import Cancelled, DegenseError
 from degense.engine.events import Budget, Done, Events, Preview, Stage, Step, Stopped, TrainingProgress
 from degense.engine.field import FieldConfig, SceneModel
-from degense.engine.field.still import find_moving
+from degense.engine.field.static_gaussians import find_moving
 from degense.engine.files import replacing
 from degense.engine.progress import Progress
 from degense.engine.semantics import TextEncoder, keep_encoder, open_encoder
@@ -246,7 +246,7 @@ def _loop(
         run.info["budget"]["chosen"] |= record
     run.save_model(trainer.model)
     if trainer.evidence is not None:
-        run.save_support(motion_observability(trainer.model, trainer.frames, trainer.evidence))
+        run.save_observability(motion_observability(trainer.model, trainer.frames, trainer.evidence))
     run.info["state"] = "finished"
     run.save()
     for file in (run.path / "checkpoints").iterdir():

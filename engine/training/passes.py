@@ -44,7 +44,7 @@ class FieldPass:
         regularizer = splats.means.new_zeros(())
         if d is not None:
             regularizer = regularizer + config.shape * (d.log_scales.abs().mean() + d.quats.abs().mean() + d.opacities.abs().mean())
-        shift = d.means if d is not None else None if state.there is None else state.there - splats.means
+        shift = d.means if d is not None else None if state.means_at_other is None else state.means_at_other - splats.means
         if shift is not None:
             regularizer = regularizer + config.displacement * (shift.square().sum(1) + 1e-8).sqrt().mean()
             if self.neighbours is not None:
@@ -54,7 +54,7 @@ class FieldPass:
         z = splats.means @ camera[2, :3] + camera[2, 3]
         features = torch.cat([splats.colors, z[:, None]], 1)
         drawn = (splats.means, splats.quats, splats.scales, splats.opacities, features)
-        return (*drawn, regularizer) if state.there is None else (*drawn, regularizer, state.there)
+        return (*drawn, regularizer) if state.means_at_other is None else (*drawn, regularizer, state.means_at_other)
 
 
 class CurvePass:

@@ -10,7 +10,7 @@ def test_cycle_through_wipe_blink_and_difference(qtbot, opened, idle, screenshot
     session, panel = opened.session, opened.parts.panel
     session.go_to(4)
     panel.setFocus()
-    recorded, drawn = session.scene.observed(4), session.scene.picture(4)
+    recorded, drawn = session.scene.observed(4), session.scene.render_rgb(4)
     qtbot.keyClick(panel, Qt.Key.Key_C)
     idle()
     assert panel.compare_mode() == session.view_state.compare == "wipe"
@@ -35,4 +35,4 @@ def test_cycle_through_wipe_blink_and_difference(qtbot, opened, idle, screenshot
     idle()
     assert panel.compare_mode() == "off"
     assert opened.drawing.view.observed is None
-    assert np.array_equal(panel.grab_image(), session.scene.picture(6))
+    assert np.array_equal(panel.grab_image(), session.scene.render_rgb(6))

@@ -147,7 +147,7 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
         qtbot.waitUntil(lambda: len(sizes) > 2 and sizes[-1] == splats._canvas.width(), timeout=10_000)
         assert min(sizes) == splats._canvas.width() // 2
         shown = to_array(splats._canvas._image)
-        rendered = opened.session.scene.draw(8, splats.camera(), ("rgb",))
+        rendered = opened.session.scene.renderer.draw(8, splats.camera(), ("rgb",))
         covered = rendered["alpha"] > 0.99
         assert np.abs(shown[covered] / 255 - rendered["rgb"][covered]).max() < 0.03
 

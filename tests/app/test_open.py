@@ -23,8 +23,8 @@ def test_open_a_run(opened, screenshot):
     session, parts = opened.session, opened.parts
     assert opened.windowTitle().startswith("copy")
     assert parts.timeline.count() == session.frames == 10
-    assert np.array_equal(opened.drawing.view.rgb, session.scene.picture(0))
-    assert np.array_equal(parts.panel.grab_image(), session.scene.picture(0))
+    assert np.array_equal(opened.drawing.view.rgb, session.scene.render_rgb(0))
+    assert np.array_equal(parts.panel.grab_image(), session.scene.render_rgb(0))
     assert opened.drawing.view.splats is not None
     assert "isolated routing" in parts.facts.text.text()
     assert not parts.facts.next_steps.isVisible()

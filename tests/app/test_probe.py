@@ -32,7 +32,7 @@ def test_clicking_follows_the_spot(opened, idle, screenshot):
     parts.panel.clicked.emit(48, 40)
     idle()
     indices, weights = material(session.scene, Spot(8, 48.5, 40.5))
-    moved = [session.scene.displacement(frame)[indices].numpy() @ weights for frame in range(10)]
+    moved = [session.scene.states.displacement(frame)[indices].numpy() @ weights for frame in range(10)]
     assert parts.similarity.series_names() == ["gallbladder"]
     assert parts.similarity.isVisible()
     curves = opened.probing.curves

@@ -39,7 +39,7 @@ def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
     mask = decode_frame(scene, PromptSet(("gallbladder",)), 3).masks[0]
     assert np.array_equal(opened.drawing.view.masks[..., 3] > 0, mask)
     shown = opened.parts.panel.grab_image().astype(int)
-    changed = np.abs(shown - scene.picture(3)).max(-1) > 0
+    changed = np.abs(shown - scene.render_rgb(3)).max(-1) > 0
     assert np.array_equal(changed, mask)
     before = scene.splats(3).colors.numpy()
     tinted = np.abs(opened.drawing.view.splats.colours / 255 - before.clip(0, 1)).max(1) > 0.01

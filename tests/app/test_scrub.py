@@ -21,14 +21,14 @@ def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
     idle()
     assert shown[-1] == session.frame == opened.parts.timeline.frame() == 7
     assert len(shown) <= 3  # the frames in between were not drawn
-    assert np.array_equal(opened.parts.panel.grab_image(), session.scene.picture(7))
+    assert np.array_equal(opened.parts.panel.grab_image(), session.scene.render_rgb(7))
     assert np.allclose(opened.drawing.view.splats.means, session.scene.splats(7).means)
     screenshot(opened, "scrub")
     canvas = opened.parts.splats.focusProxy()
     idle()
     there = to_array(canvas._image)
     assert there.shape == (canvas.height(), canvas.width(), 3)  # finely drawn in the end
-    drawn = session.scene.draw(7, letterboxed(session.scene.camera(7), canvas.width(), canvas.height()), ("rgb",))
+    drawn = session.scene.renderer.draw(7, letterboxed(session.scene.camera(7), canvas.width(), canvas.height()), ("rgb",))
     covered = drawn["alpha"] > 0.99
     assert np.abs(there[covered] / 255 - drawn["rgb"][covered]).max() < 0.03
 

@@ -69,7 +69,7 @@ def test_the_doctor_reports_from_the_worker(qtbot, window, monkeypatch):
 
 def test_the_picture_is_saved_as_shown_with_its_colour_bar(opened, idle, tmp_path):
     opened.exporting.save_picture(tmp_path / "a.png")
-    assert np.array_equal(cv2.imread(str(tmp_path / "a.png"))[..., ::-1], opened.session.scene.picture(0))
+    assert np.array_equal(cv2.imread(str(tmp_path / "a.png"))[..., ::-1], opened.session.scene.render_rgb(0))
     opened.session.set_layer("depth")
     idle()
     opened.exporting.save_picture(tmp_path / "b.png")

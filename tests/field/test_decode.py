@@ -71,7 +71,7 @@ def test_only_what_moves_enters_it_and_other_times_are_told_too():
     assert torch.allclose(fused.means, plain.means, atol=1e-4)
     model.moving = None
     with torch.no_grad():
-        assert torch.allclose(model.at(0.2, other=-0.4).there, model.means_at(-0.4), atol=1e-4)
+        assert torch.allclose(model.at(0.2, other=-0.4).means_at_other, model.means_at(-0.4), atol=1e-4)
 
 
 def test_the_number_of_threads_changes_nothing():

@@ -6,8 +6,7 @@ import torch
 from scipy.interpolate import BSpline
 
 from degense.engine.field import hexplane_cpu
-from degense.engine.field.hexplane import HexPlane, sample_level, sample_levels
-from degense.engine.field.time_axis import at_time
+from degense.engine.field.hexplane import HexPlane, at_time, sample_level, sample_levels
 
 
 def brute(points, space, line):

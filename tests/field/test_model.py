@@ -6,7 +6,7 @@ import torch
 from degense.engine.camera import Camera
 from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
 from degense.engine.field.model import CANONICAL
-from degense.engine.field.still import OPACITY, PIXELS, find_moving
+from degense.engine.field.static_gaussians import OPACITY, PIXELS, find_moving
 from degense.engine.raster import rasterize
 from degense.engine.training.trainer import draw_latents
 
@@ -130,7 +130,7 @@ def test_a_second_time_costs_one_pass_and_agrees_with_means_at():
     model = make("paper")
     stir(model)
     state = model.at(0.2, other=-0.7)
-    assert torch.allclose(state.there, model.means_at(-0.7), atol=1e-6)
+    assert torch.allclose(state.means_at_other, model.means_at(-0.7), atol=1e-6)
     assert torch.allclose(state.splats.means, model.means_at(0.2), atol=1e-6)
 
 
@@ -199,8 +199,8 @@ def test_what_exists_for_a_while_goes_straight_on_and_the_rest_never_does():
             field = model.at(t).splats.means
             model.canonical["velocities"].copy_(velocities)
             assert torch.allclose(model.means_at(t), moved, atol=1e-6)
-            assert torch.allclose(model.at(-1.0, other=t).there, moved, atol=1e-6)
-            assert torch.allclose(model.travel_at(t), moved - field, atol=1e-6)
+            assert torch.allclose(model.at(-1.0, other=t).means_at_other, moved, atol=1e-6)
+            assert torch.allclose(model.linear_motion(t), moved - field, atol=1e-6)
         return moved - field
 
     for t, lives in ((0.25, 0.0), (0.25 + 1 / 8, 1.0), (0.25 - 1 / 16, -0.5), (1.0, 2.0), (-1.0, -2.0)):

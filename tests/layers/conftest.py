@@ -35,15 +35,15 @@ def speechless(clip):
 
 
 @pytest.fixture(scope="session")
-def unsupported(scene):
+def unobserved(scene):
     """The run as an older version left it."""
     folder = scene.run.path.parent / "older"
     shutil.copytree(scene.run.path, folder)
-    (folder / "support.safetensors").unlink()
+    (folder / "observability.safetensors").unlink()
     return Scene.open(folder, device="cpu")
 
 
 @pytest.fixture(scope="session")
 def lonely(scene):
     """The run, when its clip is gone."""
-    return Scene(scene.run, scene.model, scene.basis, scene.encoder, None, "the clip was deleted", scene.support)
+    return Scene(scene.run, scene.model, scene.basis, scene.encoder, None, "the clip was deleted", scene.observability)

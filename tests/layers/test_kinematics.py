@@ -42,7 +42,7 @@ def test_layers_are_nothing_at_the_reference_and_follow_the_splats(scene):
     for name in ("rotation", "scale"):
         assert np.nanmax(np.abs(LAYERS[name].image(scene, start).values)) < 1e-4
         assert LAYERS[name].image(scene, start).uncertain is None
-    expected = (scene.carried(6) - scene.carried(4)).norm(dim=1).numpy() * scene.fps / 2
+    expected = (scene.states.advected_means(6) - scene.states.advected_means(4)).norm(dim=1).numpy() * scene.fps / 2
     np.testing.assert_allclose(LAYERS["speed"].splats(scene, later), expected, rtol=1e-5)
     for name in ("speed", "rotation", "scale"):
         image, values = LAYERS[name].image(scene, later), LAYERS[name].splats(scene, later)

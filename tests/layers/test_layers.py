@@ -95,7 +95,7 @@ def test_units_and_what_they_measure(scene, clip):
         "rotation": "°",
         "scale": "log₂ volume",
         "warp": "px",
-        "support": "",
+        "observability": "",
     }
     depth = LAYERS["depth"].image(scene, request()).values
     assert np.median(np.abs(depth - clip.depth(SIDE))) < 3
@@ -109,32 +109,32 @@ def test_displacement_is_zero_at_the_reference_frame_and_not_later(scene):
     reference, layer = scene.reference_frame, LAYERS["displacement"]
     assert np.nanmax(np.abs(layer.image(scene, request(reference)).values)) == 0
     assert layer.splats(scene, request(reference)).max() == 0
-    means = [scene.carried(frame).numpy().astype(np.float64) for frame in (SIDE, reference)]
+    means = [scene.states.advected_means(frame).numpy().astype(np.float64) for frame in (SIDE, reference)]
     np.testing.assert_allclose(layer.splats(scene, request()), np.linalg.norm(means[0] - means[1], axis=1), atol=1e-4)
     assert np.nanmax(layer.image(scene, request()).values) > 0.1
 
 
 def test_a_displacement_that_nothing_reveals_is_marked_as_a_guess(scene):
-    """Nothing but support decides, pixel by pixel and Gaussian by Gaussian; the value itself stays."""
-    layer, support = LAYERS["displacement"], LAYERS["support"]
-    image, share = layer.image(scene, request()), support.image(scene, request()).values
+    """Nothing but observability decides, pixel by pixel and Gaussian by Gaussian; the value itself stays."""
+    layer, observability = LAYERS["displacement"], LAYERS["observability"]
+    image, share = layer.image(scene, request()), observability.image(scene, request()).values
     assert np.array_equal(image.uncertain, share < 0.5)
     assert 0 < image.uncertain.mean() < 1
     assert np.isfinite(image.values[image.uncertain]).all()
-    assert np.array_equal(layer.uncertain_splats(scene, request()), scene.support.numpy() < 0.5)
-    np.testing.assert_array_equal(support.splats(scene, request()), scene.support.numpy())
-    assert layer_range(scene, support, request(), "frame") == (0.0, 1.0)
+    assert np.array_equal(layer.uncertain_splats(scene, request()), scene.observability.numpy() < 0.5)
+    np.testing.assert_array_equal(observability.splats(scene, request()), scene.observability.numpy())
+    assert layer_range(scene, observability, request(), "frame") == (0.0, 1.0)
 
 
 def test_displacement_and_where_it_is_a_guess_take_one_drawing(scene, monkeypatch):
     drawn = []
-    draw = scene.draw
-    monkeypatch.setattr(scene, "draw", lambda frame, camera, what: drawn.append(what) or draw(frame, camera, what))
-    scene.forget_pictures()
+    draw = scene.renderer.draw
+    monkeypatch.setattr(scene.renderer, "draw", lambda frame, camera, what: drawn.append(what) or draw(frame, camera, what))
+    scene.renderer.forget()
     image = LAYERS["displacement"].image(scene, request(7))
-    assert drawn == [("displacement", "support")]
+    assert drawn == [("displacement", "observability")]
     assert np.array_equal(image.values, scene.render(7, None, ("displacement",))["displacement"], equal_nan=True)
-    assert np.array_equal(image.uncertain, scene.render(7, None, ("support",))["support"] < REVEALED)
+    assert np.array_equal(image.uncertain, scene.render(7, None, ("observability",))["observability"] < REVEALED)
 
 
 def test_at_the_reference_frame_nothing_is_a_guess(scene):
@@ -143,12 +143,12 @@ def test_at_the_reference_frame_nothing_is_a_guess(scene):
     assert LAYERS["displacement"].uncertain_splats(scene, start) is None
 
 
-def test_runs_without_support_still_open_and_mark_nothing(unsupported):
-    assert unsupported.support is None
-    assert LAYERS["displacement"].image(unsupported, request()).uncertain is None
-    for draw in (LAYERS["support"].image, LAYERS["support"].splats):
+def test_runs_without_observability_still_open_and_mark_nothing(unobserved):
+    assert unobserved.observability is None
+    assert LAYERS["displacement"].image(unobserved, request()).uncertain is None
+    for draw in (LAYERS["observability"].image, LAYERS["observability"].splats):
         with pytest.raises(DegenseError, match="older version"):
-            draw(unsupported, request())
+            draw(unobserved, request())
 
 
 def test_zero_that_is_known_and_zero_that_is_a_guess_look_different():
@@ -226,7 +226,7 @@ def test_the_threshold_decides_about_splats(scene):
     assert counts[-1] == 0
 
 
-def test_what_is_missing_is_said_in_one_sentence(scene, speechless, lonely, unsupported):
+def test_what_is_missing_is_said_in_one_sentence(scene, speechless, lonely, unobserved):
     for name, layer in LAYERS.items():
         reasons = {
             "semantics": layer.missing(speechless, PROMPTS),
@@ -236,7 +236,7 @@ def test_what_is_missing_is_said_in_one_sentence(scene, speechless, lonely, unsu
         assert bool(reasons["semantics"]) == (name in ("features", "similarity", "mask"))
         assert bool(reasons["clip"]) == (name == "warp")
         assert bool(reasons["prompt"]) == (name in ("similarity", "mask"))
-        assert bool(layer.missing(unsupported, PROMPTS)) == (name == "support")
+        assert bool(layer.missing(unobserved, PROMPTS)) == (name == "observability")
         assert layer.missing(scene, PROMPTS) == ""
         for cause, (shown, prompts) in {"semantics": (speechless, PROMPTS), "clip": (lonely, PROMPTS), "prompt": (scene, ())}.items():
             for draw in (layer.image, layer.splats):

@@ -52,7 +52,7 @@ def test_numbers_are_those_of_the_run(scores, scene, clip):
     assert (scores["run"], scores["clip"], scores["unit"]) == ("run", "clip", "mm")
     assert (scores["routing"], scores["preset"]) == ("isolated", "quick")
     assert scores["frames"] == clip.test_frames == [1]
-    error = (scene.picture(1).astype(np.float64) - clip.frame(1)) / 255
+    error = (scene.render_rgb(1).astype(np.float64) - clip.frame(1)) / 255
     assert scores["psnr_mask"] == pytest.approx(10 * np.log10(1 / np.mean(error**2)), abs=1e-6)
     truth = clip.truth()
     wrong, moved = [], []

@@ -22,7 +22,7 @@ PROMPTS = ("liver", "tool", "gallbladder, not liver", "Fett", "tool, not grasper
 @pytest.fixture
 def fresh(scene):
     """The run with empty caches."""
-    return lambda: Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip, support=scene.support)
+    return lambda: Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip, observability=scene.observability)
 
 
 @pytest.mark.parametrize("decoder", DECODERS)

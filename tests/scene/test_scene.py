@@ -12,14 +12,16 @@ from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.layers import LAYERS, LayerRequest
 from degense.engine.raster import rasterize
-from degense.engine.scene.scene import CHANNELS, Cache, Scene
+from degense.engine.scene import Scene
+from degense.engine.scene.renderer import CHANNELS
+from degense.engine.scene.states import Cache
 from degense.engine.semantics import TextVectors
 
 
 @pytest.fixture
 def fresh(scene):
     """The run with empty caches."""
-    return Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip, support=scene.support)
+    return Scene(scene.run, scene.model, scene.basis, scene.encoder, scene.clip, observability=scene.observability)
 
 
 def copied(scene, tmp_path, **changes):
@@ -86,17 +88,17 @@ def test_states_without_latents_are_the_same_gaussians(fresh):
 
 def test_drifts_are_drawn_but_are_no_displacement(fresh):
     model, frame = fresh.model, 5
-    before = fresh.displacement(frame), fresh.carried(frame)
+    before = fresh.states.displacement(frame), fresh.states.advected_means(frame)
     kept = {name: model.canonical[name].clone() for name in ("temporal_windows", "velocities")}
     with torch.no_grad():
         model.canonical["temporal_windows"].copy_(torch.tensor([fresh.time(frame) + 0.01, 0.1]))
         model.canonical["velocities"].fill_(0.5)
     try:
-        there = Scene(fresh.run, model, fresh.basis, fresh.encoder, fresh.clip, support=fresh.support)
-        assert torch.allclose(there.displacement(frame), before[0], atol=1e-4)
+        there = Scene(fresh.run, model, fresh.basis, fresh.encoder, fresh.clip, observability=fresh.observability)
+        assert torch.allclose(there.states.displacement(frame), before[0], atol=1e-4)
         moved = (there.splats(frame).means - before[1]) * fresh.run.info["unit"]
         assert torch.allclose(moved, torch.full_like(moved, -0.0005), atol=1e-6)
-        assert torch.allclose(there.carried(frame), before[1], atol=1e-4)
+        assert torch.allclose(there.states.advected_means(frame), before[1], atol=1e-4)
         assert not LAYERS["speed"].splats(there, LayerRequest(0)).max() > LAYERS["speed"].splats(fresh, LayerRequest(0)).max() * 1.01
     finally:
         with torch.no_grad():
@@ -140,10 +142,10 @@ def test_one_pass_draws_what_single_passes_draw(fresh):
     together = fresh.render(5, what=CHANNELS)
     assert set(together) == {"alpha", *CHANNELS}
     shapes = {"rgb": (48, 64, 3), "depth": (48, 64), "displacement": (48, 64), "motion": (48, 64, 2), "alpha": (48, 64)}
-    shapes["support"] = (48, 64)
+    shapes["observability"] = (48, 64)
     shapes["latent"] = (48, 64, fresh.basis.rank)
     for name in CHANNELS:
-        alone = fresh.draw(5, fresh.camera(5), (name,))[name]
+        alone = fresh.renderer.draw(5, fresh.camera(5), (name,))[name]
         assert alone.shape == together[name].shape == shapes[name]
         assert alone.dtype == np.float32
         np.testing.assert_allclose(alone, together[name], atol=1e-4)
@@ -154,7 +156,7 @@ def test_one_pass_draws_what_single_passes_draw(fresh):
 def test_channels_agree_with_the_rasterizer(fresh):
     camera, splats = fresh.camera(5), fresh.splats(5)
     z = splats.means[:, 2:]  # the camera stands at the origin
-    places = (fresh.carried(5), fresh.carried(fresh.reference_frame))
+    places = (fresh.states.advected_means(5), fresh.states.advected_means(fresh.reference_frame))
     pixels = [torch.from_numpy(camera.project(m.numpy().astype(np.float64))[0]).float() for m in places]
     drawn = rasterize(splats, torch.cat([splats.colors, z, pixels[1] - pixels[0]], 1), camera, backend="reference")
     image, alpha = drawn.image.numpy(), drawn.alpha.numpy()
@@ -182,12 +184,12 @@ def test_motion_of_a_moving_camera_is_measured_from_the_cameras_of_both_frames(f
         camera.viewmat[0, 3] = 2.0 * index
     fresh.cameras = cameras
     frame, start = 4, fresh.reference_frame
-    motion = fresh.draw(frame, fresh.camera(frame), ("motion",))["motion"]
+    motion = fresh.renderer.draw(frame, fresh.camera(frame), ("motion",))["motion"]
     points = [fresh.splats(i).means.numpy().astype(np.float64) for i in (frame, start)]
     expected = cameras[start].project(points[1])[0] - cameras[frame].project(points[0])[0]
     assert np.nanmedian(motion[..., 0]) == pytest.approx(np.median(expected[:, 0]), abs=0.5)
     # seen by a camera of the user's, which does not move, only the tissue's own motion is left
-    still = fresh.draw(frame, cameras[frame].scaled(1.0), ("motion",))["motion"]
+    still = fresh.renderer.draw(frame, cameras[frame].scaled(1.0), ("motion",))["motion"]
     assert abs(np.nanmedian(still[..., 0])) < 0.3 * abs(np.nanmedian(motion[..., 0]))
 
 
@@ -199,7 +201,7 @@ def test_pictures_of_the_surgeons_view_are_kept_and_others_are_not(fresh):
     assert fresh.render(3, camera)["rgb"].shape == (24, 32, 3)
     assert fresh.query(3) is fresh.query(3)
     assert fresh.query(3, camera) is not fresh.query(3, camera)
-    picture = fresh.picture(3)
+    picture = fresh.render_rgb(3)
     assert picture.dtype == np.uint8
     assert np.abs(picture / 255 - fresh.render(3)["rgb"]).max() <= 0.5 / 255 + 1e-6
 
@@ -264,7 +266,7 @@ def test_run_and_clip_can_be_moved_together(scene, tmp_path):
     moved = Scene.open(copied(scene, tmp_path), device="cpu")
     assert moved.clip is not None
     assert moved.clip.path == (tmp_path / "clip").resolve()
-    np.testing.assert_array_equal(moved.picture(4), scene.picture(4))
+    np.testing.assert_array_equal(moved.render_rgb(4), scene.render_rgb(4))
 
 
 def test_a_clip_that_is_gone_or_changed_is_said(scene, tmp_path):

@@ -66,30 +66,35 @@ def small(rank=2):
     return SceneModel(config, torch.tensor([[-1.0, -1, -1], [1, 1, 1]]), canonical)
 
 
-def test_support_comes_back(tmp_path):
-    run, support = Run(tmp_path, {}), torch.tensor([0.0, 0.25, 1.0])
-    assert run.load_support(3) is None
-    run.save_support(support)
-    assert torch.equal(run.load_support(3), support)
+def test_observability_comes_back(tmp_path):
+    run, observability = Run(tmp_path, {}), torch.tensor([0.0, 0.25, 1.0])
+    assert run.load_observability(3) is None
+    run.save_observability(observability)
+    assert torch.equal(run.load_observability(3), observability)
+
+
+def test_observability_of_an_earlier_version_is_read(tmp_path):
+    write_tensors(tmp_path / "observability.safetensors", {"observability": torch.tensor([0.0, 0.25, 1.0])})
+    assert Run(tmp_path, {}).load_observability(3).tolist() == [0.0, 0.25, 1.0]
 
 
 @pytest.mark.parametrize(
     "tensors",
     [
-        {"support": torch.zeros(4)},
-        {"support": torch.zeros(3, 1)},
-        {"support": torch.zeros(3, dtype=torch.float64)},
-        {"support": torch.tensor([0.0, 0.5, 1.5])},
-        {"support": torch.tensor([0.0, -0.5, 1.0])},
-        {"support": torch.tensor([0.0, float("nan"), 1.0])},
+        {"observability": torch.zeros(4)},
+        {"observability": torch.zeros(3, 1)},
+        {"observability": torch.zeros(3, dtype=torch.float64)},
+        {"observability": torch.tensor([0.0, 0.5, 1.5])},
+        {"observability": torch.tensor([0.0, -0.5, 1.0])},
+        {"observability": torch.tensor([0.0, float("nan"), 1.0])},
         {"weight": torch.zeros(3)},
     ],
     ids=["longer", "shape", "type", "above", "below", "nan", "name"],
 )
-def test_damaged_support_is_refused(tmp_path, tensors):
-    write_tensors(tmp_path / "support.safetensors", tensors)
-    with pytest.raises(RunError, match=r"support\.safetensors"):
-        Run(tmp_path, {}).load_support(3)
+def test_damaged_observability_is_refused(tmp_path, tensors):
+    write_tensors(tmp_path / "observability.safetensors", tensors)
+    with pytest.raises(RunError, match=r"observability\.safetensors"):
+        Run(tmp_path, {}).load_observability(3)
 
 
 @pytest.mark.parametrize("moving", [None, [1, 3]])

@@ -187,12 +187,12 @@ def test_tools_and_their_surroundings_are_no_evidence():
 def test_a_picture_is_carried_to_where_its_tissue_is(source, frame):
     clip, evidence = prepared(SLIDING, seed=source + frame)
     marked = clip.material(source)[..., 0] > 0.1
-    moved, known = evidence.carried(marked.astype(np.int32), source, frame)
+    moved, known = evidence.warped(marked.astype(np.int32), source, frame)
     expected = clip.material(frame)[..., 0] > 0.1
     assert moved.dtype == np.int32
     assert known.mean() > 0.6
     assert (moved[known] == expected[known]).mean() > 0.985
-    colours, again = evidence.carried(clip.frame(source), source, frame)
+    colours, again = evidence.warped(clip.frame(source), source, frame)
     assert colours.shape == clip.frame(0).shape
     assert np.array_equal(again, known)
     difference = np.abs(colours.astype(int) - clip.frame(frame))[known]
@@ -204,7 +204,7 @@ def test_a_picture_is_carried_to_where_its_tissue_is(source, frame):
 def test_carrying_by_an_unknown_way_moves_nothing():
     _, evidence = prepared(SLIDING)
     picture = np.random.default_rng(0).integers(0, 9, (72, 96))
-    moved, known = evidence.carried(picture, 1, 4)  # frame 1 is held out: nothing is known of its motion
+    moved, known = evidence.warped(picture, 1, 4)  # frame 1 is held out: nothing is known of its motion
     assert not known.any()
     assert moved.shape == picture.shape
 

@@ -162,7 +162,7 @@ class Annotating(QObject):
                 picture = clip.frame(frame)
             else:
                 assert scene is not None
-                picture = scene.picture(frame)
+                picture = scene.render_rgb(frame)
             self._regions = frame, superpixels(picture)
         return self._regions[1]
 

@@ -69,7 +69,7 @@ def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps
     from degense.engine.layers import LayerRequest
 
     request = LayerRequest(frame=frame)
-    maps = ProbeMaps(frame, scene.picture(frame), {})
+    maps = ProbeMaps(frame, scene.render_rgb(frame), {})
     yield maps
     for name in PROBED:
         if get_layer(name).missing(scene, ()):

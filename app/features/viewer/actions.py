@@ -24,7 +24,7 @@ LAYER_KEYS = (
     ("rotation", "Rotation", ""),
     ("scale", "Scale change", ""),
     ("warp", "Spurious warp", "7"),
-    ("support", "Motion support", "8"),
+    ("observability", "Motion observability", "8"),
 )
 COMPARES: tuple[tuple[Compare, str], ...] = (
     ("off", "Compare: off"),

@@ -19,7 +19,7 @@ FORMULAS = {
     "rotation": "Σ wᵢ rᵢ / Σ wᵢ, rᵢ = 2 atan2(‖Im(qᵢ q̄ᵢ₀)‖, |Re(qᵢ q̄ᵢ₀)|) the angle of the turn since t₀",
     "scale": "Σ wᵢ gᵢ / Σ wᵢ, gᵢ = Σₖ log₂(sᵢₖ(t) / sᵢₖ(t₀)): 1 has doubled its volume, −1 has halved it",
     "warp": "max(0, ‖m(p) − o(p)‖ − tolerance), m the model's motion in pixels, o the observed optical flow",
-    "support": "Σ wᵢ sᵢ / Σ wᵢ, sᵢ the share of frames that reveal the motion of Gaussian i",
+    "observability": "Σ wᵢ sᵢ / Σ wᵢ, sᵢ the share of frames that reveal the motion of Gaussian i",
 }
 #: Units as the layer list has them, where no run is open.
 UNITS = {
@@ -30,7 +30,7 @@ UNITS = {
     "rotation": "degrees, 0 to 180",
     "scale": "log₂ of the ratio of volumes",
     "warp": "pixels of the recording",
-    "support": "share of the frames, 0 to 1",
+    "observability": "share of the frames, 0 to 1",
 }
 
 
@@ -63,6 +63,6 @@ def _needs(layer: Layer) -> list[str]:
         (layer.needs_semantics, "Needs a run that was trained with meaning"),
         (layer.needs_prompt, "Needs a prompt"),
         (layer.needs_clip, "Needs the recording"),
-        (layer.needs_support, "Needs a run that keeps the support of its motion"),
+        (layer.needs_observability, "Needs a run that keeps the observability of its motion"),
     )
     return [words for needed, words in wanted if needed]

@@ -23,7 +23,7 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def get_layer(name: str) -> Layer:
-    """The layer of that name.
+    """The layer of that name, or of the name that it had in an earlier version.
 
     Raises
     ------
@@ -31,7 +31,9 @@ def get_layer(name: str) -> Layer:
         When there is none; the sentence lists those there are.
     """
     from degense.engine.layers import LAYERS
+    from degense.engine.store.migrations import current_layer
 
+    name = current_layer(name)
     if name not in LAYERS:
         raise DegenseError(f"There is no layer {name!r}; choose one of {', '.join(LAYERS)}.")
     return LAYERS[name]

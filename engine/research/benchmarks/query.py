@@ -75,7 +75,7 @@ def long_scene(scene: Scene, width: int, height: int, frames: int) -> Scene:
 def _alone(scene: Scene, frame: int) -> np.ndarray:
     """The mask of each prompt, bool [n, H, W], with nothing kept from one to the next."""
     asked = [encode_prompts(scene, PromptSet((text,))) for text in PROMPTS]
-    return np.concatenate([scene.new_query(frame, scene.camera(frame)).decode(of_text).masks for of_text in asked])
+    return np.concatenate([scene.renderer.new_query(frame, scene.camera(frame)).decode(of_text).masks for of_text in asked])
 
 
 def _timed(scene: Scene, what: str, prompts: Sequence[str], one_by_one: dict[int, np.ndarray], options: BenchOptions) -> dict[str, Cell]:
@@ -83,7 +83,7 @@ def _timed(scene: Scene, what: str, prompts: Sequence[str], one_by_one: dict[int
 
     def ask() -> None:
         nonlocal differ
-        scene.forget_pictures()
+        scene.renderer.forget()
         found = {frame: answer.masks for frame, answer in query_clip(scene, PromptSet(tuple(prompts))) if frame in one_by_one}
         differ = sum(int((masks != one_by_one[frame][: len(prompts)]).sum()) for frame, masks in found.items())
 

@@ -14,7 +14,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from degense.engine.field.hexplane import HexPlane, sample_levels
-from degense.engine.field.still import find_moving
+from degense.engine.field.static_gaussians import find_moving
 from degense.engine.metrics.image import psnr
 from degense.engine.progress import Progress
 from degense.engine.raster import rasterize
@@ -184,7 +184,7 @@ def _early_termination(scene: Scene) -> Iterator[Saving]:
 def _kept_maps(scene: Scene) -> Iterator[Saving]:
     frame = scene.frames // 2
     vectors = scene.vectors(scene.classes)
-    drawn = scene.draw(frame, scene.camera(frame), ("rgb", "latent"))
+    drawn = scene.renderer.draw(frame, scene.camera(frame), ("rgb", "latent"))
     rgb, latent, alpha = (drawn["rgb"] * 255 + 0.5).astype(np.uint8), drawn["latent"], drawn["alpha"]
     assert scene.basis is not None
     basis = scene.basis
@@ -211,14 +211,14 @@ def _kept_maps(scene: Scene) -> Iterator[Saving]:
 def _resolution(scene: Scene) -> Iterator[Saving]:
     frame = scene.frames // 2
     camera = scene.camera(frame)
-    full = scene.draw(frame, camera, ("rgb",))["rgb"]
+    full = scene.renderer.draw(frame, camera, ("rgb",))["rgb"]
 
     def half() -> np.ndarray:
-        small = scene.draw(frame, camera.scaled(0.5), ("rgb",))["rgb"]
+        small = scene.renderer.draw(frame, camera.scaled(0.5), ("rgb",))["rgb"]
         return cv2.resize(small, (camera.width, camera.height), interpolation=cv2.INTER_LINEAR)
 
     error = f"{psnr(half(), full):.1f} dB against the full picture"
-    yield Saving("half the resolution, enlarged again", (lambda: scene.draw(frame, camera, ("rgb",)), half), error)
+    yield Saving("half the resolution, enlarged again", (lambda: scene.renderer.draw(frame, camera, ("rgb",)), half), error)
 
 
 #: Everything that can be switched, in the order of the table. A new saving is one more function here.

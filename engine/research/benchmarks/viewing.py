@@ -85,7 +85,7 @@ def _players(scene: Scene, camera: Camera) -> dict[str, Callable[[int], object]]
         return draws[name](replace(state, semantics=state.colors), camera)
 
     def live(i: int, *, semantics: bool = False) -> Splats:
-        return scene.live(scene.time(i % frames), semantics=semantics)
+        return scene.states.live(scene.time(i % frames), semantics=semantics)
 
     draws = back_ends(scene.model.bounds.device.type)
     works: dict[str, Callable[[int], object]] = {
@@ -94,7 +94,7 @@ def _players(scene: Scene, camera: Camera) -> dict[str, Callable[[int], object]]
     }
     return works | {
         "baked states, drawn": lambda i: splats_drawn(scene.splats(i % frames)),
-        "baked states, drawn and fetched as an array": lambda i: scene.draw(i % frames, camera, ("rgb",)),
+        "baked states, drawn and fetched as an array": lambda i: scene.renderer.draw(i % frames, camera, ("rgb",)),
         "live field, drawn": lambda i: splats_drawn(live(i)),
         "live field alone": live,
         "live field with latents, drawn": lambda i: splats_drawn(live(i, semantics=True)),
@@ -140,7 +140,7 @@ def _questions(scene: Scene, camera: Camera, vectors: np.ndarray) -> dict[str, C
     """Answers prompt i, by name."""
     for i in range(scene.frames):
         scene.splats(i, semantics=True)
-    kept = scene.new_query(scene.frames // 2, camera)
+    kept = scene.renderer.new_query(scene.frames // 2, camera)
     kept.decode(PromptVectors((vectors[0],), classes=vectors))
     random = np.random.default_rng(0)
 
@@ -149,7 +149,7 @@ def _questions(scene: Scene, camera: Camera, vectors: np.ndarray) -> dict[str, C
         return vectors[row] + random.normal(0, 1e-6, vectors.shape[1])
 
     return {
-        "first prompt on a new frame, all other classes competing": lambda i: scene.new_query(i % scene.frames, camera).decode(
+        "first prompt on a new frame, all other classes competing": lambda i: scene.renderer.new_query(i % scene.frames, camera).decode(
             PromptVectors((vectors[0],), classes=vectors)
         ),
         "another prompt on that frame": lambda i: kept.decode(PromptVectors((fresh(1),))),

@@ -47,7 +47,7 @@ def pictures_of(scene: Scene, clip: Clip, mask_frames: Sequence[int], decoder: s
     """What a scene makes of the shown frames: its label map by a decoder, over its own picture."""
     prompts = PromptSet(tuple(clip.classes), decoder=decoder)
     return [
-        Picture(frame, caption, painted(scene.picture(frame), decode_frame(scene, prompts, frame).labels))
+        Picture(frame, caption, painted(scene.render_rgb(frame), decode_frame(scene, prompts, frame).labels))
         for frame in shown_frames(mask_frames)
     ]
 

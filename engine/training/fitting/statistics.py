@@ -174,7 +174,7 @@ def recolouring(frames: TrainingFrames, evidence: FlowSupervision, index: int) -
     """
     first = frames.clip.train_frames[0]
     here, start = smooth(frames.image(index)), frames.image(first)
-    moved, unmoved = here - smooth(evidence.carried(start, first, index)[0]), here - smooth(start)
+    moved, unmoved = here - smooth(evidence.warped(start, first, index)[0]), here - smooth(start)
     both = frames.valid(first) & frames.valid(index)
     return np.where(np.abs(moved).max(2, keepdims=True) < np.abs(unmoved).max(2, keepdims=True), moved, unmoved), both
 

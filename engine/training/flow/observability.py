@@ -1,4 +1,4 @@
-"""Motion support: of which displacement the images can speak at all."""
+"""Motion observability: which displacement the images reveal at all."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from degense.engine.training.frames import TrainingFrames
 
 
 @torch.no_grad()
-def motion_observability(model: SceneModel, frames: TrainingFrames, evidence: FlowSupervision, progress: Progress = silent) -> Tensor:
+def motion_observability(model: SceneModel, frames: TrainingFrames, flow: FlowSupervision, progress: Progress = silent) -> Tensor:
     """In which share of its frames the images reveal how far a Gaussian has moved, float32 [N] in [0, 1].
 
-        support_i = Σ_t v_i(t) · s(p_i(t), t) / Σ_t v_i(t)
+        observability_i = Σ_t v_i(t) · s(p_i(t), t) / Σ_t v_i(t)
 
     over training frames t other than the reference; v_i(t) is 1 where the Gaussian lies on the surface that is seen, p_i(t) its pixel,
     s(p, t) as in `revealed_motion`.
 
-    A Gaussian that is never on the seen surface has support 0: no picture says where it is. What support cannot see: flow that is
-    consistent, on texture, and wrong all the same (a highlight that travels, repeated patterns), and motion along the line of sight.
+    A Gaussian that is never on the seen surface has 0: no frame shows where it is. What this cannot see: flow that is consistent, on
+    texture, and wrong all the same (a highlight that travels, repeated patterns), and motion along the line of sight.
 
     Parameters
     ----------
@@ -37,33 +37,33 @@ def motion_observability(model: SceneModel, frames: TrainingFrames, evidence: Fl
     clip = frames.clip
     reference = clip.train_frames[0]
     others = [i for i in clip.train_frames if i != reference] or [reference]
-    supported = torch.zeros(len(model), device=model.bounds.device)
-    seen = torch.zeros_like(supported)
+    revealed_frames = torch.zeros(len(model), device=model.bounds.device)
+    seen = torch.zeros_like(revealed_frames)
     for done, i in enumerate(others):
         progress(done / len(others), "asking which motion the images reveal")
         camera = frames.cameras[i]
         splats = model.at(clip.time(i), semantics=False).splats
         depth = camera_depths(splats.means, camera)[:, None]
         render = rasterize(splats, depth, camera)
-        seen_by = view_and_lens(camera, supported.device)
+        seen_by = view_and_lens(camera, revealed_frames.device)
         visible = surface_visibility(splats.means, splats.opacities, render.radii, render.image[..., 0], render.alpha, seen_by)
         position, _ = project(splats.means, seen_by)
-        revealed = torch.from_numpy(revealed_motion(frames, evidence, i)).to(supported.device)
-        supported += visible * look_up(revealed[None], position * 2 - 1)[:, 0]
+        revealed = torch.from_numpy(revealed_motion(frames, flow, i)).to(revealed_frames.device)
+        revealed_frames += visible * look_up(revealed[None], position * 2 - 1)[:, 0]
         seen += visible
-    return supported / seen.clamp_min(1)
+    return revealed_frames / seen.clamp_min(1)
 
 
-def revealed_motion(frames: TrainingFrames, evidence: FlowSupervision, index: int) -> np.ndarray:
+def revealed_motion(frames: TrainingFrames, flow: FlowSupervision, index: int) -> np.ndarray:
     """s(p, t) for one training frame, float32 [h, w] at the size of the flow: 1 where the recording shows how far tissue has moved.
 
     That is where its way to the reference frame is the same forwards and backwards, begins and ends on valid pixels that are no
     instrument, and texture pins it down (`engine.motion.confidence`); else 0.
     """
     reference = frames.clip.train_frames[0]
-    picture = cv2.resize(frames.image(index), evidence.size, interpolation=cv2.INTER_AREA)
-    believed = np.zeros(picture.shape[:2], np.float32)
-    for pair in evidence.pairs[index]:
+    frame = cv2.resize(frames.image(index), flow.size, interpolation=cv2.INTER_AREA)
+    believed = np.zeros(frame.shape[:2], np.float32)
+    for pair in flow.pairs[index]:
         if pair.to == reference:
             believed = np.maximum(believed, pair.weight[0].float().cpu().numpy())
-    return believed * (confidence(picture) > TEXTURE)
+    return believed * (confidence(frame) > TEXTURE)

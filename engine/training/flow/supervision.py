@@ -94,7 +94,7 @@ class FlowSupervision:
         relative = np.moveaxis(forward / np.array(self.size, np.float32), -1, 0).copy()
         return Pair(to, *(torch.from_numpy(array).to(self.frames.device).half() for array in (relative, weight[None])))
 
-    def carried(self, picture: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    def warped(self, picture: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """A picture of one training frame, moved to where its tissue is in another, by way of the first training frame.
 
         Parameters

@@ -195,7 +195,7 @@ class SemanticTargets:
         vectors, index = answer
         if source != frame:
             assert self._evidence is not None
-            moved, known = self._evidence.carried(index, source, frame)
+            moved, known = self._evidence.warped(index, source, frame)
             index = np.where(known & self._working.valid(frame), moved, -1).astype(np.int32)
         return vectors, index
 

@@ -73,7 +73,7 @@ def test_wrong_usage_is_status_2(arguments, capsys):
 def test_render_a_frame(run, tmp_path, scene):
     assert main(["render", str(run), "--frame", "4", "--out", str(tmp_path / "a.png")]) == 0
     picture = cv2.imread(str(tmp_path / "a.png"))[..., ::-1]
-    assert np.array_equal(picture, scene.picture(4))
+    assert np.array_equal(picture, scene.render_rgb(4))
     assert main(["render", str(run), "--frame", "2.5", "--layer", "displacement", "--out", str(tmp_path / "d.npy")]) == 0
     values = np.load(tmp_path / "d.npy", allow_pickle=False)
     assert np.array_equal(values, scene.render(2.5, what=("displacement",))["displacement"], equal_nan=True)
@@ -133,7 +133,7 @@ def test_segment_writes_what_the_engine_says(run, scene, tmp_path, capsys):
 def test_raw_displacement_says_how_much_of_it_is_a_guess(run, tmp_path, scene, capsys):
     out = tmp_path / "d.npy"
     assert main(["render", str(run), "--frame", "5", "--layer", "displacement", "--out", str(out)]) == 0
-    share = (scene.render(5, what=("support",))["support"] < 0.5).mean()
+    share = (scene.render(5, what=("observability",))["observability"] < 0.5).mean()
     assert f"{share:.1%} of the pixels hold a guess" in capsys.readouterr().out
     assert main(["render", str(run), "--frame", "5", "--layer", "depth", "--out", str(out)]) == 0
     assert capsys.readouterr().out == ""

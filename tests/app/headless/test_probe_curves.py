@@ -30,7 +30,7 @@ def test_the_curve_is_the_motion_of_the_gaussians_there(scene):
     curves = curves_of(scene, place)
     indices, weights = material(scene, place)
     assert weights.sum() == pytest.approx(1)
-    moved = [scene.displacement(index)[indices].numpy() @ weights for index in range(scene.frames)]
+    moved = [scene.states.displacement(index)[indices].numpy() @ weights for index in range(scene.frames)]
     mean, low, high = curves.layers["displacement"]
     assert np.allclose(mean, moved, atol=1e-5)
     assert mean[scene.reference_frame] == 0
@@ -55,7 +55,7 @@ def test_a_region_is_followed_as_material(scene):
     curves = curves_of(scene, Region(4, outline), replace(LOOK, layer="depth"))
     z = scene.camera(7).project(scene.splats(7).means[indices].numpy().astype(float))[1]
     assert curves.layers["depth"][0, 7] == pytest.approx(z @ weights, rel=1e-4)
-    moved = scene.displacement(7)[indices].numpy()
+    moved = scene.states.displacement(7)[indices].numpy()
     assert moved.min() <= curves.layers["displacement"][1, 7] <= np.median(moved) <= curves.layers["displacement"][2, 7] <= moved.max()
 
 
@@ -117,7 +117,7 @@ def test_a_view_comes_first_without_and_then_with_masks(scene):
     view = end.value.value
     mask = scene.query(3).similarity(scene.meanings("gallbladder")) > view_state.threshold
     assert np.array_equal(view.masks[..., 3] > 0, mask)
-    assert np.array_equal(view.rgb, scene.picture(3))
+    assert np.array_equal(view.rgb, scene.render_rgb(3))
     assert len(view.splats.colours) == len(scene.splats(3))
 
 
@@ -133,14 +133,14 @@ def result_of(steps):
 def test_a_guess_is_called_one(scene):
     """Under the cursor, in the legend's words and in the 3D view: only where the recording does not reveal the motion."""
     maps = result_of(probe_maps(scene, 5))
-    guesses = scene.render(5, what=("support",))["support"] < 0.5
+    guesses = scene.render(5, what=("observability",))["observability"] < 0.5
     for wanted in (True, False):
         y, x = np.argwhere(guesses == wanted)[0]
         assert dict(maps.rows(int(x), int(y)))["displacement"].endswith("(a guess)") == wanted
     request = ViewRequest(5, ViewState(layer="displacement"))
     marked = result_of(draw_view(scene, request))
     assert "guess" in marked.uncertain
-    scene.support = None
+    scene.states.observability = None
     plain = result_of(draw_view(scene, request))
     assert plain.uncertain == ""
     assert not np.array_equal(marked.rgb, plain.rgb)

@@ -62,10 +62,12 @@ def test_screen_motion_holds_the_cameras_share(moving, without_poses, tmp_path, 
     """A Gaussian that does not move in the world still moves in the picture, from each frame's camera to the reference frame's."""
     run_it(open_clip(without_poses(moving)), tmp_path / "run")
     scene = Scene.open(tmp_path / "run", device="cpu")
-    first = scene.carried(0)
-    monkeypatch.setattr(scene, "carried", lambda frame: first)
+    first = scene.states.advected_means(0)
+    monkeypatch.setattr(scene.states, "advected_means", lambda frame: first)
     points = first.double().numpy()
     here, there = scene.camera(6).project(points)[0], scene.camera(0).project(points)[0]
     near = (np.abs(here) < 400).all(1) & (np.abs(there) < 400).all(1)
-    np.testing.assert_allclose(scene._screen_motion(6, scene.camera(6)).numpy()[near], (there - here)[near], atol=1e-3)
+    np.testing.assert_allclose(
+        scene.renderer._column("motion", scene.splats(6), 6, scene.camera(6)).numpy()[near], (there - here)[near], atol=1e-3
+    )
     assert np.median(np.linalg.norm((there - here)[near], axis=1)) > 2

@@ -39,11 +39,11 @@ def options(tmp_path: Path) -> BenchOptions:
 
 
 def test_a_scene_of_any_number_of_gaussians_looks_alike(scene):
-    before = scene.picture(4)
+    before = scene.render_rgb(4)
     for count, least in ((len(scene.model) - 20, 25), (len(scene.model) + 50, 25), (3 * len(scene.model), 18)):
         other = with_count(scene, count)
         assert len(other.model) == count
-        assert psnr(other.picture(4), before) > least
+        assert psnr(other.render_rgb(4), before) > least
     same = with_count(scene, len(scene.model))
     assert torch.equal(same.splats(4).means, scene.splats(4).means)
 

@@ -46,13 +46,13 @@ def test_static_scenes_are_the_same_at_all_times(scenes, name):
     for state in later:
         for part in vars(first):
             assert torch.equal(getattr(first, part), getattr(state, part)), part
-    assert torch.count_nonzero(scenes[name].displacement(9)) == 0
-    assert np.array_equal(scenes[name].picture(2), scenes[name].picture(7))
+    assert torch.count_nonzero(scenes[name].states.displacement(9)) == 0
+    assert np.array_equal(scenes[name].render_rgb(2), scenes[name].render_rgb(7))
 
 
 @pytest.mark.parametrize("name", ["dgd", "fe4dgs", "surgtpgs", "degense"])
 def test_the_others_move(scenes, name):
-    assert scenes[name].displacement(9).max() > 0
+    assert scenes[name].states.displacement(9).max() > 0
 
 
 @pytest.mark.parametrize("name", ["dgd", "fe4dgs", "langsplat", "opengaussian"])

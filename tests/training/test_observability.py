@@ -48,14 +48,14 @@ def wall_of_gaussians(frames: TrainingFrames, depth: float) -> dict[str, torch.T
 
 @pytest.fixture(scope="module")
 def half_plain():
-    """Support of Gaussians on the wall and of as many behind it, [rows, columns] each."""
+    """Observability of Gaussians on the wall and of as many behind it, [rows, columns] each."""
     clip = HalfPlain(9, velocity=(0.02, 0.01, 0.0), hole=HOLE)
     frames = TrainingFrames(clip, 1 << 20, torch.device("cpu"))
     front, behind = wall_of_gaussians(frames, 1.0), wall_of_gaussians(frames, 1.2)
     canonical = {name: torch.cat([front[name], behind[name]]) for name in front}
     model = SceneModel(FieldConfig(resolution=4, time_resolution=2, levels=(1,)), torch.tensor([[-1.0, -1, 0], [1, 1, 2]]), canonical)
-    support = motion_observability(model, frames, FlowSupervision(frames)).reshape(2, 24, 32)
-    return support[0].numpy(), support[1].numpy()
+    shares = motion_observability(model, frames, FlowSupervision(frames)).reshape(2, 24, 32)
+    return shares[0].numpy(), shares[1].numpy()
 
 
 def test_texture_reveals_and_plain_walls_do_not(half_plain):
@@ -71,7 +71,7 @@ def test_what_lies_under_a_mask_or_behind_the_surface_is_not_revealed(half_plain
     assert behind.max() == 0
 
 
-def test_support_tells_good_displacement_from_guesses(tmp_path):
+def test_observability_tells_good_displacement_from_guesses(tmp_path):
     """Against exact truth: pixels marked as guesses are wrong by several times as much, and tools are marked."""
     make_phantom(tmp_path / "clip", PhantomOptions(frames=20, width=128, height=96, seed=2))
     clip = open_clip(tmp_path / "clip")
@@ -82,7 +82,7 @@ def test_support_tells_good_displacement_from_guesses(tmp_path):
     marked = []
     for i in range(2, len(clip)):
         image = LAYERS["displacement"].image(scene, LayerRequest(i))
-        share = LAYERS["support"].image(scene, LayerRequest(i)).values
+        share = LAYERS["observability"].image(scene, LayerRequest(i)).values
         right = np.linalg.norm(truth.displacement[i], axis=-1)
         error = np.abs(image.values - right)
         for name, low, high in (("low", 0.0, 0.3), ("middle", 0.3, 0.7), ("high", 0.7, 1.01)):

@@ -1,4 +1,4 @@
-"""Which Gaussians the field leaves alone: they need not enter it again."""
+"""Which Gaussians the field leaves static, so that they need not enter it again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from torch import Tensor
 
 from degense.engine.field.model import SceneModel
 
-PIXELS = 0.05  # how far a Gaussian's centre may move and still count as still
+PIXELS = 0.05  # how far a Gaussian's centre may move and still count as static
 SHAPE, OPACITY, COLOR = 0.02, 0.01, 0.5 / 255  # greatest change of log-scale and quaternion, of opacity, of colour
 LATENT = 0.02  # of a latent, as a share of its length
 

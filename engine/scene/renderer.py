@@ -1,0 +1,153 @@
+"""Drawing a scene: its channels, one number a Gaussian, and the semantics of a frame; frames of the surgeon's camera are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from degense.engine.camera import Camera
+from degense.engine.errors import DegenseError
+from degense.engine.raster import camera_depths, rasterize
+from degense.engine.scene.states import Cache, States
+from degense.engine.semantics import Basis
+from degense.engine.semantics.masks import FrameSemantics, query_of
+from degense.engine.splats import Splats
+
+CHANNELS = ("rgb", "depth", "latent", "displacement", "motion", "observability")
+FRAME_BYTES = 256 << 20
+COVERED = 0.5  # alpha below which a pixel shows nothing
+NEEDS_TEACHER = "train it from a clip with label maps, or with another teacher"
+NO_OBSERVABILITY = "does not say which motion its recording reveals: it was made by an older version, or without optical flow"
+
+
+class Renderer:
+    """What a scene looks like.
+
+    Parameters
+    ----------
+    name : str
+        Of the run, for sentences of errors.
+    states : States
+    basis : Basis or None
+        None without semantics.
+    camera_at : callable (frame) -> Camera
+        The surgeon's camera.
+    """
+
+    def __init__(self, name: str, states: States, basis: Basis | None, camera_at: Callable[[float], Camera]):
+        self.name, self.states, self.basis, self.camera_at = name, states, basis, camera_at
+        self._cache = Cache(FRAME_BYTES)
+
+    def forget(self) -> None:
+        """Forget drawn frames and their semantics; baked states stay."""
+        self._cache = Cache(FRAME_BYTES)
+
+    def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
+        """Draw one instant, all wanted channels in one pass.
+
+        Parameters
+        ----------
+        camera : Camera or None
+            None is the surgeon's camera, whose frames are kept.
+        what : tuple of str
+            Of `CHANNELS`: `rgb` float32 [H, W, 3] in [0, 1]; `depth` float32 [H, W], clip units; `latent` float32 [H, W, d];
+            `displacement` float32 [H, W], clip units, of the persistent Gaussians where there are any; `motion` float32 [H, W, 2], pixels
+            from here to the same point at the reference frame; `observability` float32 [H, W] in [0, 1]. All but the colours and latents
+            are NaN where nothing is.
+
+        Returns
+        -------
+        dict with those names and `alpha` [H, W].
+        """
+        if unknown := set(what) - set(CHANNELS):
+            raise ValueError(f"nothing is called {sorted(unknown)}; choose from {CHANNELS}")
+        if camera is not None:
+            return self.draw(frame, camera, what)
+        key = ("render", float(frame), what)
+        return self._cache.get(key, lambda: self.draw(frame, self.camera_at(frame), what), lambda d: sum(a.nbytes for a in d.values()))
+
+    def render_rgb(self, frame: float, camera: Camera | None = None) -> np.ndarray:
+        """The colours of `render`, uint8 [H, W, 3]."""
+        return (self.render(frame, camera)["rgb"] * 255 + 0.5).astype(np.uint8)
+
+    @torch.no_grad()
+    def draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
+        """`render` without the cache."""
+        splats = self.states.splats(frame, semantics="latent" in what)
+        columns = {name: self._column(name, splats, frame, camera) for name in what}
+        drawn = rasterize(splats, torch.cat(list(columns.values()), 1), camera, clean=True)
+        image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()
+        out, first = {"alpha": alpha}, 0
+        for name, column in columns.items():
+            value = image[..., first : first + column.shape[1]]
+            first += column.shape[1]
+            if name == "rgb":
+                value = np.clip(value, 0, 1)
+            elif name != "latent":
+                value = np.where(alpha[..., None] >= COVERED, value / np.maximum(alpha[..., None], COVERED), np.nan)
+            if name == "displacement" and len(rows := self.states.persistent) < len(splats):
+                # blood or char hides tissue that goes on moving, and has no place of its own at the reference frame
+                tissue = _blended(splats.map(lambda part: part[rows]), column[rows, 0], camera)[..., None]
+                value = np.where(np.isfinite(tissue), tissue, value)
+            out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement", "observability") else value)
+        return out
+
+    def _column(self, name: str, splats: Splats, frame: float, camera: Camera) -> Tensor:
+        """The features [N, c] that are blended for a channel. DegenseError when the run has none."""
+        states = self.states
+        if name == "rgb":
+            return splats.colors
+        if name == "depth":
+            return camera_depths(splats.means, camera)[:, None]
+        if name == "displacement":
+            return states.displacement(frame)[:, None]
+        if name == "latent":
+            if self.basis is None:
+                raise DegenseError(f"{self.name} was trained without semantics, so it has no latent features to show")
+            return splats.semantics
+        if name == "observability":
+            if states.observability is None:
+                raise DegenseError(f"{self.name} {NO_OBSERVABILITY}")
+            return states.observability[:, None]
+        moves_with_the_clip = camera is self.camera_at(frame)
+        return states.screen_motion(frame, camera, self.camera_at(states.reference_frame) if moves_with_the_clip else camera)
+
+    def blend(self, name: str, frame: float, values: Callable[[], Tensor], camera: Camera | None = None) -> np.ndarray:
+        """One number a Gaussian, [N], blended over the Gaussians of each pixel: Σ v·w / Σ w, float32 [H, W], NaN where nothing is.
+
+        With the surgeon's camera (None) the result is kept under `name`.
+        """
+
+        @torch.no_grad()
+        def drawn(view: Camera) -> np.ndarray:
+            return _blended(self.states.splats(frame), values(), view)
+
+        if camera is not None:
+            return drawn(camera)
+        return self._cache.get(("blend", name, float(frame)), lambda: drawn(self.camera_at(frame)), lambda blended: blended.nbytes)
+
+    def query(self, frame: float, camera: Camera | None = None) -> FrameSemantics:
+        """The frame's semantics, ready for any number of prompts; kept for the surgeon's camera. DegenseError without semantics."""
+        if camera is not None:
+            return self.new_query(frame, camera)
+        view = self.camera_at(frame)
+        weight = view.width * view.height * 4 * ((self.basis.rank if self.basis is not None else 0) + 32)
+        return self._cache.get(("query", float(frame)), lambda: self.new_query(frame, view), lambda _: weight)
+
+    @torch.no_grad()
+    def new_query(self, frame: float, camera: Camera) -> FrameSemantics:
+        """`query` without the cache; on a GPU the drawn frame stays there."""
+        if self.basis is None:
+            raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
+        splats = self.states.splats(frame, semantics=True)
+        return query_of(rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), camera, clean=True), self.basis)
+
+
+def _blended(splats: Splats, values: Tensor, camera: Camera) -> np.ndarray:
+    """One number a Gaussian, [N], blended over those of each pixel: Σ v·w / Σ w, float32 [H, W], NaN where nothing is."""
+    drawn = rasterize(splats, values[:, None], camera, clean=True)
+    image, alpha = drawn.image[..., 0].cpu().numpy(), drawn.alpha.cpu().numpy()
+    return np.where(alpha >= COVERED, image / np.maximum(alpha, COVERED), np.nan).astype(np.float32)

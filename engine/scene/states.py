@@ -1,0 +1,118 @@
+"""The Gaussians of a run over time, evaluated once an instant and then kept."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from degense.engine.camera import Camera
+from degense.engine.field import SceneModel
+from degense.engine.field.live import LiveField
+from degense.engine.motion import displacement
+from degense.engine.splats import Splats
+
+Value = TypeVar("Value")
+STATE_BYTES = 1 << 30
+
+
+class Cache:
+    """Least recently used values, bounded by their bytes."""
+
+    def __init__(self, limit: int):
+        self.limit, self.size = limit, 0
+        self._held: OrderedDict[Hashable, tuple[int, Any]] = OrderedDict()
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._held
+
+    def get(self, key: Hashable, make: Callable[[], Value], weigh: Callable[[Value], int]) -> Value:
+        """The value of `key`, made if there is none; `weigh` says how many bytes it has."""
+        if key in self._held:
+            self._held.move_to_end(key)
+            return self._held[key][1]
+        value = make()
+        self._held[key] = (weigh(value), value)
+        self.size += self._held[key][0]
+        while self.size > self.limit and len(self._held) > 1:
+            self.size -= self._held.popitem(last=False)[1][0]
+        return value
+
+
+class States:
+    """Baked states of a trained scene. Lengths are in the clip's unit; frames may be fractional.
+
+    Parameters
+    ----------
+    model : SceneModel
+    unit : float
+        Lengths of the model are those of the clip, times this.
+    frames, reference_frame : int
+        How many there are, and the one from which displacement is measured.
+    observability : float [N] or None
+        Share of its frames in which the recording reveals how far each Gaussian has moved; None for a run that kept none.
+    """
+
+    def __init__(self, model: SceneModel, unit: float, frames: int, reference_frame: int, observability: Tensor | None):
+        self.model, self.unit, self.frames, self.reference_frame = model, unit, frames, reference_frame
+        self.observability = observability.to(model.bounds.device) if observability is not None else None
+        self._cache = Cache(STATE_BYTES)
+
+    def time(self, frame: float) -> float:
+        """The field's time of a frame, in [-1, 1]."""
+        return 2.0 * frame / (self.frames - 1) - 1.0 if self.frames > 1 else 0.0
+
+    @cached_property
+    def live(self) -> LiveField:
+        """The scene at any time, not kept; what it returns is overwritten by its next call."""
+        return LiveField(self.model, 1.0 / self.unit)
+
+    def splats(self, frame: float, *, semantics: bool = False) -> Splats:
+        """All Gaussians at a frame. `semantics` False: latents may be missing (rank 0), since most views need none."""
+        whole = semantics or (float(frame), True) in self._cache
+        return self._cache.get(
+            (float(frame), whole),
+            lambda: self.live(self.time(frame), semantics=whole).map(Tensor.clone),
+            lambda splats: sum(tensor.nbytes for tensor in vars(splats).values()),
+        )
+
+    def advected_means(self, frame: float) -> Tensor:
+        """Centres [N, 3] at a frame as the deformation field alone moves them, without the linear velocity of transient Gaussians.
+
+        Displacement and speed are measured on them: an instrument has no place at the reference frame that it could have moved from.
+        """
+        return self.splats(frame).means - self.model.linear_motion(self.time(frame)) / self.unit
+
+    def displacement(self, frame: float) -> Tensor:
+        """‖μ(t) − μ(reference)‖ of every Gaussian [N], by `advected_means`."""
+        return displacement(self.advected_means(frame), self.advected_means(self.reference_frame))
+
+    @cached_property
+    def persistent(self) -> Tensor:
+        """Rows of the persistent Gaussians, int64 [M]: tissue; instruments, blood and char are transient."""
+        return self.model.persistent.nonzero()[:, 0]
+
+    @cached_property
+    def feature_axes(self) -> np.ndarray:
+        """Three directions [d, 3] along which the latents differ most, the same at every frame."""
+        latents = self.splats(self.reference_frame, semantics=True).semantics.cpu().numpy().astype(np.float64)
+        latents /= np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
+        _, _, axes = np.linalg.svd(latents - latents.mean(0), full_matrices=False)
+        axes = axes[:3].T
+        return np.pad(axes, ((0, 0), (0, 3 - axes.shape[1])))
+
+    def screen_motion(self, frame: float, camera: Camera, reference: Camera) -> Tensor:
+        """Pixels [N, 2] from each Gaussian's place in `camera` at a frame to its place in the camera `reference` at the reference frame.
+
+        Held within four times the size of the picture.
+        """
+        here = self.advected_means(frame)
+        start, _ = camera.project(here.cpu().numpy())
+        end, _ = reference.project(self.advected_means(self.reference_frame).cpu().numpy())
+        limit = 4.0 * max(camera.width, camera.height)
+        return torch.from_numpy(np.clip(end - start, -limit, limit)).float().to(here.device)
