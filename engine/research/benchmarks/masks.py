@@ -245,7 +245,7 @@ def _questions(scene: MaskScene) -> list[tuple[str, Callable[[], object]]]:
         return vectors[:count] + rng.normal(0, 1e-3, (count, vectors.shape[1])).astype(np.float32)
 
     return [
-        ("drawing alone", scene.renderer.draw),
+        ("drawing alone", scene.draw),
         ("first prompt on a new frame, drawing included", lambda: scene.query().decode(PromptVectors((sure,)))),
         ("first prompt on a new frame, all classes competing", lambda: scene.query().decode(PromptVectors((sure,), classes=vectors))),
         ("another prompt", lambda: kept.decode(PromptVectors((fresh()[0],)))),
