@@ -46,7 +46,6 @@ LONG_TABLES: set[str] = set()
 KNOWN: set[str] = {
     "app/shell",
     "tests/app",
-    "tests/annotation/test_formats.py",
     "app/features/annotate/controller.py",
     "app/features/annotate/state.py",
     "app/research/window_bench.py",
@@ -55,7 +54,6 @@ KNOWN: set[str] = {
     "engine/training/semantic/targets.py",
     "engine/training/trainer.py",
     "tests/semantics/models/test_open_clip.py",
-    "tests/data/readers/test_bad_input.py",
     "tests/scene/test_scene.py",
     "tests/training/test_meaning.py",
     "widgets/frame/render_panel.py",

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from PIL import Image
+
+from degense.engine.data.readers import open_clip
+from degense.engine.errors import ClipError
 
 WIDTH, HEIGHT = 96, 64
 
@@ -88,3 +92,14 @@ def write_video(
         cv2.putText(frame, str(i), (4, size[1] - 8), 0, 0.7, (255, 255, 255), 1)
         writer.write(frame[..., ::-1])
     writer.release()
+
+
+def fails(path, *words, options=None):
+    """Opening gives a ClipError of one sentence with these words."""
+    with pytest.raises(ClipError) as caught:
+        open_clip(path, options)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.endswith(".")
+    for word in words:
+        assert word in message, message
