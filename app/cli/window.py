@@ -11,18 +11,19 @@ from degense.engine.errors import DegenseError
 def window(options: argparse.Namespace) -> int:
     if options.path is not None and not options.path.exists():
         raise DegenseError(f"{options.path} is neither a command nor a file or folder; see degense --help.")
-    from degense.app.shell.application import run_window
+    from degense.app.application import run_window
 
     return run_window(options.path)
 
 
 def demo(options: argparse.Namespace) -> int:
     if options.headless is None:
-        from degense.app.demo import demo_run
-        from degense.app.shell.application import run_window
+        from degense.app.application import run_window
+        from degense.app.session.sample import demo_run
 
         return run_window(demo_run())
-    from degense.app.demo import demo_run, draw_demo
+    from degense.app.cli.demo import draw_demo
+    from degense.app.session.sample import demo_run
     from degense.engine.scene import Scene
 
     scene = Scene.open(demo_run())

@@ -29,7 +29,8 @@ from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import percentile
 
 if TYPE_CHECKING:
-    from degense.app.shell.main_window import MainWindow
+    from degense.app.features.viewer.controller import Viewer
+    from degense.app.shell.shell import Shell
 
 GAUSSIANS, QUICK_GAUSSIANS = 30_000, 2_000
 WARM, STARTS, STALL_SECONDS, BEAT_MS, PATIENCE = 4, 5, 12.0, 4, 60.0
@@ -115,26 +116,30 @@ def first_frame(folder: Path) -> float:
 def show_and_tell(folder: str, started: float) -> None:
     """Open a run as `degense RUN` does, print the milliseconds since `started` (Unix time) at the first painted frame, and leave."""
     with window_on(Path(folder)) as window:
-        painted(window, lambda: window.drawing.view is not None)
+        painted(window, lambda: viewer(window).view is not None)
         print(json.dumps(1000 * (time.time() - started)))
 
 
 @contextmanager
-def window_on(folder: Path) -> Iterator[MainWindow]:
+def window_on(folder: Path) -> Iterator[Shell]:
     """The window with a run being opened in it, and settings of its own."""
     import tempfile
 
-    from degense.app.shell.main_window import MainWindow
+    from degense.app.application import FEATURES
+    from degense.app.features.documents.controller import Documents
+    from degense.app.shell.shell import Shell
     from degense.widgets.theme import apply_theme
 
     app = QApplication.instance() or QApplication(["degense"])
     assert isinstance(app, QApplication)
     with tempfile.TemporaryDirectory(prefix="degense-bench-") as scratch:
         apply_theme(app, "dark")
-        window = MainWindow(SettingsFile(Path(scratch) / "settings.json"))
+        window = Shell(SettingsFile(Path(scratch) / "settings.json"), FEATURES)
         window.resize(1440, 900)
         window.show()
-        window.opening.open_path(folder)
+        documents = window.service(Documents)
+        assert documents is not None
+        documents.open_path(folder)
         try:
             yield window
         finally:
@@ -147,7 +152,7 @@ def window_on(folder: Path) -> Iterator[MainWindow]:
 def in_window(folder: Path, clip: Path, options: BenchOptions, progress: Progress) -> dict[str, list[float]]:
     seconds = 2.0 if options.quick else STALL_SECONDS
     with window_on(folder) as window:
-        wait(lambda: window.parts.splats is not None and window.drawing.view is not None)
+        wait(lambda: viewer(window).splats is not None and viewer(window).view is not None)
         scene, session = window.session.scene, window.session
         assert scene is not None
         for frame in range(scene.frames):  # what is baked once
@@ -176,7 +181,7 @@ def in_window(folder: Path, clip: Path, options: BenchOptions, progress: Progres
         return measured
 
 
-def prompts(window: MainWindow, repeats: int) -> list[float]:
+def prompts(window: Shell, repeats: int) -> list[float]:
     """New prompts on a frame that has been asked before: each of the scene's classes in turn."""
     session = window.session
     assert session.scene is not None
@@ -189,18 +194,18 @@ def prompts(window: MainWindow, repeats: int) -> list[float]:
         def ask(prompt: Prompt = prompt) -> None:
             from dataclasses import replace
 
-            session.edit("Prompt", replace(empty, prompts=(prompt,)))
+            session.view.edit("Prompt", replace(empty, prompts=(prompt,)))
 
         times.append(timed(window, ask))
         rest(window)
-    session.edit("No prompt", empty)
+    session.view.edit("No prompt", empty)
     rest(window)
     return times[WARM:]
 
 
-def dabs(window: MainWindow, repeats: int) -> list[float]:
+def dabs(window: Shell, repeats: int) -> list[float]:
     """Dabs of the brush, from the press of the button to the painted pixels."""
-    registry, panel = window.registry, window.parts.panel
+    registry, panel = window.registry, viewer(window).panel
     registry.run("annotate.mode")
     registry.run("annotate.brush")
     rest(window)
@@ -238,9 +243,9 @@ class Painted(QObject):
         self.count += 1
 
 
-def timed(window: MainWindow, act: Callable[[], object]) -> float:
+def timed(window: Shell, act: Callable[[], object]) -> float:
     """Milliseconds from `act` until the complete view that answers it is painted."""
-    drawing = window.drawing
+    drawing = viewer(window)
     before = drawing.view
     start = time.perf_counter()
     act()
@@ -248,16 +253,25 @@ def timed(window: MainWindow, act: Callable[[], object]) -> float:
     return 1000 * (time.perf_counter() - start)
 
 
-def painted(window: MainWindow, there: Callable[[], bool]) -> None:
+def viewer(window: Shell) -> Viewer:
+    """The views of the window."""
+    from degense.app.features.viewer.controller import Viewer
+
+    found = window.service(Viewer)
+    assert found is not None
+    return found
+
+
+def painted(window: Shell, there: Callable[[], bool]) -> None:
     """Wait until the picture has been painted with something there."""
-    watch = Painted(window.parts.panel, there)
+    watch = Painted(viewer(window).panel, there)
     wait(lambda: watch.count > 0)
     watch.deleteLater()
 
 
-def rest(window: MainWindow) -> None:
+def rest(window: Shell) -> None:
     """Wait until the worker has nothing to do and all is painted."""
-    wait(window.service.idle)
+    wait(window.worker.idle)
     run_events(0.03)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from degense.app.session.signal import Signal
 
 
-class Part:
+class PersistentState:
     """An area's state: annotations, bookmarks, the layout of the window. Subclasses need no Qt.
 
     `session.register(name, part)` puts it into the session: it is emptied when something else is opened, filled from the run folder's

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
-from degense.app.session.persistent_state import Part
+from degense.app.session.persistent_state import PersistentState
 from degense.engine.errors import RunError
 
 LoopMode = Literal["once", "loop", "bounce"]
 
 
-class Playback(Part):
+class Playback(PersistentState):
     """Saved with the session; a change of it is no work that would be missed.
 
     Attributes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
-from degense.app.session.persistent_state import Part
+from degense.app.session.persistent_state import PersistentState
 from degense.app.session.targets import Target, target_from_json, target_to_json
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import RunError
@@ -12,7 +12,7 @@ from degense.engine.errors import RunError
 CameraMode = Literal["surgeon", "free"]
 
 
-class PersistentViewState(Part):
+class PersistentViewState(PersistentState):
     """The look as part of what is saved."""
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class PersistentViewState(Part):
         self.view_state = ViewState.from_json(data, source)
 
 
-class Place(Part):
+class Cursor(PersistentState):
     """Which instant and where from. It is saved, but a change of it is no work that would be missed.
 
     Attributes

@@ -10,7 +10,7 @@ from filelock import FileLock, Timeout
 
 from degense.app.session import journal, session_file
 from degense.app.session.journal import Entry, Journal
-from degense.app.session.persistent_state import Part
+from degense.app.session.persistent_state import PersistentState
 from degense.app.session.session_file import SavedSession
 from degense.app.session.signal import Signal
 from degense.engine.errors import DegenseError
@@ -38,7 +38,7 @@ class SessionStore:
     def __init__(self) -> None:
         self.dirty_changed: Signal[[bool]] = Signal()
         self.trouble: Signal[[str]] = Signal()
-        self.parts: dict[str, Part] = {}
+        self.parts: dict[str, PersistentState] = {}
         self.folder: Path | None = None
         self.unsaved: list[Entry] = []
         self._saved = SavedSession()
@@ -48,7 +48,7 @@ class SessionStore:
         self._journal: Journal | None = None
         self._troubled = self._loading = False
 
-    def register(self, name: str, part: Part) -> None:
+    def register(self, name: str, part: PersistentState) -> None:
         """Hold a part and save it under this name. ValueError when the name is taken."""
         if name in self.parts:
             raise ValueError(f"the session already has a part called {name!r}")
@@ -190,7 +190,7 @@ class SessionStore:
 
     # Changes
 
-    def _part_changed(self, name: str, part: Part, record: Any) -> None:
+    def _part_changed(self, name: str, part: PersistentState, record: Any) -> None:
         if self._loading or not part.counts:
             return
         if record is None:

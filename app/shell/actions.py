@@ -72,6 +72,15 @@ class ActionRegistry:
             self._actions[action.id] = action
             self._keys |= dict.fromkeys(action.shortcuts, action.id)
 
+    def arrange(self, menus: Sequence[str]) -> None:
+        """Order the table as these menus stand in the menu bar, and each menu by its groups."""
+        place = {menu: index for index, menu in enumerate(menus)}
+
+        def order(action: Action) -> tuple[int, int]:
+            return place.get(action.menu[0], len(place)) if action.menu else -1, action.group if len(action.menu) == 1 else 0
+
+        self._actions = {action.id: action for action in sorted(self._actions.values(), key=order)}
+
     def keys(self, action_id: str) -> tuple[str, ...]:
         """The shortcuts in force: the user's own, else those of the action."""
         return self._given.get(action_id, self._actions[action_id].shortcuts)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QMainWindow, QMenu
+from PySide6.QtWidgets import QDockWidget, QMainWindow, QMenu
 
 from degense.app.shell.actions import Action, ActionRegistry
-from degense.app.shell.settings import SettingsFile
 from degense.engine.errors import DegenseError
+
+#: Left to right in the menu bar; entries of other menus come after them.
+ORDER = ("File", "Edit", "View", "Inspect", "Annotate", "Play", "Train", "Help")
 
 
 class Menus(QObject):
@@ -23,6 +23,7 @@ class Menus(QObject):
         self._registry, self._window, self._complain = registry, window, complain
         self._menus: dict[tuple[str, ...], QMenu] = {}
         self._groups: dict[tuple[str, ...], int] = {}
+        registry.arrange(ORDER)
         self.actions: dict[str, QAction] = {action.id: self._add(action) for action in registry}
         self.refresh()
 
@@ -45,19 +46,17 @@ class Menus(QObject):
         for action_id, action in self.actions.items():
             action.setShortcuts([QKeySequence(key) for key in self._registry.keys(action_id)])
 
-    def add_recent(self, settings: SettingsFile, open_path: Callable[[Path], None]) -> None:
-        """File ▸ Recent, filled when it is shown."""
-        recent = QMenu("Recent", self._window)
-        self.menu(("File",)).insertMenu(self.actions["file.demo"], recent)
+    def list_docks(self, docks: Sequence[QDockWidget]) -> None:
+        """View ▸ Panels: each opens and closes one."""
+        panels = self.menu(("View", "Panels"))
+        for dock in docks:
+            panels.addAction(dock.toggleViewAction())
 
-        def fill() -> None:
-            recent.clear()
-            for text in settings.value.recent:
-                recent.addAction(text, partial(open_path, Path(text)))
-            if not settings.value.recent:
-                recent.addAction("Nothing yet").setEnabled(False)
-
-        recent.aboutToShow.connect(fill)
+    def name_undo(self, undo: str | None, redo: str | None) -> None:
+        """Say what would be undone and redone."""
+        for action, name, verb in (("edit.undo", undo, "Undo"), ("edit.redo", redo, "Redo")):
+            if action in self.actions:
+                self.actions[action].setText(f"{verb}: {name}" if name else verb)
 
     def _add(self, entry: Action) -> QAction:
         action = QAction(entry.title, self._window)

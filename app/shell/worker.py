@@ -32,7 +32,7 @@ class _Listener:
     progress: Callable[[Any], None] | None
 
 
-class RenderService(QObject):
+class Worker(QObject):
     """Runs jobs in one thread, the latest of each channel only, and hands their results to the thread that asked.
 
     A job is a function without arguments. If it returns a generator, the generator is run step by step: what it yields goes to `progress`,
@@ -40,20 +40,32 @@ class RenderService(QObject):
     cancelled jobs are dropped, so what arrives always answers the last question. A DegenseError arrives at `failed` in its own words; any
     other exception is logged with its traceback and arrives as a short sentence.
 
-    Parameters
-    ----------
-    channels : sequence of str
-        The names of the channels, the most urgent first.
+
+    Signals
+    -------
+    freed(channel)
+        The answer of a channel's last job has been delivered.
     """
 
-    def __init__(self, channels: Sequence[str], parent: QObject | None = None) -> None:
+    freed = Signal(str)
+
+    def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self._channels = tuple(channels)
+        self._urgencies: dict[str, int] = {}
         self._listeners: dict[str, _Listener] = {}
         self._serial = 0
-        self._worker = _Worker(self._channels)
+        self._worker = _Worker()
         self._worker.reported.connect(self._deliver)
         self._worker.start()
+
+    def add_channel(self, name: str, urgency: int) -> None:
+        """Let jobs be submitted on a channel; of several that wait the one with the lowest number runs first.
+
+        Numbers in use: opening 0, checking a clip 10, drawing 20, what is read off a view 30, a second run 40, curves and findings 50,
+        annotating 60, exporting 70, the whole clip 80, diagnostics 90.
+        """
+        self._urgencies[name] = urgency
+        self._worker.set_channels(sorted(self._urgencies, key=self._urgencies.__getitem__))
 
     def submit(
         self,
@@ -77,9 +89,9 @@ class RenderService(QObject):
         """Whether an answer is still to come on a channel."""
         return channel in self._listeners
 
-    def idle(self) -> bool:
-        """Whether no answer is to come on any channel."""
-        return not self._listeners
+    def idle(self, *but: str) -> bool:
+        """Whether no answer is to come on any channel, of some channels apart."""
+        return not set(self._listeners).difference(but)
 
     def close(self) -> None:
         """Stop the worker after its present step; nothing is delivered afterwards."""
@@ -100,18 +112,25 @@ class RenderService(QObject):
             listener.done(payload)
         elif kind == "failed":
             listener.failed(str(payload))
+        self.freed.emit(channel)
 
 
 class _Worker(QThread):
     reported = Signal(str, int, str, object)
 
-    def __init__(self, channels: tuple[str, ...]) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.setObjectName("render service")
+        self.setObjectName("worker")
         self._lock, self._wake = QMutex(), QWaitCondition()
-        self._tasks: dict[str, _Task | None] = dict.fromkeys(channels)
+        self._tasks: dict[str, _Task | None] = {}
         self._replaced: list[_Task] = []
         self._stopping = False
+
+    def set_channels(self, channels: Sequence[str]) -> None:
+        """The channels in the order of their urgency."""
+        self._lock.lock()
+        self._tasks = {channel: self._tasks.get(channel) for channel in channels}
+        self._lock.unlock()
 
     def put(self, channel: str, task: _Task | None) -> None:
         self._lock.lock()

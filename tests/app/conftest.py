@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.app import installed as on
+
 RUN_ARGUMENTS = ("--preset", "quick", "--iterations", "60", "--max-gaussians", "1500", "--device", "cpu")
 
 
@@ -63,14 +65,15 @@ def scene(run: Path):
 @pytest.fixture
 def window(qtbot, qapp, tmp_path: Path):
     """The window, empty and on the screen, with its 3D view."""
-    from degense.app.shell.main_window import MainWindow
+    from degense.app.application import FEATURES
     from degense.app.shell.settings import SettingsFile
+    from degense.app.shell.shell import Shell
     from degense.widgets.theme import apply_theme
 
     apply_theme(qapp, "dark")
-    window = MainWindow(SettingsFile(tmp_path / "settings.json"))
+    window = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
     qtbot.addWidget(window)
-    with qtbot.waitSignal(window.ready, timeout=20_000):
+    with qtbot.waitSignal(on.viewer(window).splats_added):
         window.show()
     window.activateWindow()
     return window
@@ -78,14 +81,10 @@ def window(qtbot, qapp, tmp_path: Path):
 
 @pytest.fixture
 def idle(qtbot, window) -> Callable[[], None]:
-    """Wait until the worker has answered everything."""
-
-    from degense.app.shell.main_window import CHANNELS
-
-    channels = [name for name in CHANNELS if name != "doctor"]
+    """Wait until the worker has answered everything but diagnostics, which take seconds."""
 
     def idle() -> None:
-        qtbot.waitUntil(lambda: not any(window.service.busy(name) for name in channels), timeout=30_000)
+        qtbot.waitUntil(lambda: window.worker.idle("diagnostics"))
 
     return idle
 
@@ -93,7 +92,7 @@ def idle(qtbot, window) -> Callable[[], None]:
 @pytest.fixture
 def opened(window, run: Path, idle):
     """The window with the tiny run in it."""
-    window.opening.open_path(run)
+    on.documents(window).open_path(run)
     idle()
     assert window.session.scene is not None
     return window

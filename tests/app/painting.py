@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from degense.app.session.persistent_state import Part
+from degense.app.session.persistent_state import PersistentState
 from degense.app.session.session import Session
 from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import PromptError, RunError
@@ -45,7 +45,7 @@ class FakeClip:
         return None
 
 
-class Strokes(Part):
+class Strokes(PersistentState):
     """A part whose changes are small records of something that grows."""
 
     def __init__(self) -> None:

@@ -15,25 +15,26 @@ from degense.engine.annotation.packed import Proposal
 from degense.engine.clip import UNLABELLED
 from degense.engine.scene.clip_query import decode_frame
 from degense.engine.semantics.prompts import PromptSet
+from tests.app import installed as on
 
 
 @pytest.fixture
 def annotating(qtbot, opened, idle):
     """The window with the tiny run, annotating frame 4, with a brush of 4 pixels and classes as the clip has them."""
     opened.session.go_to(4)
-    opened.parts.panel.setFocus()
-    qtbot.keyClick(opened.parts.panel, Qt.Key.Key_A)
+    on.viewer(opened).panel.setFocus()
+    qtbot.keyClick(on.viewer(opened).panel, Qt.Key.Key_A)
     opened.session.annotations.choose(radius=4.0)
     idle()
     return opened
 
 
 def at(window, x: float, y: float) -> QPoint:
-    return window.parts.panel._look.to_widget(QPointF(x, y)).toPoint()
+    return on.viewer(window).panel._look.to_widget(QPointF(x, y)).toPoint()
 
 
 def drag(qtbot, window, *points: tuple[float, float]) -> None:
-    panel = window.parts.panel
+    panel = on.viewer(window).panel
     qtbot.mousePress(panel, Qt.MouseButton.LeftButton, pos=at(window, *points[0]))
     for point in points[1:]:
         qtbot.mouseMove(panel, at(window, *point))
@@ -41,7 +42,7 @@ def drag(qtbot, window, *points: tuple[float, float]) -> None:
 
 
 def press(qtbot, window, action: str) -> None:
-    button = window.parts.annotation.button(action)
+    button = on.annotator(window).panel.button(action)
     assert isinstance(button, QPushButton)
     assert button.isEnabled()
     qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
@@ -52,10 +53,10 @@ def labels(window) -> np.ndarray:
 
 
 def test_painting_and_erasing_are_undone_by_name(qtbot, annotating, idle, screenshot):
-    window, panel, part = annotating, annotating.parts.panel, annotating.session.annotations
+    window, panel, part = annotating, on.viewer(annotating).panel, annotating.session.annotations
     came = window.session.clip.labels(4)
     assert np.array_equal(labels(window), came)
-    recorded = window.drawing.view.rgb
+    recorded = on.viewer(window).view.rgb
     assert np.array_equal(recorded, window.session.clip.frame(4))  # one labels what was recorded
     qtbot.keyClick(panel, Qt.Key.Key_7)
     assert part.current == 6
@@ -83,11 +84,11 @@ def test_painting_and_erasing_are_undone_by_name(qtbot, annotating, idle, screen
 
 def test_brush_sizes_and_keys_that_type(qtbot, annotating):
     window, part = annotating, annotating.session.annotations
-    qtbot.keyClick(window.parts.panel, Qt.Key.Key_BracketRight)
+    qtbot.keyClick(on.viewer(window).panel, Qt.Key.Key_BracketRight)
     assert part.radius == pytest.approx(4 * 2**0.25)
-    qtbot.keyClick(window.parts.panel, Qt.Key.Key_BracketLeft)
+    qtbot.keyClick(on.viewer(window).panel, Qt.Key.Key_BracketLeft)
     assert part.radius == pytest.approx(4)
-    field = window.parts.annotation._new
+    field = on.annotator(window).panel._new
     field.setFocus()
     qtbot.keyClicks(field, "clip 2 ]r")
     qtbot.keyClick(field, Qt.Key.Key_Return)
@@ -96,8 +97,8 @@ def test_brush_sizes_and_keys_that_type(qtbot, annotating):
     assert part.radius == pytest.approx(4)
     assert part.tool == "brush"
     window.registry.run("edit.undo")
-    assert window.parts.annotation.classes.names() == list(window.session.scene.classes)
-    panel = window.parts.annotation.classes
+    assert on.annotator(window).panel.classes.names() == list(window.session.scene.classes)
+    panel = on.annotator(window).panel.classes
     panel.item(0).setText("bowel")
     assert part.work.classes[0].name == "bowel"
     panel.item(0).setText(part.work.classes[1].name)  # taken
@@ -105,7 +106,7 @@ def test_brush_sizes_and_keys_that_type(qtbot, annotating):
 
 
 def test_polygon_fill_superpixels_holes_and_lock(qtbot, annotating, screenshot):
-    window, panel, part = annotating, annotating.parts.panel, annotating.session.annotations
+    window, panel, part = annotating, on.viewer(annotating).panel, annotating.session.annotations
     work = part.work
     qtbot.keyClick(panel, Qt.Key.Key_P)
     qtbot.keyClick(panel, Qt.Key.Key_8)
@@ -139,24 +140,24 @@ def test_polygon_fill_superpixels_holes_and_lock(qtbot, annotating, screenshot):
     qtbot.keyClick(panel, Qt.Key.Key_5)
     part.choose(radius=0.5)
     drag(qtbot, window, (70, 60), (70.5, 60))
-    region = window.annotating._superpixels()[60, 70]
-    assert ((labels(window) == 4) >= (window.annotating._superpixels() == region)).all()
+    region = on.annotator(window)._superpixels()[60, 70]
+    assert ((labels(window) == 4) >= (on.annotator(window)._superpixels() == region)).all()
     assert work.record(4).by_hand
 
 
 def test_a_frame_is_carried_reviewed_and_taken_back(qtbot, annotating, idle, screenshot):
-    window, panel, part = annotating, annotating.parts.panel, annotating.session.annotations
+    window, panel, part = annotating, on.viewer(annotating).panel, annotating.session.annotations
     press(qtbot, window, "annotate.propagate")
-    assert window.parts.annotation.button("annotate.stop").isEnabled()
+    assert on.annotator(window).panel.button("annotate.stop").isEnabled()
     idle()
     assert part.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
-    assert "9 wait for an answer" in window.parts.annotation.summary()
+    assert "9 wait for an answer" in on.annotator(window).panel.summary()
     sure = part.work.record(7).proposal
     part.work.records[7] = Record(proposal=Proposal(sure.packed, sure.shape, 0.5))
     qtbot.keyClick(panel, Qt.Key.Key_Tab)
     assert window.session.frame == 7
     idle()
-    assert "proposed, confidence 50%" in window.parts.annotation.frame_words()
+    assert "proposed, confidence 50%" in on.annotator(window).panel.frame_words()
     screenshot(window, "annotate-review")
     truth = window.session.clip.labels(7)
     assert (labels(window) == truth).mean() > 0.8
@@ -185,12 +186,12 @@ def test_carrying_can_be_stopped(qtbot, annotating, idle):
     press(qtbot, window, "annotate.stop")
     idle()
     assert window.session.annotations.work.records == {}
-    assert window.parts.annotation.button("annotate.propagate").isEnabled()
+    assert on.annotator(window).panel.button("annotate.propagate").isEnabled()
 
 
 def test_masks_of_prompts_are_where_painting_starts(qtbot, annotating, idle):
     window = annotating
-    window.session.add_prompt("liver")
+    window.session.view.add_prompt("liver")
     idle()
     press(qtbot, window, "annotate.prompt")
     idle()
@@ -202,22 +203,22 @@ def test_masks_of_prompts_are_where_painting_starts(qtbot, annotating, idle):
 
 def test_annotations_are_saved_opened_again_and_handed_over(qtbot, annotating, run, idle, tmp_path):
     window, part = annotating, annotating.session.annotations
-    qtbot.keyClick(window.parts.panel, Qt.Key.Key_7)
+    qtbot.keyClick(on.viewer(window).panel, Qt.Key.Key_7)
     drag(qtbot, window, (20, 20), (50, 20))
     painted = labels(window).copy()
     assert window.isWindowModified()
     window.registry.run("file.save")
     assert not window.isWindowModified()
     assert len(list((run / NAME).glob("000004-*.png"))) == 1
-    window.opening.open_path(run)
+    on.documents(window).open_path(run)
     idle()
     assert np.array_equal(part.labels(4), painted)
-    window.handing.export("cvat", tmp_path / "a.xml")
+    on.exchange(window).export("cvat", tmp_path / "a.xml")
     idle()
     again = label_format("cvat").read(tmp_path / "a.xml", part.work.shape, tuple(f"{i:06d}" for i in range(10)))
     assert np.array_equal(again.read(4), painted)
     window.session.go_to(0)
-    window.handing.take("cvat", tmp_path / "a.xml")
+    on.exchange(window).take("cvat", tmp_path / "a.xml")
     idle()
     assert window.session.undo.undo_name == "Import a.xml"
     assert np.array_equal(part.labels(4), painted)
@@ -237,7 +238,7 @@ def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny
 
     clip = tmp_path / "clip"
     shutil.copytree(tiny_clip / "images", clip / "images")
-    window.opening.open_path(clip)
+    on.documents(window).open_path(clip)
     idle()
     window.registry.run("annotate.mode")
     part = window.session.annotations
@@ -248,24 +249,24 @@ def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny
     drag(qtbot, window, (20, 20), (50, 20))
     qtbot.waitUntil(lambda: (clip / NAME / "annotations.json").exists())
     painted = part.labels(0).copy()
-    window.opening.open_path(clip)
+    on.documents(window).open_path(clip)
     idle()
     assert np.array_equal(part.labels(0), painted)
     press = at(window, 30, 50)
-    qtbot.mousePress(window.parts.panel, Qt.MouseButton.LeftButton, pos=press)  # a stroke that does not end
+    qtbot.mousePress(on.viewer(window).panel, Qt.MouseButton.LeftButton, pos=press)  # a stroke that does not end
     qtbot.wait(2200)
     killed = Session()
     killed.open_clip(window.session.clip)  # what is there if the program ends now
     assert killed.annotations.labels(0)[50, 30] == 0
     assert np.array_equal(killed.annotations.labels(0), part.labels(0))
     killed.close()
-    qtbot.mouseRelease(window.parts.panel, Qt.MouseButton.LeftButton, pos=press)
-    window.opening.open_path(clip)
+    qtbot.mouseRelease(on.viewer(window).panel, Qt.MouseButton.LeftButton, pos=press)
+    on.documents(window).open_path(clip)
     idle()
     assert part.labels(0)[50, 30] == 0
     (clip / NAME / "annotations.json").write_text("{")
-    window.opening.open_path(clip)
+    on.documents(window).open_path(clip)
     idle()
     assert part.work is None
-    assert "cannot be read" in window.parts.annotation.summary()
+    assert "cannot be read" in on.annotator(window).panel.summary()
     assert (clip / NAME / "annotations.json").read_text() == "{"

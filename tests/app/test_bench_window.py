@@ -7,6 +7,7 @@ import time
 from PySide6.QtCore import QTimer
 
 from degense.app.research import window_bench as bench_window
+from tests.app import installed as on
 
 
 def test_a_stall_is_seen_and_quiet_is_not_taken_for_one(window):
@@ -18,7 +19,7 @@ def test_a_stall_is_seen_and_quiet_is_not_taken_for_one(window):
 
 def test_times_end_when_the_answer_is_painted(opened, idle):
     session, shown = opened.session, []
-    opened.drawing.shown.connect(lambda view: shown.append(view.frame))
+    on.viewer(opened).shown.connect(lambda view: shown.append(view.frame))
     spent = bench_window.timed(opened, lambda: session.go_to(6))
     assert shown[-1] == 6
     assert 0 < spent < 60_000

@@ -16,6 +16,7 @@ from degense.app.features.clip_check import clip_plan
 from degense.app.features.clip_check.dialog import CheckDialog
 from degense.app.features.clip_check.state import check_picture
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from tests.app import installed as on
 from tests.fakes import MemoryClip
 
 
@@ -40,7 +41,7 @@ def test_check_and_correct_a_clip(qtbot, window, masked, idle, monkeypatch, scre
     dialog = window.findChild(CheckDialog)
 
     def settled() -> None:
-        qtbot.waitUntil(lambda: dialog.use.isEnabled() and not window.service.busy("check-picture"), timeout=20_000)
+        qtbot.waitUntil(lambda: dialog.use.isEnabled() and not window.worker.busy("check-picture"), timeout=20_000)
 
     settled()
     dialog.mask_means.setFocus(Qt.FocusReason.TabFocusReason)  # the picture follows the control
@@ -90,7 +91,7 @@ def test_check_and_correct_a_clip(qtbot, window, masked, idle, monkeypatch, scre
     clip = window.session.clip
     assert clip.options == {"mask_means": other, "focal": 123.0, "poses": "still"}
     assert clip.cameras[0].fx == 123.0
-    assert window.opening.clip_answers == clip.options  # the training begins with them
+    assert on.documents(window).clip_options == clip.options  # the training begins with them
     window.registry.run("file.check")
     again = next(dialog for dialog in window.findChildren(CheckDialog) if dialog.isVisible())
     assert again.answers == clip.options
@@ -144,7 +145,7 @@ def test_the_plan_shows_angles_and_paths_as_they_are():
 
 def test_the_path_of_a_moving_clip_is_seen(qtbot, window, tmp_path, idle, screenshot):
     make_phantom(tmp_path / "moving", PhantomOptions(frames=12, width=96, height=80, camera_motion=1.0), lambda fraction, message: None)
-    window.opening.open_path(tmp_path / "moving")
+    on.documents(window).open_path(tmp_path / "moving")
     idle()
     window.registry.run("file.check")
     dialog = window.findChild(CheckDialog)

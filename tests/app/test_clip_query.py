@@ -11,24 +11,25 @@ from PySide6.QtCore import Qt
 from degense.engine.scene import Scene
 from degense.engine.scene.clip_query import decode_frame
 from degense.engine.semantics.prompts import PromptSet
+from tests.app import installed as on
 
 
 @pytest.fixture
 def asked(opened, idle):
     """The window with two prompts and one that takes pixels from them."""
-    opened.answering._quiet.setInterval(10**7)  # nobody else looks at other frames
+    on.statistics(opened)._quiet.setInterval(10**7)  # nobody else looks at other frames
     for text in ("gallbladder", "tool, not hook", "fat"):
-        opened.session.add_prompt(text)
-    opened.session.set_negative("fat", True)
+        opened.session.view.add_prompt(text)
+    opened.session.view.set_negative("fat", True)
     idle()
-    opened.parts.panel.setFocus()
+    on.viewer(opened).panel.setFocus()
     return opened
 
 
 def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
     view_state = asked.session.view_state
-    qtbot.keyClick(asked.parts.panel, Qt.Key.Key_Q)
-    assert asked.querying.running
+    qtbot.keyClick(on.viewer(asked).panel, Qt.Key.Key_Q)
+    assert on.clip_query(asked).running
     assert not asked.menus.actions["query.clip"].isEnabled()
     idle()
     scene = asked.session.scene
@@ -36,7 +37,7 @@ def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
     for text in ("gallbladder", "tool, not hook"):
         alone = PromptSet((text,), ("fat",), view_state.decoder, view_state.threshold)
         shares = [decode_frame(other, alone, i).masks[0].mean() for i in range(10)]
-        assert asked.answering.areas.curve(text, view_state, 10).tolist() == shares
+        assert on.statistics(asked).areas.curve(text, view_state, 10).tolist() == shares
     assert max(shares) > 0
     assert "gallbladder in 10 of 10 frames" in asked.statusBar().currentMessage()
     assert asked.menus.actions["query.clip"].isEnabled()
@@ -45,7 +46,7 @@ def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
 
 def test_what_was_found_before_a_stop_is_kept_and_not_asked_again(qtbot, asked, idle):
     view_state = asked.session.view_state
-    curve = asked.answering.areas.curve("gallbladder", view_state, 10)
+    curve = on.statistics(asked).areas.curve("gallbladder", view_state, 10)
     asked.menus.run("query.clip")
     qtbot.waitUntil(lambda: np.isfinite(curve).sum() >= 2)
     asked.menus.run("query.stop")
@@ -61,7 +62,7 @@ def test_what_was_found_before_a_stop_is_kept_and_not_asked_again(qtbot, asked, 
 
 def test_masks_of_the_whole_clip_go_into_a_folder(asked, idle, tmp_path):
     out = tmp_path / "masks"
-    asked.querying.save(out)
+    on.clip_query(asked).save(out)
     idle()
     assert json.loads((out / "classes.json").read_text())["classes"] == ["gallbladder", "tool, not hook"]
     assert len(list((out / "labels").iterdir())) == 10

@@ -5,16 +5,18 @@ from __future__ import annotations
 import numpy as np
 from PySide6.QtCore import Qt
 
+from tests.app import installed as on
+
 
 def test_cycle_through_wipe_blink_and_difference(qtbot, opened, idle, screenshot):
-    session, panel = opened.session, opened.parts.panel
+    session, panel = opened.session, on.viewer(opened).panel
     session.go_to(4)
     panel.setFocus()
     recorded, drawn = session.scene.observed(4), session.scene.render_rgb(4)
     qtbot.keyClick(panel, Qt.Key.Key_C)
     idle()
     assert panel.compare_mode() == session.view_state.compare == "wipe"
-    assert np.array_equal(opened.drawing.view.observed, recorded)
+    assert np.array_equal(on.viewer(opened).view.observed, recorded)
     shown = panel.grab_image()
     assert np.array_equal(shown[:, :10], drawn[:, :10])
     assert np.array_equal(shown[:, -10:], recorded[:, -10:])
@@ -30,9 +32,9 @@ def test_cycle_through_wipe_blink_and_difference(qtbot, opened, idle, screenshot
     screenshot(opened, "compare-difference")
     session.go_to(6)
     idle()
-    assert np.array_equal(opened.drawing.view.observed, session.scene.observed(6))
+    assert np.array_equal(on.viewer(opened).view.observed, session.scene.observed(6))
     qtbot.keyClick(panel, Qt.Key.Key_C)
     idle()
     assert panel.compare_mode() == "off"
-    assert opened.drawing.view.observed is None
+    assert on.viewer(opened).view.observed is None
     assert np.array_equal(panel.grab_image(), session.scene.render_rgb(6))

@@ -71,8 +71,8 @@ def test_every_action_is_found_and_does_something(opened, idle, monkeypatch):
     done = set()
     for layer, ids in (("mask", order), ("displacement", order), ("rgb", ["file.demo"])):
         if not opened.session.view_state.prompts:
-            opened.session.add_prompt("liver")
-        opened.session.set_layer(layer)
+            opened.session.view.add_prompt("liver")
+        opened.session.view.set_layer(layer)
         opened.registry.run("cameras.add")
         idle()
         for action_id in ids:
@@ -103,7 +103,7 @@ def test_no_key_is_stolen_from_who_is_typing(qtbot, opened, idle):
     fired: list[str] = []
     for action_id, action in opened.menus.actions.items():
         action.triggered.connect(lambda *args, action_id=action_id: fired.append(action_id))
-    opened.session.set_layer("depth")
+    opened.session.view.set_layer("depth")
     idle()
     opened.activateWindow()
     qtbot.waitUntil(opened.isActiveWindow)

@@ -6,23 +6,24 @@ import numpy as np
 import pytest
 
 from degense.engine.colour_maps import colourise, hatched
+from tests.app import installed as on
 
 
 @pytest.mark.parametrize(("key", "layer", "unit"), [("6", "displacement", "mm"), ("7", "warp", "px")])
 def test_a_heatmap_by_its_key(qtbot, opened, idle, screenshot, key, layer, unit):
-    scene, parts = opened.session.scene, opened.parts
+    scene = opened.session.scene
     opened.session.go_to(8)
-    parts.panel.setFocus()
-    qtbot.keyClicks(parts.panel, key)
+    on.viewer(opened).panel.setFocus()
+    qtbot.keyClicks(on.viewer(opened).panel, key)
     idle()
-    view = opened.drawing.view
+    view = on.viewer(opened).view
     assert opened.session.view_state.layer == layer
-    assert parts.layers.current() == layer
+    assert on.layers(opened).layers.current() == layer
     assert view.unit == (scene.unit if unit == "mm" else unit)
     from degense.engine.layers import LAYERS, LayerRequest, layer_range
 
     whole = layer_range(scene, LAYERS[layer], LayerRequest(8), "sequence")
-    assert view.span == whole == parts.colour_bar.range()
+    assert view.span == whole == on.layers(opened).colour_bar.range()
     image = LAYERS[layer].image(scene, LayerRequest(8))
     colours = colourise(image.values, LAYERS[layer].cmap, *whole)
     if layer == "displacement":
@@ -30,52 +31,52 @@ def test_a_heatmap_by_its_key(qtbot, opened, idle, screenshot, key, layer, unit)
         colours = hatched(colours, image.uncertain)
     assert np.array_equal(view.rgb, colours)
     assert ("hatched" in view.uncertain) == (layer == "displacement")  # the legend's words
-    assert parts.colour_bar.isVisible()
+    assert on.layers(opened).colour_bar.isVisible()
     screenshot(opened, layer)
 
 
 def test_range_of_the_frame_the_sequence_and_fixed(opened, idle):
-    session, bar = opened.session, opened.parts.colour_bar
-    session.set_layer("displacement")
+    session, bar = opened.session, on.layers(opened).colour_bar
+    session.view.set_layer("displacement")
     session.go_to(2)
     idle()
-    whole = opened.drawing.view.span
+    whole = on.viewer(opened).view.span
     bar.range_mode_changed.emit("frame")
     idle()
-    assert opened.drawing.view.span[1] < whole[1]
+    assert on.viewer(opened).view.span[1] < whole[1]
     assert bar.range_mode() == "frame"
     bar.range_mode_changed.emit("fixed")
     bar.range_edited.emit(0.0, 123.0)
     session.go_to(9)
     idle()
-    assert opened.drawing.view.span == bar.range() == (0.0, 123.0)
-    session.set_layer("depth")
+    assert on.viewer(opened).view.span == bar.range() == (0.0, 123.0)
+    session.view.set_layer("depth")
     idle()
     assert bar.range_mode() == "sequence"  # each layer has a range of its own
-    session.set_layer("displacement")
+    session.view.set_layer("displacement")
     idle()
-    assert opened.drawing.view.span == (0.0, 123.0)
+    assert on.viewer(opened).view.span == (0.0, 123.0)
     session.undo.undo()
     idle()
 
 
 def test_another_colour_map_is_used_in_both_views(opened, idle):
-    opened.session.set_layer("depth")
+    opened.session.view.set_layer("depth")
     idle()
-    before = opened.drawing.view
-    opened.parts.colour_bar.cmap_changed.emit("magma")
+    before = on.viewer(opened).view
+    on.layers(opened).colour_bar.cmap_changed.emit("magma")
     idle()
-    after = opened.drawing.view
+    after = on.viewer(opened).view
     assert not np.array_equal(before.rgb, after.rgb)
     assert not np.array_equal(before.splats.colours, after.splats.colours)
-    assert opened.parts.colour_bar.cmap() == "magma"
+    assert on.layers(opened).colour_bar.cmap() == "magma"
 
 
 def test_a_layer_without_its_prompt_says_so(opened, idle):
-    opened.session.set_layer("similarity")
+    opened.session.view.set_layer("similarity")
     idle()
-    assert opened.drawing.view is None
-    opened.session.add_prompt("liver")
+    assert on.viewer(opened).view is None
+    opened.session.view.add_prompt("liver")
     idle()
-    assert opened.drawing.view.unit == "cosine"
-    assert opened.drawing.view.span == (0.0, 1.0)
+    assert on.viewer(opened).view.unit == "cosine"
+    assert on.viewer(opened).view.span == (0.0, 1.0)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.house.source import ROOT
+
 WINDOW = """
 import json
 import sys
@@ -19,7 +21,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from degense.app.research.window_bench import rest, wait
 from degense.app.shell.settings import SettingsFile
-from degense.app.shell.main_window import MainWindow
+from degense.app.application import FEATURES
+from degense.app.shell.shell import Shell
+from tests.app import installed as on
 from degense.widgets.frame.images import to_array
 from degense.widgets.theme import apply_theme
 import numpy as np
@@ -27,23 +31,23 @@ import numpy as np
 run, settings, out = map(Path, sys.argv[1:4])
 app = QApplication([])
 apply_theme(app, "dark")
-window = MainWindow(SettingsFile(settings))
+window = Shell(SettingsFile(settings), FEATURES)
 window.show()
-window.opening.open_path(run)
-session, parts = window.session, window.parts
-wait(lambda: parts.splats is not None and window.drawing.view is not None)
+on.documents(window).open_path(run)
+session = window.session
+wait(lambda: on.viewer(window).splats is not None and on.viewer(window).view is not None)
 rest(window)
-panel, canvas = parts.panel, parts.splats.focusProxy()
+panel, canvas = on.viewer(window).panel, on.viewer(window).splats.focusProxy()
 whole = to_array(window.grab().toImage())
 np.save(settings.parent / "whole.npy", whole)
 panel.set_zoom(3.0)  # screen pixels an image pixel: no whole number of the window's own
 np.save(settings.parent / "shown.npy", to_array(panel.grab().toImage()))
-np.save(settings.parent / "picture.npy", window.drawing.view.rgb)
+np.save(settings.parent / "picture.npy", on.viewer(window).view.rgb)
 corner = panel._look.to_widget(QPointF(0, 0))
 panel.set_zoom(8.0)
 QTest.mouseClick(panel, Qt.MouseButton.LeftButton, pos=panel._look.to_widget(QPointF(30.5, 50.5)).toPoint())
 rest(window)
-still = parts.splats.screenshot_image()
+still = on.viewer(window).splats.screenshot_image()
 print(json.dumps({
     "ratio": panel.devicePixelRatioF(),
     "panel": [panel.width(), panel.height()],
@@ -63,6 +67,7 @@ def test_two_screen_pixels_a_pixel(run, tmp_path):
     out.mkdir(parents=True, exist_ok=True)
     child = subprocess.run(
         [sys.executable, "-c", WINDOW, str(run), str(tmp_path / "settings.json"), str(out)],
+        cwd=ROOT,
         env={**os.environ, "QT_SCALE_FACTOR": "2"},
         capture_output=True,
         text=True,

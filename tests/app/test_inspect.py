@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 from degense.app.session.targets import Found, Region, Spot, material
 from degense.engine.layers import LAYERS, LayerRequest
+from tests.app import installed as on
 
 LEFT = Qt.MouseButton.LeftButton
 
@@ -36,10 +37,10 @@ def saved_as(monkeypatch, tmp_path):
 
 
 def test_a_region_is_outlined_and_followed(qtbot, opened, idle, screenshot, saved_as):
-    session, panel = opened.session, opened.parts.panel
+    session, panel = opened.session, on.viewer(opened).panel
     session.go_to(6)
-    session.set_layer("speed")
-    session.add_prompt("gallbladder")
+    session.view.set_layer("speed")
+    session.view.add_prompt("gallbladder")
     idle()
     panel.setFocus()
     qtbot.keyClick(panel, Qt.Key.Key_B)
@@ -53,14 +54,14 @@ def test_a_region_is_outlined_and_followed(qtbot, opened, idle, screenshot, save
     assert np.allclose(place.outline, [(30, 25), (66, 25), (66, 55), (30, 55)], atol=0.3)
     indices, weights = material(session.scene, place)
     speed = LAYERS["speed"].splats(session.scene, LayerRequest(3))[indices]
-    assert opened.probing.curves.layers["speed"][0, 3] == pytest.approx(speed @ weights, rel=1e-5)
-    assert opened.parts.probe.curve_names() == ["speed [mm/s]"]
-    assert np.array_equal(opened.parts.splats._highlight, indices)  # they light up in 3D
+    assert on.probe(opened).curves.layers["speed"][0, 3] == pytest.approx(speed @ weights, rel=1e-5)
+    assert on.probe(opened).panel.curve_names() == ["speed [mm/s]"]
+    assert np.array_equal(on.viewer(opened).splats._highlight, indices)  # they light up in 3D
     screenshot(opened, "inspect-region")
     assert panel.tool() is None
-    session.set_layer("displacement")
+    session.view.set_layer("displacement")
     idle()
-    assert opened.parts.probe.curve_names() == ["displacement [mm]"]
+    assert on.probe(opened).panel.curve_names() == ["displacement [mm]"]
     table = saved_as("curves.csv")
     opened.registry.run("inspect.save-curves")
     rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
@@ -71,39 +72,39 @@ def test_a_region_is_outlined_and_followed(qtbot, opened, idle, screenshot, save
     assert np.ptp(cv2.imread(str(picture))) > 100
     qtbot.keyClick(panel, Qt.Key.Key_Escape)
     assert session.probe is None
-    assert opened.parts.splats._highlight is None
+    assert on.viewer(opened).splats._highlight is None
 
 
 def test_the_mask_of_a_prompt_is_followed(qtbot, opened, idle):
-    session, panel = opened.session, opened.parts.panel
-    session.set_decoder("threshold")
-    session.add_prompt("gallbladder")
-    session.add_prompt("liver")
+    session, panel = opened.session, on.viewer(opened).panel
+    session.view.set_decoder("threshold")
+    session.view.add_prompt("gallbladder")
+    session.view.add_prompt("liver")
     idle()
     panel.setFocus()
     qtbot.keyClick(panel, Qt.Key.Key_K)
     idle()
     assert session.probe == Found("gallbladder")
     mask = session.scene.query(4).similarity(session.scene.meanings("gallbladder")) > 0.5
-    assert opened.probing.curves.area[4] == pytest.approx(mask.mean())
-    session.set_threshold(0.9)
+    assert on.probe(opened).curves.area[4] == pytest.approx(mask.mean())
+    session.view.set_threshold(0.9)
     idle()
-    assert opened.probing.curves.area[4] < mask.mean()  # it follows the threshold
+    assert on.probe(opened).curves.area[4] < mask.mean()  # it follows the threshold
     qtbot.keyClick(panel, Qt.Key.Key_K)
     assert session.probe == Found("liver")
-    session.remove_prompt("liver")
+    session.view.remove_prompt("liver")
     assert session.probe is None
     idle()
 
 
 def test_the_worst_places_are_listed_and_gone_to(qtbot, opened, idle, screenshot, saved_as):
-    session, panel, listed = opened.session, opened.parts.panel, opened.parts.ranking
+    session, panel, listed = opened.session, on.viewer(opened).panel, on.findings(opened).list
     panel.setFocus()
     assert not opened.menus.actions["inspect.rank"].isEnabled()  # colour has no worst places
     qtbot.keyClick(panel, Qt.Key.Key_6)
     qtbot.keyClick(panel, Qt.Key.Key_W, Qt.KeyboardModifier.ShiftModifier)
     idle()
-    findings = opened.ranking.findings()
+    findings = on.findings(opened).findings()
     assert len(findings) == len(listed.rows()) > 3
     assert [finding.value for finding in findings] == sorted((finding.value for finding in findings), reverse=True)
     panel.setFocus()
@@ -125,16 +126,16 @@ def test_the_worst_places_are_listed_and_gone_to(qtbot, opened, idle, screenshot
     opened.registry.run("inspect.save-findings")
     idle()
     assert cv2.imread(str(sheet)).shape[1] == 4 * 320
-    session.set_layer("speed")
+    session.view.set_layer("speed")
     assert listed.rows() == []
     idle()
 
 
 def test_two_runs_side_by_side(qtbot, opened, idle, run, screenshot, tiny_clip):
-    session, runs, panel = opened.session, opened.runs, opened.parts.panel
+    session, runs, panel = opened.session, on.comparison(opened), on.viewer(opened).panel
     second = tiny_clip.parent / "second"
     shutil.copytree(run, second)
-    session.set_layer("displacement")
+    session.view.set_layer("displacement")
     session.go_to(5)
     idle()
     runs.open(second)
@@ -148,8 +149,8 @@ def test_two_runs_side_by_side(qtbot, opened, idle, run, screenshot, tiny_clip):
     idle()
     assert runs.view.frame == 2
     before = panel.grab_image()
-    opened.parts.splats.setFocus()
-    qtbot.keyClick(opened.parts.splats._canvas, Qt.Key.Key_Left)  # turn the camera
+    on.viewer(opened).splats.setFocus()
+    qtbot.keyClick(on.viewer(opened).splats._canvas, Qt.Key.Key_Left)  # turn the camera
     qtbot.waitUntil(lambda: session.camera_mode == "free")
     qtbot.wait(200)
     idle()
@@ -170,10 +171,10 @@ def test_a_run_of_another_clip_is_refused(opened, idle, run, tiny_clip):
     info = json.loads((other / "run.json").read_text())
     info["cameras"]["count"], info["cameras"]["viewmats"] = 7, info["cameras"]["viewmats"][:1]
     (other / "run.json").write_text(json.dumps(info))
-    opened.runs.open(other)
+    on.comparison(opened).open(other)
     idle()
     box = opened.findChild(QMessageBox, "error")
     assert "shows another clip" in box.text()
     box.close()
-    assert opened.runs.scene is None
+    assert on.comparison(opened).scene is None
     shutil.rmtree(other)

@@ -8,11 +8,13 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog, QPushButton
 
+from degense.app.application import FEATURES
 from degense.app.features.cameras.state import CameraPath
 from degense.app.session.targets import Spot
-from degense.app.shell.main_window import MainWindow
 from degense.app.shell.settings import SettingsFile
+from degense.app.shell.shell import Shell
 from degense.widgets.frame.images import to_array
+from tests.app import installed as on
 
 
 def press(qtbot, panel, text: str) -> None:
@@ -21,7 +23,7 @@ def press(qtbot, panel, text: str) -> None:
 
 
 def test_a_part_is_played_over_and_over(qtbot, opened, idle, run, screenshot):
-    session, panel, timeline = opened.session, opened.parts.panel, opened.parts.timeline
+    session, panel, timeline = opened.session, on.viewer(opened).panel, on.time(opened).timeline
     panel.setFocus()
     session.go_to(3)
     qtbot.keyClick(panel, Qt.Key.Key_I)
@@ -39,7 +41,7 @@ def test_a_part_is_played_over_and_over(qtbot, opened, idle, run, screenshot):
     idle()
     assert set(seen) <= {3, 4, 5, 6}
     session.save()
-    opened.opening.open_path(run)
+    on.documents(opened).open_path(run)
     idle()
     assert timeline.played() == (3, 6)
     panel.setFocus()
@@ -48,7 +50,7 @@ def test_a_part_is_played_over_and_over(qtbot, opened, idle, run, screenshot):
 
 
 def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot, tmp_path, monkeypatch):
-    session, splats, listed = opened.session, opened.parts.splats, opened.parts.cameras
+    session, splats, listed = opened.session, on.viewer(opened).splats, on.cameras(opened).panel
     splats.setFocus()
     opened.registry.run("cameras.add")
     session.go_to(8)
@@ -59,7 +61,7 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     assert [row[:2] for row in listed.rows()] == [("Camera 1", "0"), ("Camera 2", "8")]
     idle()
     listed._table.item(0, 2).setText("0.4")  # as typed into the cell
-    assert opened.cameras.book.stops[0].seconds == 0.4
+    assert on.cameras(opened).book.stops[0].seconds == 0.4
     listed._table.item(0, 2).setText("soon")
     assert listed.rows()[0][2] == "0.4"
     screenshot(opened, "movement-cameras")
@@ -68,13 +70,13 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     assert session.frame == 0
     assert not np.allclose(splats.camera().viewmat, there.viewmat)
     press(qtbot, listed, "Fly")
-    qtbot.waitUntil(lambda: opened.cameras._flight is None, timeout=20_000)
+    qtbot.waitUntil(lambda: on.cameras(opened)._flight is None, timeout=20_000)
     idle()
     assert session.frame == 8
     assert np.allclose(splats.camera().viewmat, there.viewmat, atol=1e-9)
     film = tmp_path / "flight.mp4"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *args: (str(film), ""))
-    session.set_layer("displacement")
+    session.view.set_layer("displacement")
     press(qtbot, listed, "Movie")
     idle()
     movie = cv2.VideoCapture(str(film))
@@ -85,17 +87,17 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     path = tmp_path / "path.json"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *args: (str(path), ""))
     opened.registry.run("cameras.save")
-    stops = opened.cameras.book.stops
-    opened.cameras.book.remove(0)
+    stops = on.cameras(opened).book.stops
+    on.cameras(opened).book.remove(0)
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *args: (str(path), ""))
     opened.registry.run("cameras.open")
     assert len(listed.rows()) == 2
-    assert np.allclose(CameraPath(opened.cameras.book.stops).at(0.2)[0].viewmat, CameraPath(stops).at(0.2)[0].viewmat)
+    assert np.allclose(CameraPath(on.cameras(opened).book.stops).at(0.2)[0].viewmat, CameraPath(stops).at(0.2)[0].viewmat)
     session.undo.undo()
     session.undo.undo()
-    assert opened.cameras.book.stops == stops
+    assert on.cameras(opened).book.stops == stops
     session.save()
-    opened.opening.open_path(run)
+    on.documents(opened).open_path(run)
     idle()
     assert [row[0] for row in listed.rows()] == ["Camera 1", "Camera 2"]
 
@@ -105,35 +107,35 @@ def test_a_movie_is_stopped_and_leaves_nothing(qtbot, opened, idle, tmp_path):
         opened.session.go_to(frame)
         opened.registry.run("cameras.add")
     idle()
-    opened.cameras.book.change(0, seconds=600.0)
-    opened.cameras.write_movie(tmp_path / "long.mp4")
-    qtbot.waitUntil(lambda: ": picture" in opened.parts.busy_text.text(), timeout=20_000)
+    on.cameras(opened).book.change(0, seconds=600.0)
+    on.cameras(opened).write_movie(tmp_path / "long.mp4")
+    qtbot.waitUntil(lambda: ": picture" in opened.docks.busy_text.text(), timeout=20_000)
     opened.registry.run("export.stop")
     idle()
     qtbot.waitUntil(lambda: list(tmp_path.glob("*long*")) == [], timeout=5_000)
 
 
 def test_a_screenshot_of_the_3d_view(opened, idle, tmp_path):
-    opened.exporting.save_screenshot(tmp_path / "a.png")
+    on.exporter(opened).save_screenshot(tmp_path / "a.png")
     shown = cv2.imread(str(tmp_path / "a.png"))[..., ::-1]
-    assert shown.shape[1] == opened.parts.splats.width()
+    assert shown.shape[1] == on.viewer(opened).splats.width()
     assert shown.std() > 10
-    opened.session.set_layer("depth")
+    opened.session.view.set_layer("depth")
     idle()
-    opened.exporting.save_screenshot(tmp_path / "b.png")
+    on.exporter(opened).save_screenshot(tmp_path / "b.png")
     assert cv2.imread(str(tmp_path / "b.png")).shape[1] > shown.shape[1]  # with its colour bar
 
 
 @pytest.mark.parametrize("key", [Qt.Key.Key_Down, Qt.Key.Key_Up])
 def test_no_cameras_no_harm(qtbot, opened, key):
-    opened.parts.panel.setFocus()
-    qtbot.keyClick(opened.parts.panel, key, Qt.KeyboardModifier.AltModifier)
+    on.viewer(opened).panel.setFocus()
+    qtbot.keyClick(on.viewer(opened).panel, key, Qt.KeyboardModifier.AltModifier)
     assert opened.session.frame == 0
 
 
 def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle):
     """Coarse pictures while the hand moves, then fine ones with every splat where it should be, turn after turn."""
-    splats = opened.parts.splats
+    splats = on.viewer(opened).splats
     opened.session.go_to(8)
     idle()
     sizes: list[int] = []
@@ -155,18 +157,18 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
 def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, monkeypatch, screenshot):
     """In the whole window, although OpenGL is slow here: time, camera, highlight, screenshot and closing."""
     monkeypatch.setattr("degense.widgets.splats.opengl.has_gpu", lambda: True)
-    window = MainWindow(SettingsFile(tmp_path / "settings.json"))
+    window = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
     qtbot.addWidget(window)
-    with qtbot.waitSignal(window.ready, timeout=20_000):
+    with qtbot.waitSignal(on.viewer(window).splats_added, timeout=20_000):
         window.show()
-    window.opening.open_path(run)
-    session, splats = window.session, window.parts.splats
-    qtbot.waitUntil(lambda: session.scene is not None and window.service.idle(), timeout=20_000)
+    on.documents(window).open_path(run)
+    session, splats = window.session, on.viewer(window).splats
+    qtbot.waitUntil(lambda: session.scene is not None and window.worker.idle(), timeout=20_000)
     assert splats._stills is None
     early = splats.screenshot_image()
     session.go_to(8)
     session.probe = Spot(8, 40.5, 40.5)
-    qtbot.waitUntil(window.service.idle, timeout=20_000)
+    qtbot.waitUntil(window.worker.idle, timeout=20_000)
     late = splats.screenshot_image()
     assert np.abs(late.astype(int) - early).mean() > 1
     qtbot.keyClick(splats.focusProxy(), Qt.Key.Key_Right)

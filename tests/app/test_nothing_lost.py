@@ -19,6 +19,8 @@ from degense.app.session.store import JOURNAL
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from tests.app import installed as on
+from tests.house.source import ROOT
 
 #: A window in a process of its own: opens a run, adds a prompt, then erases along a line in one stroke without end, and says how far it is.
 WINDOW = """
@@ -29,11 +31,13 @@ from PySide6.QtCore import QEvent, QPointF, Qt, QTimer
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication
 from degense.app.shell.settings import SettingsFile
-from degense.app.shell.main_window import MainWindow
+from degense.app.application import FEATURES
+from degense.app.shell.shell import Shell
+from tests.app import installed as on
 
 app = QApplication([])
-window = MainWindow(SettingsFile(Path(sys.argv[2])))
-panel, left = window.parts.panel, Qt.MouseButton.LeftButton
+window = Shell(SettingsFile(Path(sys.argv[2])), FEATURES)
+panel, left = on.viewer(window).panel, Qt.MouseButton.LeftButton
 x = 10.0
 
 def mouse(kind):
@@ -41,14 +45,14 @@ def mouse(kind):
     app.sendEvent(panel, QMouseEvent(kind, place, panel.mapToGlobal(place), left, left, Qt.KeyboardModifier.NoModifier))
 
 def work():
-    window.session.add_prompt("liver")
-    window.session.set_layer("depth")
+    window.session.view.add_prompt("liver")
+    window.session.view.set_layer("depth")
     window.registry.run("annotate.mode")
     window.session.annotations.choose("eraser", radius=3.0)
     QTimer.singleShot(1500, paint)  # the journal has been told of the prompt then
 
 def paint():
-    if any(window.service.busy(name) for name in ("open", "view", "range")) or not panel.has_image():
+    if any(window.worker.busy(name) for name in ("open", "view", "range")) or not panel.has_image():
         QTimer.singleShot(100, paint)
         return
     mouse(QEvent.Type.MouseButtonPress)
@@ -62,7 +66,7 @@ def step():
 
 timer = QTimer()
 timer.timeout.connect(step)
-window.ready.connect(lambda: window.opening.open_path(Path(sys.argv[1])))
+on.viewer(window).splats_added.connect(lambda: on.documents(window).open_path(Path(sys.argv[1])))
 window.session.opened.connect(lambda: QTimer.singleShot(0, work))
 window.show()
 app.exec()
@@ -78,40 +82,40 @@ def click(qtbot, box: QMessageBox, text: str) -> None:
 
 
 def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
-    session, parts = opened.session, opened.parts
-    session.add_prompt("liver")
-    session.set_layer("depth")
+    session = opened.session
+    session.view.add_prompt("liver")
+    session.view.set_layer("depth")
     session.go_to(6)
     idle()
-    qtbot.mousePress(parts.splats._canvas, Qt.MouseButton.LeftButton, pos=parts.splats.rect().center())
-    qtbot.mouseMove(parts.splats._canvas, parts.splats.rect().center() / 2)
-    qtbot.mouseRelease(parts.splats._canvas, Qt.MouseButton.LeftButton, pos=parts.splats.rect().center() / 2)
+    qtbot.mousePress(on.viewer(opened).splats._canvas, Qt.MouseButton.LeftButton, pos=on.viewer(opened).splats.rect().center())
+    qtbot.mouseMove(on.viewer(opened).splats._canvas, on.viewer(opened).splats.rect().center() / 2)
+    qtbot.mouseRelease(on.viewer(opened).splats._canvas, Qt.MouseButton.LeftButton, pos=on.viewer(opened).splats.rect().center() / 2)
     assert session.camera_mode == "free"
-    camera = parts.splats.camera()
-    parts.log_dock.show()
+    camera = on.viewer(opened).splats.camera()
+    on.dock(opened, "Log").show()
     opened.registry.run("file.save")
-    parts.log_dock.hide()
+    on.dock(opened, "Log").hide()
     session.go_to(2)
-    at = QPointF(parts.panel.rect().center())
+    at = QPointF(on.viewer(opened).panel.rect().center())
     wheel = QWheelEvent(at, at, QPoint(), QPoint(0, 360), Qt.MouseButton.NoButton, NONE, Qt.ScrollPhase.NoScrollPhase, False)
-    QApplication.sendEvent(parts.panel, wheel)
-    qtbot.mousePress(parts.panel, Qt.MouseButton.RightButton, pos=at.toPoint())
-    qtbot.mouseMove(parts.panel, at.toPoint() + QPoint(90, 40))
-    qtbot.mouseRelease(parts.panel, Qt.MouseButton.RightButton, pos=at.toPoint() + QPoint(90, 40))
-    seen = parts.panel.view()
-    opened.opening.open_demo()
+    QApplication.sendEvent(on.viewer(opened).panel, wheel)
+    qtbot.mousePress(on.viewer(opened).panel, Qt.MouseButton.RightButton, pos=at.toPoint())
+    qtbot.mouseMove(on.viewer(opened).panel, at.toPoint() + QPoint(90, 40))
+    qtbot.mouseRelease(on.viewer(opened).panel, Qt.MouseButton.RightButton, pos=at.toPoint() + QPoint(90, 40))
+    seen = on.viewer(opened).panel.view()
+    on.documents(opened).open_demo()
     idle()
     assert session.view_state.prompts == ()
-    assert parts.panel.is_whole()
-    opened.opening.open_path(run)
+    assert on.viewer(opened).panel.is_whole()
+    on.documents(opened).open_path(run)
     idle()
     qtbot.wait(50)
-    assert np.allclose(parts.panel.view(), seen)
-    assert not parts.panel.is_whole()
+    assert np.allclose(on.viewer(opened).panel.view(), seen)
+    assert not on.viewer(opened).panel.is_whole()
     assert (session.view_state.layer, [prompt.text for prompt in session.view_state.prompts]) == ("depth", ["liver"])
-    assert (session.frame, parts.timeline.frame(), session.camera_mode) == (2, 2, "free")  # left at 2, saved on leaving
-    assert np.allclose(parts.splats.camera().viewmat, camera.viewmat)
-    assert not parts.log_dock.isVisible()
+    assert (session.frame, on.time(opened).timeline.frame(), session.camera_mode) == (2, 2, "free")  # left at 2, saved on leaving
+    assert np.allclose(on.viewer(opened).splats.camera().viewmat, camera.viewmat)
+    assert not on.dock(opened, "Log").isVisible()
     assert not opened.isWindowModified()
     screenshot(opened, "reopened")
 
@@ -119,7 +123,7 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
 def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, run, idle, tmp_path, screenshot):
     """kill -9 amid a stroke that has lasted for seconds: at most its last two are lost, and nothing else."""
     settings = tmp_path / "other.json"
-    with subprocess.Popen([sys.executable, "-c", WINDOW, str(run), str(settings)], stdout=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen([sys.executable, "-c", WINDOW, str(run), str(settings)], cwd=ROOT, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
         told: list[tuple[float, int]] = []
         while len(told) < 10 or time.monotonic() - told[9][0] < 2.2:
@@ -130,9 +134,9 @@ def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, ru
     safe = max(x for moment, x in told if moment < killed - 2)
     write_text(window.settings.path, settings.read_text())
     window.settings.__init__(window.settings.path)  # as the next start reads them
-    path = window.keeping.left_behind()
+    path = on.autosave(window).left_behind()
     assert path == run.resolve()
-    window.opening.open_path(path)
+    on.documents(window).open_path(path)
     idle()
     box = window.findChild(QMessageBox, "recovery")
     assert "(annotations, view)" in box.informativeText()
@@ -150,14 +154,14 @@ def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, ru
 
 
 def test_a_damaged_session_offers_its_backup(qtbot, opened, run, idle, screenshot):
-    opened.session.add_prompt("liver")
+    opened.session.view.add_prompt("liver")
     opened.registry.run("file.save")
-    opened.session.set_layer("depth")
+    opened.session.view.set_layer("depth")
     opened.registry.run("file.save")
-    opened.opening.open_demo()
+    on.documents(opened).open_demo()
     idle()
     (run / "session.json").write_text("{half a fi")
-    opened.opening.open_path(run)
+    on.documents(opened).open_path(run)
     idle()
     assert opened.session.scene is None
     box = opened.findChild(QMessageBox, "damaged session")
@@ -172,23 +176,23 @@ def test_autosave_waits_for_its_time_and_for_the_hand(qtbot, opened, run, monkey
     now = [1000.0]
     monkeypatch.setattr("degense.app.features.documents.autosave.time.monotonic", lambda: now[0])
     opened.settings.update(autosave=2.0)
-    opened.session.set_threshold(0.25)
-    opened.keeping.tick()
+    opened.session.view.set_threshold(0.25)
+    on.autosave(opened).tick()
     now[0] += 119
-    opened.keeping.tick()
+    on.autosave(opened).tick()
     assert opened.session.dirty
     monkeypatch.setattr("degense.app.features.documents.autosave.QApplication.mouseButtons", lambda: Qt.MouseButton.LeftButton)
     now[0] += 2
-    opened.keeping.tick()
+    on.autosave(opened).tick()
     assert opened.session.dirty  # amid a drag
     monkeypatch.undo()
     monkeypatch.setattr("degense.app.features.documents.autosave.time.monotonic", lambda: now[0])
-    opened.keeping.tick()
+    on.autosave(opened).tick()
     assert not opened.session.dirty
 
 
 def test_work_that_cannot_be_saved_is_not_left_silently(qtbot, opened, idle, monkeypatch, screenshot):
-    opened.session.add_prompt("liver")
+    opened.session.view.add_prompt("liver")
 
     def full(path: Path, parts: object) -> None:
         raise DegenseError(f"{path} cannot be written: No space left on device; what was there before is untouched.")
@@ -209,15 +213,15 @@ def test_work_that_cannot_be_saved_is_not_left_silently(qtbot, opened, idle, mon
 
 @pytest.mark.parametrize("answer", ["Discard", "Restore"])
 def test_recovered_work_is_asked_about_once(qtbot, opened, run, idle, answer):
-    opened.session.set_threshold(0.25)
+    opened.session.view.set_threshold(0.25)
     opened.session.store.tell_pending()
     journal = (run / JOURNAL).read_bytes()
-    opened.opening.open_demo()
+    on.documents(opened).open_demo()
     idle()
     (run / "session.json").unlink()
     (run / JOURNAL).write_bytes(journal)
     for asked in (True, False):
-        opened.opening.open_path(run)
+        on.documents(opened).open_path(run)
         idle()
         box = opened.findChild(QMessageBox, "recovery")
         assert (box is not None) is asked
@@ -225,5 +229,5 @@ def test_recovered_work_is_asked_about_once(qtbot, opened, run, idle, answer):
             click(qtbot, box, answer)
             qtbot.wait(10)
         assert opened.session.view_state.threshold == (0.25 if answer == "Restore" else 0.5)
-        opened.opening.open_demo()
+        on.documents(opened).open_demo()
         idle()

@@ -7,8 +7,10 @@ from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PySide6.QtGui import QDropEvent
 from PySide6.QtWidgets import QMessageBox
 
-from degense.app.shell.main_window import MainWindow
+from degense.app.application import FEATURES
 from degense.app.shell.settings import SettingsFile
+from degense.app.shell.shell import Shell
+from tests.app import installed as on
 
 
 def error_text(window) -> str:
@@ -20,25 +22,25 @@ def error_text(window) -> str:
 
 
 def test_open_a_run(opened, screenshot):
-    session, parts = opened.session, opened.parts
+    session = opened.session
     assert opened.windowTitle().startswith("copy")
-    assert parts.timeline.count() == session.frames == 10
-    assert np.array_equal(opened.drawing.view.rgb, session.scene.render_rgb(0))
-    assert np.array_equal(parts.panel.grab_image(), session.scene.render_rgb(0))
-    assert opened.drawing.view.splats is not None
-    assert "isolated routing" in parts.facts.text.text()
-    assert not parts.facts.next_steps.isVisible()
-    picture = parts.splats.screenshot_image()
+    assert on.time(opened).timeline.count() == session.frames == 10
+    assert np.array_equal(on.viewer(opened).view.rgb, session.scene.render_rgb(0))
+    assert np.array_equal(on.viewer(opened).panel.grab_image(), session.scene.render_rgb(0))
+    assert on.viewer(opened).view.splats is not None
+    assert "isolated routing" in on.documents(opened).facts.text.text()
+    assert not on.documents(opened).facts.next_steps.isVisible()
+    picture = on.viewer(opened).splats.screenshot_image()
     assert picture.std() > 10  # something is drawn in 3D
     screenshot(opened, "open-run")
 
 
 def test_open_a_clip(window, tiny_clip, idle, screenshot):
-    window.opening.open_path(tiny_clip)
+    on.documents(window).open_path(tiny_clip)
     idle()
-    session, facts = window.session, window.parts.facts
+    session, facts = window.session, on.documents(window).facts
     assert session.scene is None
-    assert np.array_equal(window.parts.panel.grab_image(), session.clip.frame(0))
+    assert np.array_equal(on.viewer(window).panel.grab_image(), session.clip.frame(0))
     assert "measured, from depth/" in facts.text.text()
     assert facts.next_steps.isVisible()
     assert window.menus.actions["train.start"].isEnabled()
@@ -57,7 +59,7 @@ def test_drop_a_folder(window, run, idle):
 
 def test_what_cannot_be_opened_is_one_sentence(opened, tmp_path, idle):
     (tmp_path / "letter.txt").write_text("Dear all")
-    opened.opening.open_path(tmp_path / "letter.txt")
+    on.documents(opened).open_path(tmp_path / "letter.txt")
     idle()
     text = error_text(opened)
     assert "letter.txt" in text
@@ -67,7 +69,7 @@ def test_what_cannot_be_opened_is_one_sentence(opened, tmp_path, idle):
 
 def test_a_damaged_run_is_one_sentence(window, run, idle):
     (run / "model.safetensors").write_bytes(b"\x00" * 100)
-    window.opening.open_path(run)
+    on.documents(window).open_path(run)
     idle()
     assert "model.safetensors" in error_text(window)
     assert window.session.frames == 0
@@ -76,7 +78,7 @@ def test_a_damaged_run_is_one_sentence(window, run, idle):
 def test_a_run_without_its_clip_opens(window, run, idle, tmp_path):
     alone = run.rename(tmp_path / "alone")
     try:
-        window.opening.open_path(alone)
+        on.documents(window).open_path(alone)
         idle()
         assert window.session.scene is not None
         assert not window.menus.actions["layer.warp"].isEnabled()
@@ -86,34 +88,34 @@ def test_a_run_without_its_clip_opens(window, run, idle, tmp_path):
 
 
 def test_recent_files_and_the_place_of_the_window_come_back(qtbot, opened, run, idle):
-    opened.parts.layers_dock.hide()
+    on.dock(opened, "Layers").hide()
     opened.resize(1200, 700)
     qtbot.wait(50)
     opened.close()
-    again = MainWindow(SettingsFile(opened.settings.path))
+    again = Shell(SettingsFile(opened.settings.path), FEATURES)
     qtbot.addWidget(again)
-    with qtbot.waitSignal(again.ready):
+    with qtbot.waitSignal(on.viewer(again).splats_added):
         again.show()
-    assert again.parts.layers_dock.isHidden()
+    assert on.dock(again, "Layers").isHidden()
     assert again.size() == opened.size()
     recent = next(menu for path, menu in again.menus._menus.items() if path == ("File",)).actions()
     menu = next(action.menu() for action in recent if action.text() == "Recent")
     menu.aboutToShow.emit()
     menu.actions()[0].trigger()
     qtbot.waitUntil(lambda: again.session.scene is not None, timeout=20_000)
-    qtbot.waitUntil(lambda: again.drawing.view is not None)
+    qtbot.waitUntil(lambda: on.viewer(again).view is not None)
     assert again.session.scene.run.path == run
 
 
 def test_the_sample_is_not_changed_by_looking_at_it(window, run, idle, monkeypatch):
-    import degense.app.demo
+    import degense.app.session.sample
 
-    monkeypatch.setattr(degense.app.demo, "ASSETS", run.parent.parent)
-    monkeypatch.setattr(degense.app.demo, "SAMPLE", run.parent.name)
-    assert degense.app.demo.is_demo(run)
-    window.opening.open_path(run)
+    monkeypatch.setattr(degense.app.session.sample, "ASSETS", run.parent.parent)
+    monkeypatch.setattr(degense.app.session.sample, "SAMPLE", run.parent.name)
+    assert degense.app.session.sample.is_demo(run)
+    on.documents(window).open_path(run)
     idle()
-    window.session.set_layer("depth")
+    window.session.view.set_layer("depth")
     window.close()
     assert not (run / "session.json").exists()
     assert window.settings.value.recent == ()

@@ -6,10 +6,12 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QTextBrowser
 
-from degense.app.shell.main_window import MainWindow
-from degense.app.shell.preferences import PreferencesDialog
+from degense.app.application import FEATURES
+from degense.app.features.preferences.controller import PreferencesDialog
 from degense.app.shell.settings import SettingsFile
+from degense.app.shell.shell import Shell
 from degense.widgets.theme import apply_theme, is_dark
+from tests.app import installed as on
 
 
 @pytest.fixture
@@ -76,13 +78,13 @@ def test_keys_are_changed_and_a_clash_is_named(qtbot, window, preferences, scree
     table.choose("masks.shown")
     qtbot.mouseClick(table.none, Qt.MouseButton.LeftButton)
     preferences.close()
-    window.parts.history_dock.hide()
+    on.dock(window, "History").hide()
     window.activateWindow()
     qtbot.waitUntil(window.isActiveWindow)
     qtbot.keyClick(window, Qt.Key.Key_F7)
-    qtbot.waitUntil(window.parts.history_dock.isVisible)
+    qtbot.waitUntil(on.dock(window, "History").isVisible)
     assert ("F7", "History") in window.registry.cheat_sheet()["Edit"]
-    again = MainWindow(SettingsFile(window.settings.path))
+    again = Shell(SettingsFile(window.settings.path), FEATURES)
     qtbot.addWidget(again)
     assert again.menus.actions["edit.history"].shortcut().toString() == "F7"
     assert again.menus.actions["masks.shown"].shortcuts() == []

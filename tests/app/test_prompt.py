@@ -10,11 +10,12 @@ from PySide6.QtWidgets import QApplication, QCheckBox, QLineEdit
 
 from degense.engine.scene.clip_query import decode_frame
 from degense.engine.semantics.prompts import PromptSet
+from tests.app import installed as on
 
 
 def type_prompt(qtbot, window, text: str) -> None:
     """As a user: slash, words, Enter."""
-    qtbot.keyClick(window.parts.panel, Qt.Key.Key_Slash)
+    qtbot.keyClick(on.viewer(window).panel, Qt.Key.Key_Slash)
     field = QApplication.focusWidget()
     assert isinstance(field, QLineEdit)
     qtbot.keyClicks(field, text)
@@ -23,13 +24,13 @@ def type_prompt(qtbot, window, text: str) -> None:
 
 
 def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
-    opened.parts.panel.setFocus()
+    on.viewer(opened).panel.setFocus()
     opened.session.go_to(3)
     type_prompt(qtbot, opened, "gallbladder 1 c")  # digits and letters are words here, not shortcuts
     assert opened.session.view_state.layer == "rgb"
     assert opened.session.view_state.compare == "off"
     assert opened.session.view_state.prompts == ()
-    [chip] = opened.parts.prompts.prompts()
+    [chip] = on.prompts(opened).bar.prompts()
     assert chip.error
     type_prompt(qtbot, opened, "gallbladder")
     idle()
@@ -37,12 +38,12 @@ def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
     assert prompt.text == "gallbladder"
     scene = opened.session.scene
     mask = decode_frame(scene, PromptSet(("gallbladder",)), 3).masks[0]
-    assert np.array_equal(opened.drawing.view.masks[..., 3] > 0, mask)
-    shown = opened.parts.panel.grab_image().astype(int)
+    assert np.array_equal(on.viewer(opened).view.masks[..., 3] > 0, mask)
+    shown = on.viewer(opened).panel.grab_image().astype(int)
     changed = np.abs(shown - scene.render_rgb(3)).max(-1) > 0
     assert np.array_equal(changed, mask)
     before = scene.splats(3).colors.numpy()
-    tinted = np.abs(opened.drawing.view.splats.colours / 255 - before.clip(0, 1)).max(1) > 0.01
+    tinted = np.abs(on.viewer(opened).view.splats.colours / 255 - before.clip(0, 1)).max(1) > 0.01
     cosine = scene.splats(3, semantics=True).semantics.numpy() @ scene.basis.project(scene.meanings("gallbladder")).T
     found = (cosine / np.linalg.norm(scene.splats(3, semantics=True).semantics.numpy(), axis=1, keepdims=True)).max(1) >= 0.5
     assert (tinted == found).mean() > 0.99  # the 3D view highlights what the picture does
@@ -50,15 +51,15 @@ def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
 
 
 def test_threshold_and_decoder_are_live_and_undone(opened, idle):
-    session, bar = opened.session, opened.parts.prompts
-    session.set_decoder("threshold")
-    session.add_prompt("liver")
+    session, bar = opened.session, on.prompts(opened).bar
+    session.view.set_decoder("threshold")
+    session.view.add_prompt("liver")
     idle()
     areas = []
     for threshold in (0.2, 0.9):
         bar.threshold_changed.emit(threshold)
         idle()
-        areas.append(int((opened.drawing.view.masks[..., 3] > 0).sum()))
+        areas.append(int((on.viewer(opened).view.masks[..., 3] > 0).sum()))
     assert areas[0] > areas[1]
     assert opened.menus.actions["edit.undo"].text() == "Undo: Mask threshold"
     opened.registry.run("edit.undo")
@@ -71,20 +72,20 @@ def test_threshold_and_decoder_are_live_and_undone(opened, idle):
 
 
 def test_hiding_and_recolouring_a_prompt(opened, idle):
-    session, bar = opened.session, opened.parts.prompts
-    session.add_prompt("liver")
+    session, bar = opened.session, on.prompts(opened).bar
+    session.view.add_prompt("liver")
     idle()
     [chip] = bar.prompts()
     bar.prompt_toggled.emit(chip.id, False)
     idle()
-    assert opened.drawing.view.masks is None
+    assert on.viewer(opened).view.masks is None
     session.undo.undo()
     [chip] = bar.prompts()
     from PySide6.QtGui import QColor
 
     bar.prompt_recoloured.emit(chip.id, QColor(1, 2, 3))
     idle()
-    edge = opened.drawing.view.masks[opened.drawing.view.masks[..., 3] == 255]
+    edge = on.viewer(opened).view.masks[on.viewer(opened).view.masks[..., 3] == 255]
     assert {tuple(colour) for colour in edge[:, :3]} == {(1, 2, 3)}
     [chip] = bar.prompts()
     bar.prompt_removed.emit(chip.id)
@@ -94,10 +95,10 @@ def test_hiding_and_recolouring_a_prompt(opened, idle):
 
 def test_masks_over_numbers_are_outlines(opened, idle):
     session = opened.session
-    session.add_prompt("liver")
-    session.set_layer("depth")
+    session.view.add_prompt("liver")
+    session.view.set_layer("depth")
     idle()
-    view = opened.drawing.view
+    view = on.viewer(opened).view
     alpha = view.masks[..., 3]
     scene = session.scene
     mask = decode_frame(scene, PromptSet(("liver",)), 0).masks[0]
@@ -113,10 +114,10 @@ def test_masks_of_a_run_without_semantics(window, tiny_clip, tmp_path, idle):
     run = tmp_path / "mute"
     arguments = ["--preset", "quick", "--iterations", "2", "--max-gaussians", "200", "--teacher", "none", "--device", "cpu"]
     assert main(["train", str(tiny_clip), "--out", str(run), *arguments]) == 0
-    window.opening.open_path(run)
+    on.documents(window).open_path(run)
     idle()
     assert not window.menus.actions["layer.features"].isEnabled()
-    bar = window.parts.prompts
+    bar = on.prompts(window).bar
     number = bar.add_prompt("liver")
     bar.prompt_added.emit(number, "liver")
     assert "without semantics" in bar.prompts()[0].error
@@ -124,20 +125,20 @@ def test_masks_of_a_run_without_semantics(window, tiny_clip, tmp_path, idle):
 
 
 def test_the_view_is_saved_with_the_run(qtbot, opened, run, idle):
-    opened.session.add_prompt("liver")
+    opened.session.view.add_prompt("liver")
     idle()
     assert opened.isWindowModified()
     opened.registry.run("file.save")
     assert not opened.isWindowModified()
-    opened.opening.open_path(run)
+    on.documents(opened).open_path(run)
     idle()
-    assert [chip.text for chip in opened.parts.prompts.prompts()] == ["liver"]
-    assert opened.drawing.view.masks is not None
+    assert [chip.text for chip in on.prompts(opened).bar.prompts()] == ["liver"]
+    assert on.viewer(opened).view.masks is not None
 
 
 def test_similarities_are_seen_and_the_threshold_dragged_over_them(qtbot, opened, idle, screenshot):
-    session, bar = opened.session, opened.parts.prompts
-    opened.parts.panel.setFocus()
+    session, bar = opened.session, on.prompts(opened).bar
+    on.viewer(opened).panel.setFocus()
     type_prompt(qtbot, opened, "liver")
     type_prompt(qtbot, opened, "gallbladder")
     idle()
@@ -156,15 +157,15 @@ def test_similarities_are_seen_and_the_threshold_dragged_over_them(qtbot, opened
 
 def test_coarse_or_refined_masks(qtbot, opened, idle):
     session = opened.session
-    session.add_prompt("liver")
+    session.view.add_prompt("liver")
     idle()
-    [box] = [box for box in opened.parts.prompts.findChildren(QCheckBox) if box.text() == "Refined"]
+    [box] = [box for box in on.prompts(opened).bar.findChildren(QCheckBox) if box.text() == "Refined"]
     assert box.isChecked()
-    refined = opened.drawing.view.masks[..., 3] > 0
+    refined = on.viewer(opened).view.masks[..., 3] > 0
     qtbot.mouseClick(box, Qt.MouseButton.LeftButton, pos=QPoint(8, box.height() // 2))
     idle()
     assert session.view_state.decoder == "threshold"
-    coarse = opened.drawing.view.masks[..., 3] > 0
+    coarse = on.viewer(opened).view.masks[..., 3] > 0
     assert np.array_equal(coarse, session.scene.query(0).similarity(session.scene.meanings("liver")) > 0.5)
     assert not np.array_equal(coarse, refined)
     session.undo.undo()
@@ -173,17 +174,17 @@ def test_coarse_or_refined_masks(qtbot, opened, idle):
 
 
 def test_a_negative_prompt(qtbot, opened, idle):
-    session, bar = opened.session, opened.parts.prompts
-    opened.parts.panel.setFocus()
-    session.set_decoder("threshold")
+    session, bar = opened.session, on.prompts(opened).bar
+    on.viewer(opened).panel.setFocus()
+    session.view.set_decoder("threshold")
     session.go_to(3)
     type_prompt(qtbot, opened, "tool")
     idle()
-    everything = opened.drawing.view.masks[..., 3] > 0
+    everything = on.viewer(opened).view.masks[..., 3] > 0
     type_prompt(qtbot, opened, "not hook")
     idle()
     assert session.view_state.negative_texts == ("hook",)
-    rest = opened.drawing.view.masks[..., 3] > 0
+    rest = on.viewer(opened).view.masks[..., 3] > 0
     assert rest.sum() < everything.sum()
     number = next(chip.id for chip in bar.prompts() if chip.negative)
     bar.prompt_negated.emit(number, False)
@@ -196,9 +197,9 @@ def test_a_negative_prompt(qtbot, opened, idle):
 
 
 def test_area_over_time_lies_under_the_timeline_and_is_saved(qtbot, opened, idle, run, screenshot):
-    session, track = opened.session, opened.parts.timeline
-    session.add_prompt("gallbladder")
-    curve = opened.answering.areas.curve("gallbladder", session.view_state, 10)
+    session, track = opened.session, on.time(opened).timeline
+    session.view.add_prompt("gallbladder")
+    curve = on.statistics(opened).areas.curve("gallbladder", session.view_state, 10)
     qtbot.waitUntil(lambda: bool(np.isfinite(curve).all()), timeout=30_000)
     idle()
     mask = decode_frame(session.scene, PromptSet(("gallbladder",)), 4).masks[0]
@@ -206,6 +207,6 @@ def test_area_over_time_lies_under_the_timeline_and_is_saved(qtbot, opened, idle
     assert track._track._strips["gallbladder"][0] is not None
     screenshot(opened, "prompt-area")
     session.save()
-    opened.opening.open_path(run)
+    on.documents(opened).open_path(run)
     idle()
-    assert np.allclose(opened.answering.areas.curve("gallbladder", session.view_state, 10), curve, atol=1e-6)
+    assert np.allclose(on.statistics(opened).areas.curve("gallbladder", session.view_state, 10), curve, atol=1e-6)

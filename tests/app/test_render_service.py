@@ -6,13 +6,13 @@ import threading
 
 import pytest
 
-from degense.app.shell.worker import RenderService
+from degense.app.shell.worker import Worker
 from degense.engine.errors import Cancelled, ClipError
 
 
 @pytest.fixture
 def service(qapp):
-    service = RenderService(("urgent", "slow"))
+    service = Worker(("urgent", "slow"))
     yield service
     service.close()
 
@@ -123,7 +123,7 @@ def test_a_job_that_gives_up_says_nothing(qtbot, service, answers):
 
 
 def test_closing_drops_what_is_on_its_way(qtbot, qapp, answers):
-    service = RenderService(("urgent",))
+    service = Worker(("urgent",))
     service.submit("urgent", lambda: 1, *answers.listen())
     service.close()
     qtbot.wait(50)

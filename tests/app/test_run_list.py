@@ -9,6 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog
 
 from degense.app.features.runs.dialog import COLUMNS, RunsDialog
+from tests.app import installed as on
 
 
 def column(dialog: RunsDialog, title: str) -> dict[str, str]:
@@ -38,7 +39,7 @@ def test_runs_are_compared_scored_and_reused(qtbot, opened, run, trained, idle, 
         dialog.choose("copy")
         qtbot.mouseClick(dialog.score_button, Qt.MouseButton.LeftButton)
         assert not dialog.score_button.isEnabled()
-        qtbot.waitUntil(lambda: not opened.run_list.scoring, timeout=90_000)
+        qtbot.waitUntil(lambda: not on.runs(opened).scoring, timeout=90_000)
         scores = json.loads((run / "scores.json").read_text())
         assert column(dialog, "PSNR")["copy"] == f"{scores['psnr_mask']:.2f} dB"
         assert column(dialog, "mIoU")["copy"] == f"{scores['miou']['rnse']:.1%}"

@@ -10,21 +10,22 @@ from PySide6.QtCore import Qt
 
 from degense.widgets.frame.images import to_array
 from degense.widgets.splats.camera_moves import letterboxed
+from tests.app import installed as on
 
 
 def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
     session = opened.session
     shown: list[int] = []
-    opened.drawing.shown.connect(lambda view: shown.append(view.frame))
+    on.viewer(opened).shown.connect(lambda view: shown.append(view.frame))
     for frame in (3, 9, 1, 8, 2, 7):
-        opened.parts.timeline.frame_changed.emit(frame)
+        on.time(opened).timeline.frame_changed.emit(frame)
     idle()
-    assert shown[-1] == session.frame == opened.parts.timeline.frame() == 7
+    assert shown[-1] == session.frame == on.time(opened).timeline.frame() == 7
     assert len(shown) <= 3  # the frames in between were not drawn
-    assert np.array_equal(opened.parts.panel.grab_image(), session.scene.render_rgb(7))
-    assert np.allclose(opened.drawing.view.splats.means, session.scene.splats(7).means)
+    assert np.array_equal(on.viewer(opened).panel.grab_image(), session.scene.render_rgb(7))
+    assert np.allclose(on.viewer(opened).view.splats.means, session.scene.splats(7).means)
     screenshot(opened, "scrub")
-    canvas = opened.parts.splats.focusProxy()
+    canvas = on.viewer(opened).splats.focusProxy()
     idle()
     there = to_array(canvas._image)
     assert there.shape == (canvas.height(), canvas.width(), 3)  # finely drawn in the end
@@ -35,13 +36,13 @@ def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
 
 def test_the_picture_is_painted_before_anything_else_is_asked_for(opened, idle, monkeypatch):
     """The answer first: the 3D view, the areas of masks and all that follows from it wait until it is on the screen."""
-    panel, service, order = opened.parts.panel, opened.service, []
+    panel, service, order = on.viewer(opened).panel, opened.worker, []
     submit, paint = service.submit, panel._paint
     monkeypatch.setattr(service, "submit", lambda channel, *rest, **named: (order.append(channel), submit(channel, *rest, **named)))
     monkeypatch.setattr(
-        panel, "_paint", lambda painter: (order.append((opened.drawing.view.frame, opened.drawing.view.complete)), paint(painter))
+        panel, "_paint", lambda painter: (order.append((on.viewer(opened).view.frame, on.viewer(opened).view.complete)), paint(painter))
     )
-    opened.session.add_prompt("liver")
+    opened.session.view.add_prompt("liver")
     idle()
     order.clear()
     opened.session.go_to(5)
@@ -52,7 +53,7 @@ def test_the_picture_is_painted_before_anything_else_is_asked_for(opened, idle, 
     assert "answers" in order[answered:]
     assert not {"answers", "probe", "areas"} & set(map(str, order[:answered]))
     order.clear()
-    opened.session.set_threshold(0.4)  # the same frame with other masks: the 3D view waits for them too
+    opened.session.view.set_threshold(0.4)  # the same frame with other masks: the 3D view waits for them too
     idle()
     assert {"still", "answers"} <= set(order[order.index((5.0, True)) :])
     assert not {"still", "answers"} & set(map(str, order[: order.index((5.0, True))]))
@@ -70,31 +71,31 @@ def test_the_picture_is_painted_before_anything_else_is_asked_for(opened, idle, 
     ],
 )
 def test_keys_move_time(qtbot, opened, idle, key, modifier, frame):
-    opened.parts.panel.setFocus()
+    on.viewer(opened).panel.setFocus()
     opened.session.go_to(4)
     idle()
-    qtbot.keyClick(opened.parts.panel, key, modifier)
+    qtbot.keyClick(on.viewer(opened).panel, key, modifier)
     assert opened.session.frame == frame
     idle()
 
 
 def test_space_plays_and_pauses(qtbot, opened, idle):
-    opened.parts.panel.setFocus()
+    on.viewer(opened).panel.setFocus()
     seen: set[int] = set()
     opened.session.frame_changed.connect(seen.add)
-    qtbot.keyClick(opened.parts.panel, Qt.Key.Key_Space)
+    qtbot.keyClick(on.viewer(opened).panel, Qt.Key.Key_Space)
     assert opened.session.playing
-    assert opened.parts.timeline.is_playing()
+    assert on.time(opened).timeline.is_playing()
     qtbot.waitUntil(lambda: len(seen) >= 4, timeout=10_000)
-    qtbot.keyClick(opened.parts.panel, Qt.Key.Key_Space)
+    qtbot.keyClick(on.viewer(opened).panel, Qt.Key.Key_Space)
     assert not opened.session.playing
-    assert not opened.parts.timeline.is_playing()
+    assert not on.time(opened).timeline.is_playing()
     idle()
-    assert opened.drawing.view.frame == opened.session.frame
+    assert on.viewer(opened).view.frame == opened.session.frame
 
 
 def test_the_surgeons_camera_and_free_look(opened, idle):
-    session, splats = opened.session, opened.parts.splats
+    session, splats = opened.session, on.viewer(opened).splats
     idle()
     assert splats.is_locked()
     opened.registry.run("camera.free")
@@ -123,7 +124,7 @@ def test_the_window_stays_alive_while_frames_are_drawn(qtbot, opened, idle, monk
     opened.session.go_to(6)
     qtbot.waitUntil(begun.is_set)
     qtbot.wait(50)
-    assert opened.drawing.view.frame != 6
+    assert on.viewer(opened).view.frame != 6
     go_on.set()
     idle()
-    assert opened.drawing.view.frame == 6
+    assert on.viewer(opened).view.frame == 6

@@ -11,16 +11,18 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
 
+from degense.app.application import FEATURES
 from degense.app.features.train.job import TrainingJob
-from degense.app.shell.main_window import MainWindow
 from degense.app.shell.settings import SettingsFile
 from degense.engine.events import Event, TrainingProgress
+from degense.app.shell.shell import Shell
 from degense.engine.training import TrainConfig
+from tests.app import installed as on
 
 
 @pytest.fixture
 def with_clip(window, tiny_clip, idle):
-    window.opening.open_path(tiny_clip)
+    on.documents(window).open_path(tiny_clip)
     idle()
     return window
 
@@ -89,7 +91,7 @@ def test_every_setting_is_explained_and_can_be_changed(qtbot, with_clip, tmp_pat
     dialog.fit.setChecked(False)
     dialog.out.setText(str(tmp_path / "run"))
     jobs: list[TrainingJob] = []
-    monkeypatch.setattr(with_clip.training, "start", jobs.append)
+    monkeypatch.setattr(on.training(with_clip), "start", jobs.append)
     dialog.accept()
     assert (jobs[0].poses, jobs[0].fit, jobs[0].settings) == ("still", False, (("flow", "7.5"),))
     assert jobs[0].config().flow == 7.5
@@ -106,7 +108,7 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     dialog.iterations.setValue(100_000)
     dialog.out.setText(str(tmp_path / "run"))
     dialog.accept()
-    training, monitor = with_clip.training, with_clip.parts.monitor
+    training, monitor = on.training(with_clip), on.training(with_clip).monitor
     assert monitor.state() == "running"
     waiting = ask(with_clip)
     assert waiting.start.text() == "Add to queue"
@@ -124,7 +126,7 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     screenshot(with_clip, "train")
     with_clip.menus.actions["train.pause"].trigger()
     qtbot.waitUntil(lambda: training.queue.paused is not None, timeout=20_000)
-    assert with_clip.menus.actions["train.go-on"].isEnabled()
+    assert with_clip.menus.actions["train.resume-paused"].isEnabled()
     assert (monitor.state(), training.running) == ("paused", False)
     assert [job.out.name for job in training.queue.waiting] == ["second"]  # nobody takes the machine meanwhile
     stopped_at = json.loads((tmp_path / "run" / "run.json").read_text())["iteration"]
@@ -150,11 +152,11 @@ def test_a_killed_training_is_said_and_goes_on(qtbot, with_clip, tmp_path):
     """kill -9 of the training process: the window lives, and the run goes on from its checkpoint."""
     settings = (("checkpoint_seconds", "0.2"),)
     job = TrainingJob(with_clip.session.clip.path, tmp_path / "run", "quick", iterations=100_000, device="cpu", settings=settings)
-    training = with_clip.training
+    training = on.training(with_clip)
     training.start(job)
     qtbot.waitUntil(lambda: (tmp_path / "run" / "checkpoints" / "last.json").is_file(), timeout=90_000)
     os.kill(training.process._process.processId(), signal.SIGKILL)
-    qtbot.waitUntil(lambda: with_clip.parts.monitor.state() == "failed", timeout=20_000)
+    qtbot.waitUntil(lambda: on.training(with_clip).monitor.state() == "failed", timeout=20_000)
     box = with_clip.findChild(QMessageBox, "error")
     assert "ended by the system" in box.text()
     box.close()
@@ -171,21 +173,21 @@ def test_a_finished_training_is_opened(qtbot, with_clip, tmp_path, idle):
     dialog = ask(with_clip)
     job = replace(dialog.job(), preset="quick", iterations=5, max_gaussians=300, device="cpu", out=tmp_path / "run")
     dialog.reject()
-    with_clip.training.start(job)
+    on.training(with_clip).start(job)
     qtbot.waitUntil(lambda: with_clip.session.scene is not None, timeout=90_000)
     idle()
     assert with_clip.session.scene.run.path == tmp_path / "run"
-    assert with_clip.parts.monitor.state() == "finished"
+    assert on.training(with_clip).monitor.state() == "finished"
 
 
 def test_a_failure_is_one_sentence(qtbot, with_clip, tmp_path, idle):
     dialog = ask(with_clip)
     job = replace(dialog.job(), teacher="precomputed", out=tmp_path / "run")
     dialog.reject()
-    with qtbot.waitSignal(with_clip.training.changed):
-        with_clip.training.start(job)
-    qtbot.waitUntil(lambda: not with_clip.training.running, timeout=60_000)
-    assert with_clip.parts.monitor.state() == "failed"
+    with qtbot.waitSignal(on.training(with_clip).changed):
+        on.training(with_clip).start(job)
+    qtbot.waitUntil(lambda: not on.training(with_clip).running, timeout=60_000)
+    assert on.training(with_clip).monitor.state() == "failed"
     box = with_clip.findChild(QMessageBox, "error")
     assert box.text()
     assert "Traceback" not in box.text()
@@ -196,7 +198,7 @@ def test_closing_while_training_asks_and_saves(qtbot, with_clip, tmp_path):
     dialog = ask(with_clip)
     job = replace(dialog.job(), preset="quick", iterations=100_000, out=tmp_path / "run")
     dialog.reject()
-    training = with_clip.training
+    training = on.training(with_clip)
     training.start(job)
     qtbot.waitUntil(lambda: (tmp_path / "run" / "metrics.jsonl").is_file(), timeout=90_000)
     with_clip.close()
@@ -213,7 +215,7 @@ def test_closing_while_training_asks_and_saves(qtbot, with_clip, tmp_path):
 
 def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
     """What ran and what waited is there at the next start, paused; it goes on from its checkpoint when it is told to."""
-    training, clip = with_clip.training, with_clip.session.clip.path
+    training, clip = on.training(with_clip), with_clip.session.clip.path
     for name in ("first", "second"):
         training.start(TrainingJob(clip, tmp_path / name, "quick", iterations=100_000, device="cpu"))
     qtbot.waitUntil(lambda: (tmp_path / "first" / "metrics.jsonl").is_file(), timeout=90_000)
@@ -226,25 +228,25 @@ def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
     qtbot.waitUntil(lambda: not with_clip.isVisible(), timeout=20_000)
     stopped_at = json.loads((tmp_path / "first" / "run.json").read_text())["iteration"]
 
-    again = MainWindow(SettingsFile(tmp_path / "settings.json"))
+    again = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
     qtbot.addWidget(again)
-    with qtbot.waitSignal(again.ready, timeout=20_000):
+    with qtbot.waitSignal(on.viewer(again).splats_added, timeout=20_000):
         again.show()
-    monitor = again.parts.monitor
+    monitor = on.training(again).monitor
     assert monitor.isVisible()
-    assert (monitor.state(), monitor.queue.names(), again.training.running) == ("paused", ["second (quick)"], False)
+    assert (monitor.state(), monitor.queue.names(), on.training(again).running) == ("paused", ["second (quick)"], False)
     screenshot(again, "train-kept")
     qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
     seen: list[int] = []
-    again.training.process.told.connect(lambda event: seen.append(event.iteration) if isinstance(event, TrainingProgress) else None)
+    on.training(again).process.told.connect(lambda event: seen.append(event.iteration) if isinstance(event, TrainingProgress) else None)
     qtbot.waitUntil(lambda: bool(seen), timeout=90_000)
     assert seen[0] > stopped_at
     again.registry.run("train.pause")
     qtbot.waitUntil(lambda: monitor.state() == "paused", timeout=20_000)
     for name in ("second", None):
         qtbot.mouseClick(monitor._cancel, Qt.MouseButton.LeftButton)
-        paused = again.training.queue.paused
+        paused = on.training(again).queue.paused
         assert (paused and paused.out.name) == name
-        assert not again.training.running
+        assert not on.training(again).running
     assert SettingsFile(tmp_path / "settings.json").value.trainings == ()
     again.close()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt
 
+from tests.app import installed as on
+
 
 def test_the_history_names_every_edit_and_a_click_goes_there(qtbot, opened, idle, screenshot):
-    session, history = opened.session, opened.parts.history
-    session.set_layer("depth")
-    session.add_prompt("liver")
+    session, history = opened.session, on.dock(opened, "History").widget().widget()
+    session.view.set_layer("depth")
+    session.view.add_prompt("liver")
     session.go_to(4)  # the instant is no edit, and does not end the history
-    session.set_layer("mask")
+    session.view.set_layer("mask")
     idle()
     opened.registry.run("edit.history")
     assert history.texts() == ["As opened", "Show depth", "Prompt liver", "Show mask"]

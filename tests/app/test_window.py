@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import logging
 import subprocess
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,10 +12,10 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QDialog, QMessageBox
 
-from degense.app.shell import main_window as main
 from degense.app.shell.palette import Palette
 from degense.engine.layers import LAYERS
-from tests.house.source import ROOT, imports, within
+from tests.app import installed as on
+from tests.house.source import ROOT, imports, modules, within
 
 
 def test_menus_hold_every_action_and_keys_the_layers(window):
@@ -60,28 +58,28 @@ def test_about_says_what_it_is_not(window):
     box.close()
 
 
-def test_the_doctor_reports_from_the_worker(qtbot, window, monkeypatch):
+def test_diagnostics_report_from_the_worker(qtbot, window, monkeypatch):
     monkeypatch.setattr("degense.app.diagnostics.report", lambda: ("all is well", True))
-    window.registry.run("help.doctor")
-    qtbot.waitUntil(lambda: any(dialog.windowTitle() == "Doctor" for dialog in window.findChildren(QDialog)))
-    next(dialog for dialog in window.findChildren(QDialog) if dialog.windowTitle() == "Doctor").close()
+    window.registry.run("help.diagnostics")
+    qtbot.waitUntil(lambda: any(dialog.windowTitle() == "Diagnostics" for dialog in window.findChildren(QDialog)))
+    next(dialog for dialog in window.findChildren(QDialog) if dialog.windowTitle() == "Diagnostics").close()
 
 
 def test_the_picture_is_saved_as_shown_with_its_colour_bar(opened, idle, tmp_path):
-    opened.exporting.save_picture(tmp_path / "a.png")
+    on.exporter(opened).save_picture(tmp_path / "a.png")
     assert np.array_equal(cv2.imread(str(tmp_path / "a.png"))[..., ::-1], opened.session.scene.render_rgb(0))
-    opened.session.set_layer("depth")
+    opened.session.view.set_layer("depth")
     idle()
-    opened.exporting.save_picture(tmp_path / "b.png")
+    on.exporter(opened).save_picture(tmp_path / "b.png")
     assert cv2.imread(str(tmp_path / "b.png")).shape[1] > 96
 
 
 def test_export_runs_in_the_worker(opened, idle, tmp_path):
-    opened.session.add_prompt("liver")
-    opened.exporting.export("masks-png", tmp_path / "masks")
+    opened.session.view.add_prompt("liver")
+    on.exporter(opened).export("masks-png", tmp_path / "masks")
     idle()
     assert len(list((tmp_path / "masks" / "labels").iterdir())) == 10
-    opened.exporting.export("masks-png", tmp_path / "masks")
+    on.exporter(opened).export("masks-png", tmp_path / "masks")
     idle()
     box = opened.findChild(QMessageBox, "error")
     assert "not empty" in box.text()
@@ -89,11 +87,11 @@ def test_export_runs_in_the_worker(opened, idle, tmp_path):
 
 
 def test_an_export_is_stopped(opened, idle, tmp_path):
-    opened.exporting.export("movie", tmp_path / "a.mp4")
+    on.exporter(opened).export("movie", tmp_path / "a.mp4")
     opened.menus.refresh()
     opened.menus.actions["export.stop"].trigger()
     idle()
-    assert not opened.parts.busy_bar.isVisible()
+    assert not opened.docks.busy_bar.isVisible()
     assert not (tmp_path / "a.mp4").exists()
     assert not opened.registry["export.stop"].enabled()
 
@@ -118,15 +116,9 @@ def test_a_crash_leaves_its_stacks(tmp_path):
     assert "in deep" in text
 
 
-def test_the_main_window_only_wires():
-    """Its file holds one class that makes the pieces and hands Qt's events on: short, and without knowledge of the engine."""
-    source = Path(main.__file__).read_text(encoding="utf-8")
-    tree = ast.parse(source)
-    assert len(source.splitlines()) < 250
-    assert [node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)] == ["MainWindow"]
-    assert not [name for _, name in imports(Path("app/shell/main_window.py")) if within(name, ("degense.engine",))]
-    methods = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name != "__init__"]
-    assert {node.name: node.end_lineno - node.lineno for node in methods if node.end_lineno - node.lineno > 20} == {}
+def test_the_shell_knows_no_feature():
+    for path in modules("app/shell"):
+        assert not [name for _, name in imports(path) if within(name, ("degense.app.features", "degense.app.application"))], path
 
 
 def test_what_is_not_caught_goes_to_the_log_and_in_one_sentence_to_the_user(window, qtbot, tmp_path, monkeypatch):
@@ -149,7 +141,7 @@ def test_what_is_not_caught_goes_to_the_log_and_in_one_sentence_to_the_user(wind
         assert "Traceback" not in box.text()
         box.close()
         assert "Traceback" in (tmp_path / "x" / "degense.log").read_text()
-        assert "uncaught exception" in window.parts.log.toPlainText()
+        assert "uncaught exception" in on.dock(window, "Log").widget().toPlainText()
     finally:
         from PySide6.QtCore import qInstallMessageHandler
 
@@ -164,12 +156,13 @@ def test_what_is_not_caught_goes_to_the_log_and_in_one_sentence_to_the_user(wind
 
 @pytest.mark.parametrize("name", ["x", "y"])
 def test_nothing_is_left_after_closing(qtbot, tmp_path, name):
-    from degense.app.shell.main_window import MainWindow
+    from degense.app.application import FEATURES
     from degense.app.shell.settings import SettingsFile
+    from degense.app.shell.shell import Shell
 
-    window = MainWindow(SettingsFile(tmp_path / "settings.json"))
+    window = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
     window.show()
     window.close()  # before the 3D view has come
     qtbot.wait(20)
-    assert window.parts.splats is None
+    assert on.viewer(window).splats is None
     window.deleteLater()

@@ -13,10 +13,11 @@ import sys
 from pathlib import Path
 from PySide6.QtWidgets import QApplication
 from degense.app.shell.settings import SettingsFile
-from degense.app.shell.main_window import MainWindow
+from degense.app.application import FEATURES
+from degense.app.shell.shell import Shell
 
 app = QApplication([])
-window = MainWindow(SettingsFile(Path(sys.argv[1])))
+window = Shell(SettingsFile(Path(sys.argv[1])), FEATURES)
 print(len(list(window.registry)))
 window.close()
 """

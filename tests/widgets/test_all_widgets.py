@@ -6,11 +6,11 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar, QWidget
 
+from degense.app.features.history.panel import HistoryList
 from degense.app.features.inspect.probe_panel import ProbePanel
 from degense.app.features.prompts.panel import PromptBar
 from degense.app.features.train.monitor import TrainingMonitor
 from degense.app.features.viewer.layer_list import LayerList
-from degense.app.shell.history_list import HistoryList
 from degense.widgets.colour_bar import ColourBar
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.render_panel import RenderPanel

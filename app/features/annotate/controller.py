@@ -6,18 +6,16 @@ from collections.abc import Callable, Generator, Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from PySide6.QtCore import QObject, Qt, QTimer, Signal
+from PySide6.QtCore import QObject, QTimer
 
 from degense.app.features.annotate.class_list import SWATCH
 from degense.app.features.annotate.keys import AnnotationKeys
+from degense.app.features.annotate.panel import AnnotationPanel
 from degense.app.features.annotate.state import Tool
-from degense.app.features.viewer.controller import Drawing
+from degense.app.features.prompts.controller import rgb
+from degense.app.features.timeline.controller import TimeControl
+from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.view import View
-from degense.app.session.session import Session
-from degense.app.shell.controls import rgb
-from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
 from degense.engine.annotation.edits import STATUSES, Status
 from degense.engine.annotation.overlay import label_overlay
 from degense.engine.annotation.painting import PixelRegion, brush, fill, holes, polygon, region_of, smaller_islands, whole_regions
@@ -39,20 +37,15 @@ TOOL_WORDS = (
 SAVE_MS = 1000  # after an edit of a clip without a run
 
 
-class Annotating(QObject):
-    """Binds the annotation panel, the picture and the session's label maps.
+class Annotator(QObject):
+    """Binds the annotation panel, the picture and the session's label maps."""
 
-    Signals
-    -------
-    changed()
-        What can be done now is another.
-    """
-
-    changed = Signal()
-
-    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing, run: Callable[[str], None]) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts, self.drawing = session, service, parts, drawing
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__(viewer)
+        self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
+        session, self.panel = self.session, AnnotationPanel()
+        self.dock = self.shell.add_dock("Annotation", self.panel)
+        self.shell.leaving.connect(self.end)  # a stroke that has not ended is saved too
         self.part = session.annotations
         self.strokes, self.polygons, self.clicks = StrokeTool(self), PolygonTool(self), ClickTool(self)
         self._regions: tuple[int, np.ndarray] | None = None
@@ -60,9 +53,9 @@ class Annotating(QObject):
         self._saving.setSingleShot(True)
         self._saving.setInterval(SAVE_MS)
         self._saving.timeout.connect(self.save_beside_clip)
-        AnnotationKeys(self, parts.window)
+        AnnotationKeys(self)
         self._bind_tools()
-        self._bind_panel(run)
+        self._bind_panel()
         part = self.part
         part.pixels_changed.connect(self._pixels_changed)
         part.records_changed.connect(self._records_changed)
@@ -72,7 +65,7 @@ class Annotating(QObject):
         part.changed.connect(self._edited)
         session.opened.connect(self._opened)
         session.frame_changed.connect(lambda frame: self._frame_changed())
-        drawing.shown.connect(self._shown)
+        viewer.shown.connect(self._shown)
 
     # Beginning and ending
 
@@ -83,24 +76,21 @@ class Annotating(QObject):
     def _active_changed(self, active: bool) -> None:
         if active:
             self.session.pause()
-            self.parts.annotation_dock.show()
-            self.parts.annotation_dock.raise_()
-            docks = [self.parts.layers_dock, self.parts.prompts_dock, self.parts.annotation_dock]
-            self.parts.window.resizeDocks(docks, [150, 110, 600], Qt.Orientation.Vertical)
-            self.parts.panel.setFocus()
+            self.shell.docks.bring(self.dock, height=600)
+            self.viewer.panel.setFocus()
             if self.part.blocked:
-                show_error(self.parts.window, self.part.blocked)
-        self.drawing.recorded = active
+                self.shell.show_error(self.part.blocked)
+        self.viewer.recorded = active
         self._show_tool()
         self._frame_changed()
-        self.drawing.request()
-        self.changed.emit()
+        self.viewer.request()
+        self.shell.refresh()
 
     def _opened(self) -> None:
-        self.service.cancel("annotate")
+        self.worker.cancel("annotate")
         self._regions = None
         self._saving.stop()
-        self.parts.annotation.set_progress(None)
+        self.panel.set_progress(None)
         self._show_classes()
         self._frame_changed()
 
@@ -113,7 +103,7 @@ class Annotating(QObject):
         try:
             self.part.save_beside_clip()
         except DegenseError as error:
-            show_error(self.parts.window, str(error))
+            self.shell.show_error(str(error))
 
     def _edited(self, record: object) -> None:
         if self.part.unsaved_beside_clip and not self._saving.isActive():
@@ -143,7 +133,7 @@ class Annotating(QObject):
         try:
             self.part.begin({"eraser": "Erase", "superpixels": "Paint regions"}.get(self.part.tool, "Paint"))
         except DegenseError as error:
-            self.parts.say(str(error))
+            self.shell.say(str(error))
             return
         self._dab((x, y), (x, y))
 
@@ -169,9 +159,9 @@ class Annotating(QObject):
     def _paint(self, name: str, region: PixelRegion | None, value: int | None = None) -> None:
         try:
             if not self.part.paint(name, region, value):
-                self.parts.say(f"{name}: nothing changed.")
+                self.shell.say(f"{name}: nothing changed.")
         except DegenseError as error:
-            self.parts.say(str(error))
+            self.shell.say(str(error))
 
     def fill_holes(self) -> None:
         self._paint("Fill holes", holes(self.part.labels(self.session.frame), self.part.current), self.part.current)
@@ -200,7 +190,7 @@ class Annotating(QObject):
                     names.append(text.casefold())
                 self._paint(f"Mask of {text}", region_of(found == index), names.index(text.casefold()))
 
-        self.service.submit("annotate", labels, done, self.parts.say)
+        self.worker.submit("annotate", labels, done, self.shell.say)
 
     # Carrying
 
@@ -219,34 +209,34 @@ class Annotating(QObject):
             return propagate(clip, sources, scene)
 
         def progress(step: tuple[float, str]) -> None:
-            self.parts.annotation.set_progress(step[0])
-            self.parts.set_busy(step[1][0].upper() + step[1][1:], step[0])
+            self.panel.set_progress(step[0])
+            self.shell.set_busy(step[1][0].upper() + step[1][1:], step[0])
 
         def done(carried: dict[int, Proposal]) -> None:
             self._carried_away()
             self.part.propose(carried)
             doubtful = self.part.ready().next_flagged(-1)
             more = "" if doubtful is None else " Next flagged goes to the doubtful ones."
-            self.parts.say(f"Propagated to {len(carried)} frames: accept or reject them.{more}", 20)
+            self.shell.say(f"Propagated to {len(carried)} frames: accept or reject them.{more}", 20)
 
         def failed(message: str) -> None:
             self._carried_away()
-            show_error(self.parts.window, message)
+            self.shell.show_error(message)
 
-        self.parts.annotation.set_progress(0.0)
-        self.service.submit("annotate", steps, done, failed, progress)
-        self.changed.emit()
+        self.panel.set_progress(0.0)
+        self.worker.submit("annotate", steps, done, failed, progress)
+        self.shell.refresh()
 
     def _carried_away(self) -> None:
-        self.parts.set_busy()
-        self.parts.annotation.set_progress(None)
-        self.changed.emit()
+        self.shell.set_busy()
+        self.panel.set_progress(None)
+        self.shell.refresh()
 
     def stop(self) -> None:
         """Stop carrying; nothing is kept of it."""
-        self.service.cancel("annotate")
+        self.worker.cancel("annotate")
         self._carried_away()
-        self.parts.say("Stopped; no frame was changed.")
+        self.shell.say("Stopped; no frame was changed.")
 
     def accept(self) -> None:
         self.part.accept([self.session.frame])
@@ -263,15 +253,15 @@ class Annotating(QObject):
     def go_to_flagged(self) -> None:
         frame = self.part.work.next_flagged(self.session.frame) if self.part.work else None
         if frame is None:
-            self.parts.say("No frame is flagged or doubtful.")
+            self.shell.say("No frame is flagged or doubtful.")
         else:
             self.session.pause()
             self.session.go_to(frame)
 
     # The panel
 
-    def _bind_panel(self, run: Callable[[str], None]) -> None:
-        panel, part = self.parts.annotation, self.part
+    def _bind_panel(self) -> None:
+        panel, part = self.panel, self.part
         panel.set_tools(TOOL_WORDS)
         panel.set_statuses(STATUSES)
         panel.tool_chosen.connect(lambda name: part.choose(tool=cast(Tool, name)))
@@ -282,18 +272,19 @@ class Annotating(QObject):
         panel.classes.chosen.connect(lambda index: part.choose(current=index))
         panel.classes.renamed.connect(lambda index, name: self._try(lambda: part.rename_class(index, name)))
         panel.classes.recoloured.connect(lambda index, colour: part.recolour_class(index, rgb(colour)))
-        panel.asked.connect(run)
+        panel.asked.connect(lambda action: self.shell.menus.run(action))
+        self.shell.started.connect(lambda: panel.follow(self.shell.menus.actions))
 
     def _try(self, change: Callable[[], None]) -> None:
         """Do it, and say why when it cannot be done; the panel shows then what is so."""
         try:
             change()
         except DegenseError as error:
-            self.parts.say(str(error))
+            self.shell.say(str(error))
             self._show_classes()
 
     def _show_classes(self) -> None:
-        work, panel = self.part.work, self.parts.annotation
+        work, panel = self.part.work, self.panel
         classes = work.classes if work is not None else ()
         labels = np.full((SWATCH - 6, SWATCH), 0, np.uint8)
         panel.classes.set_classes([(kind.name, _swatch(labels + np.uint8(index), classes)) for index, kind in enumerate(classes)])
@@ -302,7 +293,7 @@ class Annotating(QObject):
         self._show_tool()
 
     def _show_tool(self) -> None:
-        part, panel = self.part, self.parts.annotation
+        part, panel = self.part, self.panel
         panel.set_tool(part.tool, part.radius, -1 if part.inside is None else part.inside)
         panel.classes.set_current(part.current)
         self.strokes.radius = part.radius
@@ -310,31 +301,31 @@ class Annotating(QObject):
         tool = tools.get(part.tool, self.strokes)
         if not part.active or part.tool != "polygon":
             self.polygons.cancel()
-        mine = self.parts.panel.tool() in (self.strokes, self.polygons, self.clicks)
-        if part.active and self.parts.panel.tool() is not tool:
-            self.parts.panel.set_tool(tool)
+        mine = self.viewer.panel.tool() in (self.strokes, self.polygons, self.clicks)
+        if part.active and self.viewer.panel.tool() is not tool:
+            self.viewer.panel.set_tool(tool)
         elif mine and not part.active:
-            self.parts.panel.set_tool(None)
-        self.parts.panel.update()
+            self.viewer.panel.set_tool(None)
+        self.viewer.panel.update()
 
     def _records_changed(self) -> None:
         self._show_frame()
-        self.changed.emit()
+        self.shell.refresh()
 
     def _frame_changed(self) -> None:
         self.part.end()
         self.polygons.cancel()
         self._show_frame()
         if not self.part.active or self.part.work is None:
-            self.parts.panel.set_labels(None)
-        self.changed.emit()
+            self.viewer.panel.set_labels(None)
+        self.shell.refresh()
 
     def _show_frame(self) -> None:
         work, frame = self.part.work, self.session.frame
-        self.parts.annotation_dock.setEnabled(work is not None)
+        self.dock.setEnabled(work is not None)
         if work is None:
-            self.parts.annotation.set_frame("", "open")
-            self.parts.annotation.set_summary(self.part.blocked)
+            self.panel.set_frame("", "open")
+            self.panel.set_summary(self.part.blocked)
             return
         record = work.record(frame)
         if record.proposal is not None:
@@ -345,13 +336,14 @@ class Annotating(QObject):
             words = f"Frame {frame}: carried and accepted"
         else:
             words = f"Frame {frame}: {'as it came' if work.is_labelled(frame) else 'not labelled'}"
-        self.parts.annotation.set_frame(words, record.status)
+        self.panel.set_frame(words, record.status)
         waiting = work.waiting()
         doubtful = [index for index in waiting if cast("Proposal", work.record(index).proposal).doubtful]
         counts = [f"{sum(r.status == status for r in work.records.values())} {status}" for status in STATUSES[1:]]
         proposals = f"{len(waiting)} wait for an answer, {len(doubtful)} of them doubtful" if waiting else ""
-        self.parts.annotation.set_summary("; ".join(filter(None, [f"{work.count} frames: {', '.join(counts)}", proposals])))
-        self.parts.timeline.set_marks(self.session.clip.test_frames if self.session.clip else (), self._labelled(work.records))
+        self.panel.set_summary("; ".join(filter(None, [f"{work.count} frames: {', '.join(counts)}", proposals])))
+        if (time := self.shell.service(TimeControl)) is not None:
+            time.timeline.set_marks(self.session.clip.test_frames if self.session.clip else (), self._labelled(work.records))
 
     def _labelled(self, records: Sequence[int] | dict) -> list[int]:
         assert self.part.work is not None
@@ -371,19 +363,19 @@ class Annotating(QObject):
         try:
             labels = self.part.labels(frame)
         except DegenseError as error:  # a damaged file: nothing is shown as if it were empty
-            self.parts.panel.set_labels(None)
-            self.parts.annotation.set_frame(str(error), "open")
+            self.viewer.panel.set_labels(None)
+            self.panel.set_frame(str(error), "open")
             return
         proposed = work.record(frame).proposal is not None
         if region is None:
-            self.parts.panel.set_labels(label_overlay(labels, work.classes, proposed=proposed))
+            self.viewer.panel.set_labels(label_overlay(labels, work.classes, proposed=proposed))
             return
         (top, left), (height, width) = (region.top, region.left), region.mask.shape
         box = (  # a pixel more on each side: outlines of neighbours change too
             slice(max(0, top - 1), min(labels.shape[0], top + height + 1)),
             slice(max(0, left - 1), min(labels.shape[1], left + width + 1)),
         )
-        self.parts.panel.patch_labels(label_overlay(labels, work.classes, box), box[1].start, box[0].start)
+        self.viewer.panel.patch_labels(label_overlay(labels, work.classes, box), box[1].start, box[0].start)
 
 
 def _swatch(labels: np.ndarray, classes: Sequence) -> np.ndarray:

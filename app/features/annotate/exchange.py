@@ -3,47 +3,40 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QFileDialog
 
 from degense.app.features.annotate.label_sets import annotated, label_format, names_of, write_labels
 from degense.app.features.annotate.state import folder_beside
 from degense.app.features.train.controller import Training
-from degense.app.session.session import Session
-from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
+from degense.app.shell.shell import Shell
 from degense.engine.annotation.folder import NAME
 from degense.engine.annotation.formats import MapSet
-from degense.engine.errors import DegenseError
 
 TEACHER = "teacher"
 
 
-class Handing(QObject):
+class LabelExchange(QObject):
     """Reads and writes label maps in the worker while the window goes on."""
 
-    def __init__(self, session: Session, service: RenderService, parts: Parts, training: Training) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts, self.training = session, service, parts, training
+    def __init__(self, shell: Shell, training: Training | None) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.training = shell, shell.session, training
 
     # Out
 
     def ask_to_export(self, name: str) -> None:
         chosen = label_format(name)
         proposal = f"{self.session.name}-{name}{chosen.suffix}"
-        file, _ = QFileDialog.getSaveFileName(self.parts.window, f"Export labels as {chosen.title}", proposal, f"*{chosen.suffix}")
-        if file:
-            self.export(name, Path(file))
+        if (path := self.shell.ask_save(f"Export labels as {chosen.title}", proposal, f"*{chosen.suffix}")) is not None:
+            self.export(name, path)
 
     def export(self, name: str, out: Path) -> None:
         """Write what is annotated to `out`."""
         maps = self._maps()
-        self._submit(f"Exporting {out.name}", lambda: write_labels(name, maps, out), self.parts.say)
+        self.shell.run_task("export", f"Exporting {out.name}", lambda: write_labels(name, maps, out))
 
     def _maps(self) -> MapSet:
         """What is annotated now: painting goes on while it is written."""
@@ -55,14 +48,12 @@ class Handing(QObject):
     # In
 
     def ask_to_import(self, name: str) -> None:
-        chosen, window = label_format(name), self.parts.window
+        chosen = label_format(name)
         title = f"Import labels from {chosen.title}"
-        if chosen.suffix:
-            file, _ = QFileDialog.getOpenFileName(window, title, "", f"*{chosen.suffix};;All files (*)")
-        else:
-            file = QFileDialog.getExistingDirectory(window, title)
-        if file:
-            self.take(name, Path(file))
+        kinds = f"*{chosen.suffix};;All files (*)"
+        path = self.shell.ask_open(title, "", kinds) if chosen.suffix else self.shell.ask_folder(title)
+        if path is not None:
+            self.take(name, path)
 
     def take(self, name: str, path: Path) -> None:
         """Read label maps; they replace those of their frames, as one step of undo."""
@@ -82,9 +73,9 @@ class Handing(QObject):
                 classes, labels = found
                 session.annotations.take(classes, labels, f"Import {path.name}")
                 session.annotations.active = True
-                self.parts.say(f"{path.name}: label maps of {len(labels)} frames")
+                self.shell.say(f"{path.name}: label maps of {len(labels)} frames")
 
-        self._submit(f"Reading {path.name}", job, done)
+        self.shell.run_task("export", f"Reading {path.name}", job, done)
 
     # The teacher
 
@@ -102,18 +93,6 @@ class Handing(QObject):
                 shutil.rmtree(folder)
             return write_labels("masks-png", maps, folder)
 
-        self._submit("Writing the labels", job, lambda words: self.training.ask(folder))
-
-    def _submit(self, words: str, job: Callable[[], Any], then: Callable[[Any], object]) -> None:
-        def done(result: Any) -> None:
-            self.parts.set_busy()
-            try:
-                then(result)
-            except DegenseError as error:
-                show_error(self.parts.window, str(error))
-
-        def failed(message: str) -> None:
-            self.parts.set_busy()
-            show_error(self.parts.window, message)
-
-        self.service.submit("export", job, done, failed, lambda step: self.parts.set_busy(words, step[0]))
+        training = self.training
+        if training is not None:
+            self.shell.run_task("export", "Writing the labels", job, lambda text: training.ask(folder))

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QApplication, QMainWindow
+from PySide6.QtWidgets import QApplication
 
 from degense.widgets.keys import consumes_key
 
 if TYPE_CHECKING:
-    from degense.app.features.annotate.controller import Annotating
+    from degense.app.features.annotate.controller import Annotator
 
 DIGITS = range(Qt.Key.Key_1, Qt.Key.Key_9 + 1)
 STEP = 2**0.25
@@ -20,11 +20,11 @@ STEP = 2**0.25
 class AnnotationKeys(QObject):
     """Takes these keys before the window's shortcuts do, unless something that types has the focus."""
 
-    def __init__(self, annotating: Annotating, window: QMainWindow) -> None:
+    def __init__(self, annotating: Annotator) -> None:
         super().__init__(annotating)
         self.annotating = annotating
-        self.panel = annotating.parts.panel
-        for watched in (window, self.panel):
+        self.panel = annotating.viewer.panel
+        for watched in (annotating.shell, self.panel):
             watched.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

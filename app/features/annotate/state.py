@@ -13,7 +13,7 @@ import numpy as np
 
 from degense.app.session import session_file
 from degense.app.session.clip_journal import ClipJournal
-from degense.app.session.persistent_state import Part
+from degense.app.session.persistent_state import PersistentState
 from degense.app.session.signal import Signal
 from degense.engine.annotation.annotations import Annotations, Stroke
 from degense.engine.annotation.classes import LabelClass, check_classes, default_colour, merged, named_classes
@@ -39,7 +39,7 @@ def folder_beside(clip: Clip) -> Path:
     return clip.path / NAME if clip.path.is_dir() else clip.path.with_name(f"{clip.path.stem}-{NAME}")
 
 
-class AnnotationsPart(Part):
+class AnnotationsPart(PersistentState):
     """Label maps with undo, journal and tools.
 
     A run keeps them in its folder, with the session; a clip that has no run beside itself, see `save_beside_clip`.

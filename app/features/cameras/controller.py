@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
-from PySide6.QtCore import QObject, QTimer, Signal
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtCore import QObject, QTimer
 
 from degense.app.features.cameras.movie import camera_movie
+from degense.app.features.cameras.panel import CameraList
 from degense.app.features.cameras.state import CameraBook, CameraPath, Stop, load_path, save_path
-from degense.app.features.viewer.controller import Drawing
-from degense.app.session.session import Session
-from degense.app.shell.background import write_in_worker
-from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
+from degense.app.features.viewer.controller import Viewer
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError
 
@@ -24,19 +18,15 @@ TICK_MS = 30
 
 
 class Cameras(QObject):
-    """Keeps the list of cameras with the session's, and moves the 3D view.
+    """Keeps the list of cameras with the session's, and moves the 3D view."""
 
-    Signals
-    -------
-    changed()
-        The stops, or whether one flies along them.
-    """
-
-    changed = Signal()
-
-    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts, self.drawing = session, service, parts, drawing
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__(viewer)
+        self.viewer, self.shell, self.session = viewer, viewer.shell, viewer.session
+        session = self.session
+        self.panel = CameraList()
+        self.dock = self.shell.add_dock("Cameras", self.panel, hidden=True)
+        self.shell.closed.connect(self.land)
         self.book = CameraBook(session.undo)
         session.register("cameras", self.book)
         self._flight: CameraPath | None = None
@@ -46,7 +36,7 @@ class Cameras(QObject):
         self._timer.timeout.connect(self._fly_on)
         self.book.changed.connect(lambda record: self._list())
         session.opened.connect(self._opened)
-        shown = parts.cameras
+        shown = self.panel
         shown.add_requested.connect(self.add)
         shown.remove_requested.connect(self.book.remove)
         shown.move_requested.connect(self._move)
@@ -58,7 +48,7 @@ class Cameras(QObject):
         shown.movie_requested.connect(self.ask_for_movie)
 
     def can_add(self) -> bool:
-        return self.session.scene is not None and self.parts.splats is not None
+        return self.session.scene is not None and self.viewer.splats is not None
 
     def has_path(self) -> bool:
         return self.session.scene is not None and len(self.book.stops) > 1
@@ -68,23 +58,22 @@ class Cameras(QObject):
         self._list()
 
     def _list(self, current: int | None = None) -> None:
-        self.parts.cameras.set_rows([(stop.name, stop.frame, stop.seconds) for stop in self.book.stops], current)
-        self.changed.emit()
+        self.panel.set_rows([(stop.name, stop.frame, stop.seconds) for stop in self.book.stops], current)
+        self.shell.refresh()
 
     # Editing
 
     def _camera(self) -> Camera:
-        assert self.parts.splats is not None
-        return self.parts.splats.camera()
+        assert self.viewer.splats is not None
+        return self.viewer.splats.camera()
 
     def add(self) -> None:
         """Keep where the 3D view stands, and the frame, behind the chosen row."""
         if self.can_add():
-            current = self.parts.cameras.current()
+            current = self.panel.current()
             place = self.book.add(self._camera(), float(self.session.frame), current if current >= 0 else None)
             self._list(place)
-            self.parts.cameras_dock.show()
-            self.parts.cameras_dock.raise_()
+            self.shell.docks.bring(self.dock)
 
     def _move(self, row: int, step: int) -> None:
         self._list(self.book.move(row, step))
@@ -97,7 +86,7 @@ class Cameras(QObject):
         try:
             self.book.change(row, **changes)
         except ValueError as error:
-            self.parts.say(f"{str(error)[0].upper()}{str(error)[1:]}.")
+            self.shell.say(f"{str(error)[0].upper()}{str(error)[1:]}.")
             self._list()
 
     # Going there
@@ -115,32 +104,32 @@ class Cameras(QObject):
         """To the next stop, or back, round and round."""
         count = len(self.book.stops)
         if count:
-            row = (self.parts.cameras.current() + step) % count
+            row = (self.panel.current() + step) % count
             self._list(row)
             self.go(row)
 
     def _look_from(self, camera: Camera) -> None:
-        if self.parts.splats is not None:
-            self.parts.splats.fly_to(camera)
+        if self.viewer.splats is not None:
+            self.viewer.splats.fly_to(camera)
             self.session.camera_mode = "free"
 
     def fly(self) -> None:
         """Take the path in the 3D view, in real time; again: stop."""
         if self._flight is not None:
             self.land()
-        elif self.has_path() and self.parts.splats is not None:
+        elif self.has_path() and self.viewer.splats is not None:
             self.session.pause()
             self._flight = CameraPath(self.book.stops)
             self._started = time.perf_counter()
             self._timer.start()
-            self.parts.cameras.set_flying(True)
+            self.panel.set_flying(True)
 
     def land(self) -> None:
         """End the flight where it is."""
         if self._flight is not None:
             self._flight = None
             self._timer.stop()
-            self.parts.cameras.set_flying(False)
+            self.panel.set_flying(False)
 
     def _fly_on(self) -> None:
         assert self._flight is not None
@@ -155,37 +144,28 @@ class Cameras(QObject):
     # Files
 
     def ask_for_movie(self) -> None:
-        file, _ = QFileDialog.getSaveFileName(self.parts.window, "Movie along the path", f"{self.session.name}-flight.mp4", "Movie (*.mp4)")
-        if file:
-            self.write_movie(Path(file))
+        if (path := self.shell.ask_save("Movie along the path", f"{self.session.name}-flight.mp4", "Movie (*.mp4)")) is not None:
+            self.write_movie(path)
 
     def write_movie(self, out: Path) -> None:
         """Write a movie of what is shown along the path, in the worker; Export ▸ Stop exporting ends it."""
         scene, stops, view_state = self.session.scene, self.book.stops, self.session.view_state
         assert scene is not None
         words = f"Exporting {out.name}"
-        write_in_worker(self.service, self.parts, words, lambda: camera_movie(scene, stops, view_state, out), detailed=True)
+        self.shell.run_task("export", words, lambda: camera_movie(scene, stops, view_state, out), detailed=True)
 
     def ask_to_save(self) -> None:
-        file, _ = QFileDialog.getSaveFileName(
-            self.parts.window, "Save camera path", f"{self.session.name}-cameras.json", "Cameras (*.json)"
-        )
-        if file:
-            self._try(lambda: save_path(Path(file), self.book.stops))
+        path = self.shell.ask_save("Save camera path", f"{self.session.name}-cameras.json", "Cameras (*.json)")
+        if path is not None:
+            self.shell.attempt(lambda: save_path(path, self.book.stops))
 
     def ask_to_open(self) -> None:
-        file, _ = QFileDialog.getOpenFileName(self.parts.window, "Open camera path", "", "Cameras (*.json)")
-        if file:
-            self._try(lambda: self.book.replace_all(self._fitting(load_path(Path(file)))))
+        path = self.shell.ask_open("Open camera path", "", "Cameras (*.json)")
+        if path is not None:
+            self.shell.attempt(lambda: self.book.replace_all(self._fitting(load_path(path))))
 
     def _fitting(self, stops: tuple[Stop, ...]) -> tuple[Stop, ...]:
         last = self.session.frames - 1
         if any(stop.frame > last for stop in stops):
             raise DegenseError(f"These cameras belong to a longer sequence; this one ends at frame {last}.")
         return stops
-
-    def _try(self, act: Callable[[], object]) -> None:
-        try:
-            act()
-        except DegenseError as error:
-            show_error(self.parts.window, str(error))

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from degense.app.session.persistent_state import Part
+from degense.app.session.camera_json import camera_from_json, camera_to_json
+from degense.app.session.persistent_state import PersistentState
 from degense.app.session.undo import UndoStack
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import write_text
 
-MOST_STOPS, LONGEST_SECONDS, LARGEST_SIDE = 1000, 3600.0, 1 << 15
+MOST_STOPS, LONGEST_SECONDS = 1000, 3600.0
 LARGEST_FILE = 4 << 20
 
 
@@ -77,7 +78,7 @@ class CameraPath:
         return camera, float(self._frame(seconds))
 
 
-class CameraBook(Part):
+class CameraBook(PersistentState):
     """The stops of a session, edited through its undo stack."""
 
     def __init__(self, undo: UndoStack) -> None:
@@ -179,23 +180,3 @@ def _stops(data: Any) -> tuple[Stop, ...]:
             raise ValueError("a camera at no time")
         stops.append(Stop(str(item["name"])[:200] or "Camera", camera_from_json(item["camera"]), frame, seconds))
     return tuple(stops)
-
-
-def camera_to_json(camera: Camera) -> dict[str, Any]:
-    numbers = {name: float(getattr(camera, name)) for name in ("fx", "fy", "cx", "cy")}
-    return {"width": camera.width, "height": camera.height, **numbers, "viewmat": camera.viewmat.tolist()}
-
-
-def camera_from_json(data: dict[str, Any]) -> Camera:
-    """The camera that `camera_to_json` wrote. ValueError, KeyError, TypeError or OverflowError for anything else."""
-    viewmat = np.array(data["viewmat"], np.float64)
-    fx, fy, cx, cy = (float(data[name]) for name in ("fx", "fy", "cx", "cy"))
-    width, height = int(data["width"]), int(data["height"])
-    if viewmat.shape != (4, 4) or not np.isfinite(viewmat).all() or not np.isfinite([fx, fy, cx, cy]).all() or min(fx, fy) <= 0:
-        raise ValueError("not a camera")
-    turn = viewmat[:3, :3]
-    if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) or np.linalg.det(turn) < 0:
-        raise ValueError("not the rotation of a camera")
-    if not (0 < width < LARGEST_SIDE and 0 < height < LARGEST_SIDE):
-        raise ValueError("not the size of a picture")
-    return Camera(width, height, fx, fy, cx, cy, viewmat)

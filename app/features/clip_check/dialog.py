@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 )
 
 from degense.app.features.clip_check.state import ASPECTS, CheckPicture, check_picture, field_of_view_words
-from degense.app.shell.worker import RenderService
+from degense.app.shell.worker import Worker
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions
 from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.theme import error_colour
@@ -57,7 +57,7 @@ class CheckDialog(QDialog):
     `answers` are those that differ from what the reader decides by itself, as `ClipOptions` takes them.
     """
 
-    def __init__(self, path: Path, clip: Clip, answers: dict[str, Any], service: RenderService, parent: QWidget) -> None:
+    def __init__(self, path: Path, clip: Clip, answers: dict[str, Any], service: Worker, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName("check")
         self.setWindowTitle(f"Check {clip.name}")

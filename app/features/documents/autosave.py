@@ -8,38 +8,34 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QObject, Qt, QTimer
+from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import QApplication, QMessageBox
 
-from degense.app.demo import is_demo
 from degense.app.session import session_file
-from degense.app.session.session import Session
+from degense.app.session.sample import is_demo
 from degense.app.session.session_file import DamagedSession
 from degense.app.session.store import waiting
-from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.settings import SettingsFile
+from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 
 log = logging.getLogger(__name__)
 
-TICK_MS = 1000
 
-
-class Keeping(QObject):
+class Autosave(QObject):
     """Saves by itself, and asks what is to become of what a crash or a damaged file left behind."""
 
-    def __init__(self, session: Session, settings: SettingsFile, parts: Parts) -> None:
-        super().__init__(parts)
-        self.session, self.settings, self.parts = session, settings, parts
+    def __init__(self, shell: Shell) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.settings = shell, shell.session, shell.settings
+        session = self.session
         self._dirty_since: float | None = None
         self._left_unsaved = False
         session.opened.connect(self._opened)
         session.dirty_changed.connect(self._dirty_changed)
-        session.store.trouble.connect(lambda text: show_error(parts.window, text))
-        self.timer = QTimer(self)
-        self.timer.timeout.connect(self.tick)
-        self.timer.start(TICK_MS)
+        session.store.trouble.connect(shell.show_error)
+        shell.ticked.connect(self.tick)
+        shell.may_close.append(self.may_leave)
+        shell.closed.connect(self._closed)
 
     # Saving
 
@@ -51,7 +47,7 @@ class Keeping(QObject):
             self.session.save()
         except DegenseError as error:
             self._dirty_since = time.monotonic()  # the next try is an interval away
-            show_error(self.parts.window, str(error))
+            self.shell.show_error(str(error))
             return False
         return True
 
@@ -70,7 +66,7 @@ class Keeping(QObject):
         return True
 
     def _ask_to_leave(self, problem: str, go_on: Callable[[], object]) -> None:
-        box = QMessageBox(QMessageBox.Icon.Warning, "DeGense", problem, QMessageBox.StandardButton.NoButton, self.parts.window)
+        box = QMessageBox(QMessageBox.Icon.Warning, "DeGense", problem, QMessageBox.StandardButton.NoButton, self.shell)
         box.setObjectName("unsaved")
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         box.setInformativeText(
@@ -97,10 +93,8 @@ class Keeping(QObject):
         if due and QApplication.mouseButtons() == Qt.MouseButton.NoButton:
             self.save()
 
-    def end(self) -> None:
+    def _closed(self) -> None:
         """The window closes, and all is well."""
-        self.timer.stop()
-        self.session.store.close()
         self.settings.update(open_run="")
 
     def _dirty_changed(self, dirty: bool) -> None:
@@ -120,14 +114,14 @@ class Keeping(QObject):
         if store.unsaved:
             self._offer_recovery()
         elif store.elsewhere:
-            self.parts.say("This run is open in another window or cannot be written: what you do here will not be saved.", 60)
+            self.shell.say("This run is open in another window or cannot be written: what you do here will not be saved.", 60)
 
     def _offer_recovery(self) -> None:
         store = self.session.store
         assert store.folder is not None
         areas = ", ".join(sorted({"view" if entry.part == session_file.LOOK else entry.part for entry in store.unsaved}))
         count = len(store.unsaved)
-        box = QMessageBox(self.parts.window)
+        box = QMessageBox(self.shell)
         box.setObjectName("recovery")
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         box.setWindowTitle("DeGense")
@@ -146,8 +140,8 @@ class Keeping(QObject):
             try:
                 store.discard() if box.clickedButton() is discard else self.session.recover()
             except DegenseError as error:
-                show_error(self.parts.window, str(error))
-            self.parts.say("The recovered work was discarded." if box.clickedButton() is discard else f"Restored {count} changes.")
+                self.shell.show_error(str(error))
+            self.shell.say("The recovered work was discarded." if box.clickedButton() is discard else f"Restored {count} changes.")
 
         box.finished.connect(answered)
         box.open()
@@ -155,7 +149,7 @@ class Keeping(QObject):
     def offer_backups(self, error: DamagedSession, again: Callable[[], None]) -> None:
         """A session file is damaged: open a backup or a fresh view, and `again` opens the run. The damaged file is kept."""
         log.error(str(error))
-        box = QMessageBox(self.parts.window)
+        box = QMessageBox(self.shell)
         box.setObjectName("damaged session")
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         box.setWindowTitle("DeGense")
@@ -177,7 +171,7 @@ class Keeping(QObject):
             try:
                 chosen()
             except DegenseError as problem:
-                show_error(self.parts.window, str(problem))
+                self.shell.show_error(str(problem))
             else:
                 again()
 

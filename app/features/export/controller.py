@@ -6,71 +6,61 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QFileDialog
 
 from degense.app.features.export.formats import FORMATS, ExportOptions
-from degense.app.features.viewer.controller import Drawing
+from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.pictures import get_layer, with_colour_bar, write_png
-from degense.app.session.session import Session
-from degense.app.shell.background import write_in_worker
-from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
-from degense.engine.errors import DegenseError
 
 
-class Exporting(QObject):
+class Exporter(QObject):
     """Asks where to, then exports in the worker while the window goes on."""
 
-    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts, self.drawing = session, service, parts, drawing
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__(viewer)
+        self.viewer, self.shell, self.session = viewer, viewer.shell, viewer.session
 
     def ask_for_picture(self) -> None:
         name = f"{self.session.name}-{self.session.view_state.layer}-{self.session.frame:06d}.png"
-        file, _ = QFileDialog.getSaveFileName(self.parts.window, "Export picture", name, "PNG (*.png)")
-        if file:
-            self.save_picture(Path(file))
+        if (path := self.shell.ask_save("Export frame", name, "PNG (*.png)")) is not None:
+            self.save_picture(path)
 
     def save_picture(self, path: Path) -> None:
         """The picture as it is shown, with its colour bar, as PNG."""
-        self._write(path, self.parts.panel.grab_image())
+        self._write(path, self.viewer.panel.grab_image())
 
     def _write(self, path: Path, picture: np.ndarray) -> None:
-        view = self.drawing.view
+        view = self.viewer.view
         if view is not None and view.span is not None:
             title = get_layer(self.session.view_state.layer).title
             picture = with_colour_bar(picture, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain))
-        try:
+
+        def save() -> None:
             write_png(path, picture)
-        except DegenseError as error:
-            show_error(self.parts.window, str(error))
-        else:
-            self.parts.say(f"Saved {path}")
+            self.shell.say(f"Saved {path}")
+
+        self.shell.attempt(save)
 
     def ask_for_screenshot(self) -> None:
         name = f"{self.session.name}-3d-{self.session.view_state.layer}-{self.session.frame:06d}.png"
-        file, _ = QFileDialog.getSaveFileName(self.parts.window, "Export 3D view", name, "PNG (*.png)")
-        if file:
-            self.save_screenshot(Path(file))
+        if (path := self.shell.ask_save("Export 3D view", name, "PNG (*.png)")) is not None:
+            self.save_screenshot(path)
 
     def save_screenshot(self, path: Path) -> None:
         """The 3D view as it is seen, with its colour bar, as PNG."""
-        assert self.parts.splats is not None
-        self._write(path, self.parts.splats.screenshot_image())
+        assert self.viewer.splats is not None
+        self._write(path, self.viewer.splats.screenshot_image())
 
     def ask(self, name: str) -> None:
         """Ask where to write a format, and write it there."""
         chosen = FORMATS[name]
         proposal = f"{self.session.name}-{name}{chosen.suffix}"
         filter_ = f"*{chosen.suffix}" if chosen.suffix else ""
-        file, _ = QFileDialog.getSaveFileName(self.parts.window, chosen.title, proposal, filter_)
-        if file:
-            self.export(name, Path(file))
+        if (path := self.shell.ask_save(chosen.title, proposal, filter_)) is not None:
+            self.export(name, path)
 
     def export(self, name: str, out: Path) -> None:
         """Write a format to `out` in the worker. Masks are those of the visible prompts, or of all classes when there are none."""
-        scene, view_state, view = self.session.scene, self.session.view_state, self.drawing.view
+        scene, view_state, view = self.session.scene, self.session.view_state, self.viewer.view
         assert scene is not None
         options = ExportOptions(
             prompt_set=view_state.prompt_set,
@@ -79,9 +69,9 @@ class Exporting(QObject):
             span=view.span if view is not None else None,
             source="masks",
         )
-        write_in_worker(self.service, self.parts, f"Exporting {out.name}", lambda: FORMATS[name].export(scene, out, options))
+        self.shell.run_task("export", f"Exporting {out.name}", lambda: FORMATS[name].export(scene, out, options))
 
     def cancel(self) -> None:
-        self.service.cancel("export")
-        self.parts.set_busy()
-        self.parts.say("Export stopped.")
+        self.shell.worker.cancel("export")
+        self.shell.set_busy()
+        self.shell.say("Export stopped.")

@@ -6,21 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from degense.app.features.inspect.curves import Curves, follow, to_csv
 from degense.app.features.inspect.probe_maps import ProbeMaps, probe_maps
-from degense.app.features.viewer.controller import Drawing
+from degense.app.features.inspect.probe_panel import ProbePanel
+from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.pictures import get_layer, write_png
 from degense.app.features.viewer.view import View
-from degense.app.session.session import Session
 from degense.app.session.targets import Found, Region, Spot, Target, material
 from degense.app.session.view_state import ViewState
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.images import to_array
 from degense.widgets.frame.panel_tools import RegionTool
 
@@ -28,47 +28,46 @@ if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
 
-class Probing(QObject):
-    """Hovering looks values up in maps that are drawn once a frame; a click, an outline or a prompt's mask is followed through time.
+class Probe(QObject):
+    """Hovering looks values up in maps that are drawn once a frame; a click, an outline or a prompt's mask is followed through time."""
 
-    Signals
-    -------
-    tool_changed()
-        Another tool for regions is in the hand, or none.
-    """
-
-    tool_changed = Signal()
-
-    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts, self.drawing = session, service, parts, drawing
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__(viewer)
+        self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
+        session = self.session
+        self.panel, self.similarity = ProbePanel(), CurvePlot()
+        self.similarity.set_labels("frame", "cosine")
+        self.similarity.hide()
+        both = QWidget()
+        column = QVBoxLayout(both)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.panel, 3)
+        column.addWidget(self.similarity, 2)
+        self.dock = self.shell.add_dock("Probe", both, height=420)
         self._maps: ProbeMaps | None = None
         self._cursor: tuple[int, int] | None = None
         self._tools = {"rectangle": RegionTool(False, self), "lasso": RegionTool(True, self)}
         self.curves: Curves | None = None
         for tool in self._tools.values():
             tool.drawn.connect(self._outlined)
-        parts.panel.hovered.connect(self._hovered)
-        parts.panel.clicked.connect(self._clicked)
-        parts.probe.unpin_requested.connect(self.unpin)
-        parts.probe.frame_clicked.connect(session.go_to)
-        drawing.shown.connect(self._drawn)
+        viewer.panel.hovered.connect(self._hovered)
+        viewer.panel.clicked.connect(self._clicked)
+        self.panel.unpin_requested.connect(self.unpin)
+        self.panel.frame_clicked.connect(session.go_to)
+        viewer.shown.connect(self._drawn)
+        viewer.splats_added.connect(lambda splats: splats.picked.connect(self._picked))
         session.opened.connect(self._opened)
         session.probe_changed.connect(self._probe_changed)
         session.view_state_changed.connect(self._view_state_changed)
         session.frame_changed.connect(self._frame_changed)
-        parts.similarity.x_clicked.connect(lambda x: session.go_to(round(x)))
-
-    def use_splat_view(self) -> None:
-        """The 3D view is there now: a click on a splat marks its pixel, and the spot there is followed."""
-        assert self.parts.splats is not None
-        self.parts.splats.picked.connect(self._picked)
+        self.similarity.x_clicked.connect(lambda x: session.go_to(round(x)))
 
     def _opened(self) -> None:
         self._maps = self._cursor = None
-        self.service.cancel("probe")
-        self.service.cancel("curves")
-        self.parts.probe.clear()
+        self.worker.cancel("probe")
+        self.worker.cancel("curves")
+        self.dock.setEnabled(self.session.scene is not None)
+        self.panel.clear()
         self._clear_curves()
         self._mark(None)
 
@@ -86,13 +85,13 @@ class Probing(QObject):
     def _draw_maps(self) -> None:
         """Ask for the maps of this frame when they will be looked at, and nothing is moving."""
         scene, frame = self.session.scene, self.session.frame
-        still = not self.session.playing and self.drawing.free_camera() is None
+        still = not self.session.playing and self.viewer.free_camera() is None
         wanted = scene is not None and still and (self._cursor or isinstance(self.session.probe, Spot))
         if not wanted or (self._maps is not None and self._maps.frame == frame):
             return
         assert scene is not None
         self._maps = None
-        self.service.submit("probe", lambda: probe_maps(scene, frame), self._take_maps, self.parts.say, self._take_maps)
+        self.worker.submit("probe", lambda: probe_maps(scene, frame), self._take_maps, self.shell.say, self._take_maps)
 
     def _take_maps(self, maps: ProbeMaps) -> None:
         if maps.frame == self.session.frame:
@@ -106,15 +105,15 @@ class Probing(QObject):
             return
         x, y = int(at[0]), int(at[1])
         if 0 <= y < maps.rgb.shape[0] and 0 <= x < maps.rgb.shape[1]:
-            self.parts.probe.set_values(maps.rows(x, y))
-            self.parts.probe.set_colour(QColor(*maps.colour(x, y)))
+            self.panel.set_values(maps.rows(x, y))
+            self.panel.set_colour(QColor(*maps.colour(x, y)))
 
     # Choosing a place
 
     def _surgeons(self) -> bool:
         """Whether the picture is what the surgeon sees; places are chosen in no other."""
-        if self.drawing.free_camera() is not None:
-            self.parts.say("Go back to the surgeon's view (V) to choose a place.")
+        if self.viewer.free_camera() is not None:
+            self.shell.say("Go back to the surgeon's view (V) to choose a place.")
             return False
         return True
 
@@ -123,24 +122,24 @@ class Probing(QObject):
             self.session.probe = Spot(self.session.frame, x + 0.5, y + 0.5)
 
     def _picked(self, index: int) -> None:
-        view = self.drawing.view
+        view = self.viewer.view
         if index >= 0 and view is not None and view.splats is not None:
             pixel, depth = view.camera.project(view.splats.means[index].astype(float))
             if depth > 0 and 0 <= pixel[0] < view.camera.width and 0 <= pixel[1] < view.camera.height:
                 self.session.probe = Spot(round(view.frame), float(pixel[0]), float(pixel[1]))
             else:
-                self.parts.say("The surgeon's camera does not see this spot.")
+                self.shell.say("The surgeon's camera does not see this spot.")
 
     def take_tool(self, name: str | None) -> None:
         """Put the tool for regions (`rectangle`, `lasso`) into the hand; the one that is there already, or None, empties it."""
         tool = self._tools[name] if name else None
-        self.parts.panel.set_tool(None if tool is self.parts.panel.tool() else tool)
-        if self.parts.panel.tool() is not None:
-            self.parts.say("Draw around what is to be followed; the right button moves the picture.")
-        self.tool_changed.emit()
+        self.viewer.panel.set_tool(None if tool is self.viewer.panel.tool() else tool)
+        if self.viewer.panel.tool() is not None:
+            self.shell.say("Draw around what is to be followed; the right button moves the picture.")
+        self.shell.refresh()
 
     def has_tool(self, name: str) -> bool:
-        return self.parts.panel.tool() is self._tools[name]
+        return self.viewer.panel.tool() is self._tools[name]
 
     def _outlined(self, outline: list[tuple[float, float]]) -> None:
         self.take_tool(None)
@@ -160,14 +159,13 @@ class Probing(QObject):
     # Following it
 
     def _probe_changed(self, place: Target | None) -> None:
-        parts = self.parts
         self._clear_curves()
         self._mark(place)
         if place is None:
-            self.service.cancel("curves")
-            parts.probe.set_pinned("")
+            self.worker.cancel("curves")
+            self.panel.set_pinned("")
             return
-        parts.probe_dock.raise_()
+        self.dock.raise_()
         self._follow(place)
         self._draw_maps()
 
@@ -177,7 +175,7 @@ class Probing(QObject):
 
     def _mark(self, place: Target | None) -> None:
         """Show the place in both views: in the frame where it was chosen the outline, and its Gaussians in 3D at all times."""
-        panel, splats = self.parts.panel, self.parts.splats
+        panel, splats = self.viewer.panel, self.viewer.splats
         panel.set_marker(place.x, place.y) if isinstance(place, Spot) else panel.clear_marker()
         panel.set_outline(place.outline if isinstance(place, Region) and place.frame == self.session.frame else ())
         if place is None and splats is not None:
@@ -198,24 +196,24 @@ class Probing(QObject):
         assert scene is not None
 
         def progress(step: tuple[float, str]) -> None:
-            self.parts.probe.set_pinned(f"{place}: following it, {step[0]:.0%}")
+            self.panel.set_pinned(f"{place}: following it, {step[0]:.0%}")
 
-        self.service.submit("curves", lambda: follow(scene, place, view_state), self._show_curves, self.parts.probe.set_pinned, progress)
+        self.worker.submit("curves", lambda: follow(scene, place, view_state), self._show_curves, self.panel.set_pinned, progress)
         self._light_up(scene, place)
 
     def _light_up(self, scene: Scene, place: Target) -> None:
         """Mark the Gaussians of a place in the 3D view."""
-        splats = self.parts.splats
+        splats = self.viewer.splats
         if splats is None or isinstance(place, Found):
             return
 
         def failed(message: str) -> None:
             splats.highlight(None)
 
-        self.service.submit("material", lambda: material(scene, place)[0], splats.highlight, failed)
+        self.worker.submit("material", lambda: material(scene, place)[0], splats.highlight, failed)
 
     def _show_curves(self, curves: Curves) -> None:
-        probe, layer = self.parts.probe, get_layer(self.session.view_state.layer).name
+        probe, layer = self.panel, get_layer(self.session.view_state.layer).name
         self.curves = curves
         probe.set_pinned(curves.where)
         self._clear_curves(forget=False)
@@ -223,20 +221,20 @@ class Probing(QObject):
         mean, low, high = curves.layers[shown]
         probe.set_curve(shown, curves.frames, mean, probe.palette().text().color(), unit=curves.units[shown], band=(low, high))
         for text, values in curves.similarity.items():
-            self.parts.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
-        self.parts.similarity.setVisible(bool(curves.similarity))
+            self.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
+        self.similarity.setVisible(bool(curves.similarity))
         self._set_cursor(self.session.frame)
 
     def _clear_curves(self, forget: bool = True) -> None:
         if forget:
             self.curves = None
-        self.parts.probe.clear_curves()
-        self.parts.similarity.clear()
-        self.parts.similarity.hide()
+        self.panel.clear_curves()
+        self.similarity.clear()
+        self.similarity.hide()
 
     def _set_cursor(self, frame: int) -> None:
-        self.parts.probe.set_cursor(frame)
-        self.parts.similarity.set_cursor(frame)
+        self.panel.set_cursor(frame)
+        self.similarity.set_cursor(frame)
 
     # Taking them away
 
@@ -253,9 +251,9 @@ class Probing(QObject):
         if path.suffix.lower() == ".csv":
             write_text(path, to_csv(self.curves))
         else:
-            plots = [self.parts.probe.plot_image()]
+            plots = [self.panel.plot_image()]
             if self.curves.similarity:
-                plots.append(to_array(self.parts.similarity.grab().toImage()))
+                plots.append(to_array(self.similarity.grab().toImage()))
             width = max(plot.shape[1] for plot in plots)
             edge = [np.pad(plot, ((0, 0), (0, width - plot.shape[1]), (0, 0)), mode="edge") for plot in plots]
             write_png(path, np.concatenate(edge))

@@ -5,18 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Signal
+from PySide6.QtCore import QObject
 
 from degense.app.features.inspect.findings import findings_sheet, findings_table
-from degense.app.features.viewer.controller import Drawing
+from degense.app.features.inspect.ranking_panel import RankingList
+from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.pictures import get_layer
 from degense.app.features.viewer.view import layer_request
-from degense.app.session.session import Session
 from degense.app.session.targets import Spot
 from degense.app.session.view_state import ViewState
-from degense.app.shell.background import write_in_worker
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 
@@ -24,24 +21,19 @@ if TYPE_CHECKING:
     from degense.engine.layers.ranking import Finding, Ranking
 
 
-class RankingControl(QObject):
-    """Fills the list while it searches; another layer empties it.
+class Findings(QObject):
+    """Fills the list while it searches; another layer empties it."""
 
-    Signals
-    -------
-    changed()
-        Something else is listed.
-    """
-
-    changed = Signal()
-
-    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts, self.drawing = session, service, parts, drawing
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__(viewer)
+        self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
         self.ranking: Ranking | None = None
-        parts.ranking.search_requested.connect(self.search)
-        parts.ranking.kind_changed.connect(lambda kind: self._list())
-        parts.ranking.chosen.connect(self._go)
+        self.list = RankingList()
+        self.dock = self.shell.add_dock("Findings", self.list)
+        self.list.search_requested.connect(self.search)
+        self.list.kind_changed.connect(lambda kind: self._list())
+        self.list.chosen.connect(self._go)
+        session = self.session
         session.opened.connect(self._forget)
         session.view_state_changed.connect(self._view_state_changed)
 
@@ -55,52 +47,51 @@ class RankingControl(QObject):
         scene, view_state = self.session.scene, self.session.view_state
         layer = get_layer(view_state.layer)
         if scene is None or not self.can_search():
-            self.parts.ranking.set_note("Show a layer of motion first, such as displacement, speed or spurious warp.")
+            self.list.set_note("Show a layer of motion first, such as displacement, speed or spurious warp.")
             return
         from degense.engine.layers.ranking import rank
 
         def failed(message: str) -> None:
-            self.parts.ranking.set_note(message)
+            self.list.set_note(message)
 
         request = layer_request(view_state, 0)
-        self.parts.ranking_dock.show()
-        self.parts.ranking_dock.raise_()
-        self.service.submit("rank", lambda: rank(scene, layer, request), self._take, failed, self._take)
+        self.shell.docks.bring(self.dock)
+        self.worker.submit("rank", lambda: rank(scene, layer, request), self._take, failed, self._take)
 
     def _take(self, ranking: Ranking) -> None:
         self.ranking = ranking
         assert self.session.scene is not None
         frames, title = self.session.scene.frames, get_layer(ranking.layer).title
         searching = ranking.done < frames
-        self.parts.ranking.set_note(f"{title}: looking, {ranking.done} of {frames} frames" if searching else title)
+        self.list.set_note(f"{title}: looking, {ranking.done} of {frames} frames" if searching else title)
         self._list()
 
     def findings(self) -> tuple[Finding, ...]:
         """What is listed."""
         if self.ranking is None:
             return ()
-        return self.ranking.frames if self.parts.ranking.kind() == "frames" else self.ranking.places
+        return self.ranking.frames if self.list.kind() == "frames" else self.ranking.places
 
     def _list(self) -> None:
         unit = self.ranking.unit if self.ranking is not None else ""
-        self.parts.ranking.set_findings(unit, [(f.frame, f.x, f.y, f.value) for f in self.findings()])
-        self.changed.emit()
+        self.list.set_findings(unit, [(f.frame, f.x, f.y, f.value) for f in self.findings()])
+        self.shell.refresh()
 
     def _go(self, row: int) -> None:
         finding = self.findings()[row]
         self.session.pause()
         self.session.go_to(finding.frame)
         self.session.probe = Spot(finding.frame, finding.x, finding.y)
-        self.parts.ranking_dock.raise_()  # the probe's panel came to the front
+        self.dock.raise_()  # the probe's panel came to the front
 
     def go_on(self, step: int) -> None:
         """To the next finding, or back."""
-        self.parts.ranking.choose(step)
+        self.list.choose(step)
 
     def _forget(self) -> None:
-        self.service.cancel("rank")
+        self.worker.cancel("rank")
         self.ranking = None
-        self.parts.ranking.set_note("")
+        self.list.set_note("")
         self._list()
 
     def _view_state_changed(self, before: ViewState, after: ViewState) -> None:
@@ -122,9 +113,9 @@ class RankingControl(QObject):
             raise DegenseError("Look for the worst frames first: nothing is listed yet.")
         if path.suffix.lower() == ".csv":
             write_text(path, findings_table(findings, ranking.unit, scene.fps))
-            self.parts.say(f"Saved {path}")
+            self.shell.say(f"Saved {path}")
             return
-        request, view = layer_request(self.session.view_state, 0), self.drawing.view
+        request, view = layer_request(self.session.view_state, 0), self.viewer.view
         span = view.span if view is not None and view.span is not None else (0.0, 1.0)
         words = f"Drawing {path.name}"
-        write_in_worker(self.service, self.parts, words, lambda: findings_sheet(scene, ranking, findings, request, span, path))
+        self.shell.run_task("export", words, lambda: findings_sheet(scene, ranking, findings, request, span, path))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from degense.app.session.persistent_state import Part
+from degense.app.session.persistent_state import PersistentState
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import RunError
 
@@ -26,7 +26,7 @@ def key_of(text: str, view_state: ViewState) -> Key:
     return text.casefold(), view_state.decoder, round(view_state.threshold, 4), view_state.negative_texts
 
 
-class AreaBook(Part):
+class AreaBook(PersistentState):
     """Curves of area by prompt and way to decide; NaN where a frame has not been looked at."""
 
     counts = False  # they can be computed anew

@@ -6,39 +6,27 @@ from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
-from PySide6.QtCore import QObject, Signal
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtCore import QObject
 
 from degense.app.features.prompts.area_curves import areas
-from degense.app.features.prompts.controller import Answering
 from degense.app.features.prompts.segment import write_clip_masks
-from degense.app.session.session import Session
-from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
+from degense.app.features.prompts.statistics_controller import PromptStatistics
+from degense.app.shell.shell import Shell
 
 CHANNEL = "query"
 
 
-class ClipQuerying(QObject):
-    """Runs in the worker while the window goes on; what was found stays when it is stopped.
+class ClipQuery(QObject):
+    """Runs in the worker while the window goes on; what was found stays when it is stopped."""
 
-    Signals
-    -------
-    changed()
-        Begun or ended.
-    """
-
-    changed = Signal()
-
-    def __init__(self, session: Session, service: RenderService, parts: Parts, answering: Answering) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts, self.answering = session, service, parts, answering
-        session.opened.connect(self._opened)
+    def __init__(self, shell: Shell, statistics: PromptStatistics) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.worker, self.statistics = shell, shell.session, shell.worker, statistics
+        self.session.opened.connect(self._opened)
 
     @property
     def running(self) -> bool:
-        return self.service.busy(CHANNEL)
+        return self.worker.busy(CHANNEL)
 
     def can_ask(self) -> bool:
         """Whether there is something to ask, and something to ask it of."""
@@ -49,30 +37,29 @@ class ClipQuerying(QObject):
         """Find the area of each visible prompt in every frame that was not looked at yet, from this one outwards."""
         scene, view_state = self.session.scene, self.session.view_state
         assert scene is not None
-        frames = self.answering.areas.missing(view_state, scene.frames, self.session.frame)
+        frames = self.statistics.areas.missing(view_state, scene.frames, self.session.frame)
         known = scene.frames - len(frames)
 
         def found(step: tuple[int, dict[str, float]]) -> None:
             nonlocal known
             known += 1
-            self.answering.take(scene, view_state, *step)
-            self.parts.set_busy("Asking the whole clip", known / scene.frames)
+            self.statistics.take(scene, view_state, *step)
+            self.shell.set_busy("Asking the whole clip", known / scene.frames)
 
         def done(result: object) -> None:
             curves = {
-                prompt.text: self.answering.areas.curve(prompt.text, view_state, scene.frames) for prompt in view_state.visible_prompts
+                prompt.text: self.statistics.areas.curve(prompt.text, view_state, scene.frames) for prompt in view_state.visible_prompts
             }
             self._end("The whole clip: " + "; ".join(_in_words(text, values) for text, values in curves.items()))
 
-        self.service.cancel("areas")  # it would look at the same frames
+        self.worker.cancel("areas")  # it would look at the same frames
         self._begin()
-        self.service.submit(CHANNEL, lambda: areas(scene, view_state, frames), done, self._failed, found)
-        self.changed.emit()
+        self.worker.submit(CHANNEL, lambda: areas(scene, view_state, frames), done, self._failed, found)
+        self.shell.refresh()
 
     def ask_for_folder(self) -> None:
-        folder = QFileDialog.getExistingDirectory(self.parts.window, "Folder for the masks of the whole clip")
-        if folder:
-            self.save(Path(folder))
+        if (folder := self.shell.ask_folder("Folder for the masks of the whole clip")) is not None:
+            self.save(folder)
 
     def save(self, folder: Path) -> None:
         """Write label maps, masks and areas of the visible prompts into a folder, or go on with it (`degense segment --frames all`)."""
@@ -80,17 +67,17 @@ class ClipQuerying(QObject):
         assert scene is not None
 
         def progress(step: tuple[float, str]) -> None:
-            self.parts.set_busy(f"Writing masks into {folder.name}", step[0])
+            self.shell.set_busy(f"Writing masks into {folder.name}", step[0])
 
         def steps() -> Generator[tuple[float, str], None, dict[str, np.ndarray]]:
             return write_clip_masks(scene, prompts, range(scene.frames), folder)
 
         self._begin()
-        self.service.submit(CHANNEL, steps, lambda areas: self._end(f"{folder}: masks of {scene.frames} frames"), self._failed, progress)
-        self.changed.emit()
+        self.worker.submit(CHANNEL, steps, lambda areas: self._end(f"{folder}: masks of {scene.frames} frames"), self._failed, progress)
+        self.shell.refresh()
 
     def stop(self) -> None:
-        self.service.cancel(CHANNEL)
+        self.worker.cancel(CHANNEL)
         self._end("Stopped; what was found so far is kept.")
 
     def _opened(self) -> None:
@@ -98,17 +85,17 @@ class ClipQuerying(QObject):
             self.stop()
 
     def _begin(self) -> None:
-        self.parts.set_busy("Asking the whole clip", 0.0)
+        self.shell.set_busy("Asking the whole clip", 0.0)
 
     def _end(self, text: str) -> None:
-        self.parts.set_busy()
-        self.parts.say(text)
-        self.changed.emit()
+        self.shell.set_busy()
+        self.shell.say(text)
+        self.shell.refresh()
 
     def _failed(self, message: str) -> None:
-        self.parts.set_busy()
-        self.changed.emit()
-        show_error(self.parts.window, message)
+        self.shell.set_busy()
+        self.shell.refresh()
+        self.shell.show_error(message)
 
 
 def _in_words(text: str, areas: np.ndarray) -> str:

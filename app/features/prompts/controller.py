@@ -1,104 +1,112 @@
-"""What is known of each prompt: area, confidence and similarities now, and its area over time under the timeline."""
+"""The prompt bar: it shows the session's prompts and changes them."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
 
-from degense.app.features.prompts.area_curves import AreaBook, areas
-from degense.app.features.prompts.statistics import Answer, answers
-from degense.app.features.viewer.controller import Drawing
-from degense.app.features.viewer.view import View
-from degense.app.session.session import Session
-from degense.app.session.view_state import ViewState
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
+from degense.app.features.prompts.panel import PromptBar
+from degense.app.session.view_state import Colour, ViewState, decoder_refined
+from degense.app.shell.shell import Shell
+from degense.engine.errors import DegenseError
 
-if TYPE_CHECKING:
-    from degense.engine.scene import Scene
-
-#: The areas of other frames are computed when nothing was drawn for so long, milliseconds: whoever scrubs does not wait for them.
-QUIET_MS = 700
+DECODER_WORDS = {
+    "rnse": ("Regions", "Similarity averaged over superpixels, edges taken from the picture, holes filled; other classes keep theirs."),
+    "rnse+argmax": ("Regions, best class", "As regions, but half the threshold is enough where the prompt beats all other classes."),
+    "argmax": ("Best class", "Pixels where the prompt beats all other classes."),
+    "threshold": ("Plain threshold", "Pixels whose similarity exceeds the threshold."),
+}
 
 
-class Answering(QObject):
-    """Follows the view: after each one the answers of its frame, and when all is quiet the areas of the other frames."""
+class PromptControls(QObject):
+    """Two-way bindings. The session is the truth: after each change the bar is set from it, and its setters emit nothing."""
 
-    def __init__(self, session: Session, service: RenderService, parts: Parts, drawing: Drawing) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts = session, service, parts
-        self.areas = AreaBook()
-        session.register("areas", self.areas)
-        self._quiet = QTimer(self)
-        self._quiet.setSingleShot(True)
-        self._quiet.setInterval(QUIET_MS)
-        self._quiet.timeout.connect(self._look_further)
-        drawing.shown.connect(self._drawn)
-        session.view_state_changed.connect(self._view_state_changed)
-        session.frame_changed.connect(lambda frame: self._wait())
-        session.opened.connect(self._opened)
+    def __init__(self, shell: Shell) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.bar = shell, shell.session, PromptBar()
+        self.dock = shell.add_dock("Prompts", self.bar, "right", height=160)
+        self._texts: dict[int, str] = {}
+        self._bind_prompts()
+        self.session.opened.connect(self._opened)
+        self.session.view_state_changed.connect(lambda before, after: self._show(after))
+        self._opened()
+
+    def focus(self) -> None:
+        """Write a prompt."""
+        self.shell.docks.bring(self.dock)
+        self.bar.focus_input()
 
     def _opened(self) -> None:
-        self.service.cancel("answers")
-        self._wait()
-        self._show_strips()
-        self._show_answers(())
+        scene = self.session.scene
+        self.dock.setEnabled(scene is not None)
+        self.bar.clear()
+        self._texts.clear()
+        if scene is not None:
+            from degense.engine.semantics.prompts import DECODERS
 
-    def _view_state_changed(self, before: ViewState, after: ViewState) -> None:
-        self._wait()
-        self._show_strips()
+            self.bar.set_decoders([(name, *DECODER_WORDS[name]) for name in DECODERS])
+            self.bar.set_completions(list(scene.classes))
+            self._show(self.session.view_state)
 
-    def _wait(self) -> None:
-        self.service.cancel("areas")
-        self._quiet.start()
+    def _show(self, state: ViewState) -> None:
+        if self.session.scene is not None:
+            self.bar.set_threshold(state.threshold)
+            self.bar.set_decoder(state.decoder)
+            self.bar.set_refined(decoder_refined(state.decoder, True) == state.decoder)
+            self._show_prompts(state)
 
-    def _drawn(self, view: View) -> None:
-        scene, view_state = self.session.scene, self.session.view_state
-        if scene is None or not scene.has_semantics or self.session.playing or not view_state.visible_prompts:
-            self._show_answers(())
-            return
-        frame = round(view.frame)
-        self.service.submit("answers", lambda: answers(scene, frame, view_state), self._show_answers, self.parts.say, self._show_answers)
+    def _bind_prompts(self) -> None:
+        session, bar = self.session, self.bar
+        bar.prompt_added.connect(self._prompt_added)
+        bar.prompt_removed.connect(self._prompt_removed)
+        bar.prompt_toggled.connect(self._prompt_toggled)
+        bar.prompt_recoloured.connect(self._recoloured)
+        bar.prompt_negated.connect(self._negated)
+        bar.refined_toggled.connect(session.view.set_refined)
+        bar.threshold_changed.connect(session.view.set_threshold)
+        bar.decoder_changed.connect(session.view.set_decoder)
 
-    def _show_answers(self, known: tuple[Answer, ...]) -> None:
-        bar, view_state = self.parts.prompts, self.session.view_state
-        by_text = {answer.text.casefold(): answer for answer in known}
-        for chip in bar.prompts():
-            answer = by_text.get(chip.text.casefold())
-            bar.set_answer(chip.id, *((answer.area, answer.confidence) if answer is not None else (None, None)))
-        shown = [(answer, prompt) for prompt in view_state.visible_prompts if (answer := by_text.get(prompt.text.casefold())) is not None]
-        bar.set_histograms([(answer.histogram, QColor(*prompt.colour)) for answer, prompt in shown])
+    def _answered(self, number: int) -> bool:
+        """Whether a chip stands for a prompt of the session, not for one that could not be answered."""
+        text = self._texts.get(number, "").casefold()
+        return any(prompt.text.casefold() == text for prompt in self.session.view_state.prompts)
 
-    # Over time
+    def _prompt_added(self, number: int, text: str) -> None:
+        bar = self.bar
+        chip = next(prompt for prompt in bar.prompts() if prompt.id == number)
+        self._texts[number] = text
+        try:
+            self.session.view.add_prompt(text, rgb(chip.colour), chip.negative)
+        except DegenseError as error:
+            bar.set_error(number, str(error))
 
-    def _look_further(self) -> None:
-        scene, view_state = self.session.scene, self.session.view_state
-        if scene is None or not scene.has_semantics or self.session.playing or not view_state.visible_prompts:
-            return
-        if self.service.busy("query"):  # the whole clip is being asked already
-            self._quiet.start()
-            return
-        wanted = self.areas.missing(view_state, scene.frames, self.session.frame)
-        if not wanted:
-            return
+    def _prompt_removed(self, number: int) -> None:
+        if self._answered(number):
+            text = self._texts.pop(number)
+            self.session.view.remove_prompt(text)
+        self._texts.pop(number, None)
 
-        def found(step: tuple[int, dict[str, float]]) -> None:
-            self.take(scene, view_state, *step)
+    def _prompt_toggled(self, number: int, visible: bool) -> None:
+        if self._answered(number):
+            self.session.view.set_visible(self._texts[number], visible)
 
-        self.service.submit("areas", lambda: areas(scene, view_state, wanted), lambda result: self._show_strips(), self.parts.say, found)
+    def _negated(self, number: int, negative: bool) -> None:
+        if self._answered(number):
+            self.session.view.set_negative(self._texts[number], negative)
 
-    def take(self, scene: Scene, view_state: ViewState, frame: int, found: dict[str, float]) -> None:
-        """Keep the areas of a frame, and show them."""
-        for text, area in found.items():
-            self.areas.curve(text, view_state, scene.frames)[frame] = area
-        self._show_strips()
+    def _recoloured(self, number: int, colour: QColor) -> None:
+        if self._answered(number):
+            self.session.view.set_colour(self._texts[number], rgb(colour))
 
-    def _show_strips(self) -> None:
-        """The areas of the visible prompts under the timeline."""
-        scene, view_state, timeline = self.session.scene, self.session.view_state, self.parts.timeline
-        timeline.clear_strips()
-        if scene is not None and scene.has_semantics and timeline.count() == scene.frames:
-            for prompt in view_state.visible_prompts:
-                timeline.set_strip(prompt.text, self.areas.curve(prompt.text, view_state, scene.frames), QColor(*prompt.colour))
+    def _show_prompts(self, view_state: ViewState) -> None:
+        """Make the chips those of the look. Chips that could not be answered stay until the next change of the list."""
+        bar = self.bar
+        shown = [(prompt.text, rgb(prompt.colour), prompt.visible, prompt.negative) for prompt in bar.prompts() if not prompt.error]
+        wanted = [(prompt.text, prompt.colour, prompt.visible, prompt.negative) for prompt in view_state.prompts]
+        if [(text.casefold(), *rest) for text, *rest in shown] != [(text.casefold(), *rest) for text, *rest in wanted]:
+            bar.clear()
+            self._texts = {bar.add_prompt(text, QColor(*colour), *rest): text for text, colour, *rest in wanted}
+
+
+def rgb(colour: QColor) -> Colour:
+    return colour.red(), colour.green(), colour.blue()

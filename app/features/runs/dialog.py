@@ -23,14 +23,12 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from degense.app.features.documents.opening import Opening
+from degense.app.features.documents.controller import Documents
 from degense.app.features.runs.catalogue import SCORES, RunSummary, list_runs, training_answers
 from degense.app.features.train.controller import Training
 from degense.app.features.train.monitor import duration
-from degense.app.session.session import Session
 from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.settings import SettingsFile
+from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 
 
@@ -68,7 +66,7 @@ COLUMNS = (
 class RunsDialog(QDialog):
     """The list, and what can be done with a run. The best of each score is bold."""
 
-    def __init__(self, folder: Path, runs: RunList, parent: QWidget) -> None:
+    def __init__(self, folder: Path, runs: Runs, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName("runs")
         self.setWindowTitle("Runs")
@@ -170,7 +168,7 @@ class RunsDialog(QDialog):
 
     def _open(self) -> None:
         if self._chosen().state == "finished":
-            self._runs.opening.open_path(self._chosen().path)
+            self._runs.documents.open_path(self._chosen().path)
 
     def _resume(self) -> None:
         self._runs.training.resume(self._chosen().path)
@@ -187,12 +185,14 @@ class RunsDialog(QDialog):
             self.refresh()
 
 
-class RunList(QObject):
+class Runs(QObject):
     """Shows the list, and scores runs in a process of its own."""
 
-    def __init__(self, session: Session, settings: SettingsFile, parts: Parts, opening: Opening, training: Training) -> None:
-        super().__init__(parts)
-        self.session, self.settings, self.parts, self.opening, self.training = session, settings, parts, opening, training
+    def __init__(self, shell: Shell, documents: Documents, training: Training) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.settings = shell, shell.session, shell.settings
+        self.documents, self.training = documents, training
+        shell.closed.connect(self.stop)
         self._process: QProcess | None = None
 
     def show(self) -> None:
@@ -200,7 +200,7 @@ class RunList(QObject):
         session = self.session
         path = session.scene.run.path if session.scene else session.clip.path if session.clip else None
         folder = path.resolve().parent if path is not None else Path(self.settings.value.last_folder or Path.home())
-        RunsDialog(folder, self, self.parts.window).show()
+        RunsDialog(folder, self, self.shell).show()
 
     @property
     def scoring(self) -> bool:
@@ -221,7 +221,7 @@ class RunList(QObject):
         try:
             self.settings.update(training=training_answers(run))
         except DegenseError as error:
-            show_error(self.parts.window, str(error))
+            self.shell.show_error(str(error))
             return False
         self.training.ask()
         return True
@@ -232,7 +232,7 @@ class RunList(QObject):
         process.finished.connect(lambda code, status: self._scored(run, code))
         self._process = process
         process.start(sys.executable, ["-m", "degense.app", "eval", str(run.path), "--json", str(run.path / SCORES)])
-        self.parts.set_busy(f"Scoring {run.name}")
+        self.shell.set_busy(f"Scoring {run.name}")
         self._refresh()
 
     def stop(self) -> None:
@@ -248,14 +248,14 @@ class RunList(QObject):
         said = bytes(self._process.readAllStandardError().data()).decode("utf-8", "replace").strip().splitlines()
         self._process.deleteLater()
         self._process = None
-        self.parts.set_busy()
+        self.shell.set_busy()
         if code:
             reason = said[-1].removeprefix("degense: ") if said else f"status {code}"
-            show_error(self.parts.window, f"{run.name} could not be scored: {reason}")
+            self.shell.show_error(f"{run.name} could not be scored: {reason}")
         self._refresh()
 
     def _refresh(self) -> None:
-        for dialog in self.parts.window.findChildren(RunsDialog):
+        for dialog in self.shell.findChildren(RunsDialog):
             dialog.refresh()
 
 

@@ -8,18 +8,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PySide6.QtCore import QObject, Qt, Signal
-from PySide6.QtWidgets import QFileDialog, QMessageBox
+from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QMessageBox
 
-from degense.app.features.documents.opening import Opening
+from degense.app.features.documents.controller import Documents
 from degense.app.features.train.dialog import TrainDialog
 from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob
+from degense.app.features.train.monitor import TrainingMonitor
 from degense.app.features.train.process import TrainingProcess
 from degense.app.features.train.queue import TrainingQueue
-from degense.app.session.session import Session
-from degense.app.shell.messages import show_error
-from degense.app.shell.parts import Parts
-from degense.app.shell.worker import RenderService
+from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 from degense.engine.events import Budget, Done, EarlyStopped, Event, Failed, Preview, Rollback, Stage, Step, Stopped, TrainingProgress
 
@@ -37,31 +35,28 @@ STAGES = {
 
 
 class Training(QObject):
-    """One training at a time, beside everything else; others wait in the queue.
+    """One training at a time, beside everything else; others wait in the queue."""
 
-    Signals
-    -------
-    changed()
-        What runs, is paused or waits has changed.
-    """
-
-    changed = Signal()
-
-    def __init__(self, session: Session, service: RenderService, parts: Parts, opening: Opening) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts, self.opening = session, service, parts, opening
+    def __init__(self, shell: Shell) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.worker, self.documents = shell, shell.session, shell.worker, shell.service(Documents)
+        self.monitor = TrainingMonitor()
+        self.dock = shell.add_dock("Training", self.monitor, "bottom")
         self.queue = TrainingQueue()
         self.process: TrainingProcess | None = None
         self._pausing = False
         self._observed: tuple[int, np.ndarray] | None = None
         self._then: Callable[[], object] | None = None
-        monitor = parts.monitor
+        monitor = self.monitor
         monitor.cancel_requested.connect(self.cancel)
         monitor.pause_requested.connect(self.pause)
-        monitor.resume_requested.connect(self.go_on)
+        monitor.resume_requested.connect(self.resume_paused)
         monitor.queue.removed.connect(self.queue.remove)
         monitor.queue.raised.connect(self.queue.raise_)
-        parts.facts.train_requested.connect(self.ask)
+        if self.documents is not None:
+            self.documents.facts.train_requested.connect(self.ask)
+        shell.may_close.append(self.may_close)
+        shell.started.connect(self.offer_kept)
         self.queue.changed.connect(self._show_queue)
 
     @property
@@ -70,16 +65,16 @@ class Training(QObject):
 
     def ask(self, labels: Path | None = None) -> None:
         """Show the dialog, and start or queue what it says; a folder of label maps becomes the teacher."""
-        clip, answers = self.session.clip, self.opening.clip_answers
+        clip, answers = self.session.clip, self.documents.clip_options if self.documents is not None else {}
         if clip is None:
             return
         if labels is not None:
             from degense.engine.data.readers import with_labels
 
             clip, answers = with_labels(clip, labels), {**answers, "labels": str(labels)}
-        settings = self.opening.settings
+        settings = self.shell.settings
         busy = self.running or self.queue.paused is not None
-        dialog = TrainDialog(clip, answers, settings.value.training, busy, self.parts.window)
+        dialog = TrainDialog(clip, answers, settings.value.training, busy, self.shell)
         dialog.setObjectName("train")
 
         def start() -> None:
@@ -93,11 +88,8 @@ class Training(QObject):
 
     def ask_to_resume(self) -> None:
         """Ask for a run folder whose training was stopped, and go on with it."""
-        folder = QFileDialog.getExistingDirectory(
-            self.parts.window, "Resume the training of a run", self.opening.settings.value.last_folder
-        )
-        if folder:
-            self.resume(Path(folder))
+        if (folder := self.shell.ask_folder("Resume the training of a run", self.shell.settings.value.last_folder)) is not None:
+            self.resume(folder)
 
     def resume(self, run: Path) -> None:
         from degense.engine.store import Run
@@ -105,7 +97,7 @@ class Training(QObject):
         try:
             info = Run.open(run).info
         except DegenseError as error:
-            show_error(self.parts.window, str(error))
+            self.shell.show_error(str(error))
             return
         given = info["clip"].get("options") or {}
         options = {name: given[name] for name in CLIP_OPTIONS if name in given}
@@ -116,10 +108,10 @@ class Training(QObject):
         try:
             self.queue.add(job)
         except DegenseError as error:
-            show_error(self.parts.window, str(error))
+            self.shell.show_error(str(error))
             return
         if self.running or self.queue.paused is not None:
-            self.parts.say(f"{job.out.name} waits for its turn.")
+            self.shell.say(f"{job.out.name} waits for its turn.")
         self._next()
 
     def pause(self) -> None:
@@ -128,7 +120,7 @@ class Training(QObject):
             self._pausing = True
             self.process.stop()
 
-    def go_on(self) -> None:
+    def resume_paused(self) -> None:
         """Go on with what was paused."""
         self.queue.resume()
         self._next()
@@ -140,18 +132,18 @@ class Training(QObject):
             self.process.stop()
         elif self.queue.paused is not None:
             self.queue.forget_paused()
-            self.parts.monitor.cancelled("Stopped; the checkpoint can be resumed.")
+            self.monitor.cancelled("Stopped; the checkpoint can be resumed.")
             self._show_paused("Waits. Resume starts it; Cancel gives it up.")
 
     def offer_kept(self) -> None:
         """Show what an earlier start of the program did not finish. Nothing of it starts by itself."""
         jobs = []
-        for data in self.opening.settings.value.trainings:
+        for data in self.shell.settings.value.trainings:
             try:
                 jobs.append(TrainingJob.from_json(data))
             except DegenseError as error:
                 log.warning("%s", error)
-                self.parts.say(str(error))
+                self.shell.say(str(error))
         self.queue.restore(jobs)
         self._show_paused("Left from last time. Resume goes on with it; Cancel gives it up.")
 
@@ -160,13 +152,11 @@ class Training(QObject):
         job = self.queue.paused
         if job is not None:
             self._show_monitor(job)
-            self.parts.monitor.pause(words)
+            self.monitor.pause(words)
 
     def _show_monitor(self, job: TrainingJob) -> None:
-        self.parts.monitor_dock.show()
-        self.parts.monitor_dock.raise_()
-        self.parts.window.resizeDocks([self.parts.monitor_dock], [300], Qt.Orientation.Vertical)
-        self.parts.monitor.start(f"{job.clip.name} → {job.out.name}")
+        self.shell.docks.bring(self.dock, height=300)
+        self.monitor.start(f"{job.clip.name} → {job.out.name}")
 
     def _next(self) -> None:
         """Train in a process of its own, if it is anybody's turn."""
@@ -181,18 +171,18 @@ class Training(QObject):
         self.process, self._pausing, self._observed = process, False, None
         self._show_monitor(job)
         process.start()
-        self.changed.emit()
+        self.shell.refresh()
 
     def _show_queue(self) -> None:
-        self.parts.monitor.queue.set_runs([f"{job.out.name} ({job.preset})" for job in self.queue.waiting])
-        self.opening.settings.update(trainings=tuple(job.to_json() for job in self.queue.jobs))
-        self.changed.emit()
+        self.monitor.queue.set_runs([f"{job.out.name} ({job.preset})" for job in self.queue.waiting])
+        self.shell.settings.update(trainings=tuple(job.to_json() for job in self.queue.jobs))
+        self.shell.refresh()
 
     def may_close(self, close: Callable[[], object]) -> bool:
         """Whether the window may close now. If a training runs, the user is asked, and `close` is called once it has stopped."""
         if not self.running:
             return True
-        box = QMessageBox(self.parts.window)
+        box = QMessageBox(self.shell)
         box.setObjectName("training runs")
         box.setWindowTitle("DeGense")
         waiting = len(self.queue.waiting)
@@ -212,7 +202,7 @@ class Training(QObject):
         return False
 
     def _take(self, event: Event) -> None:
-        monitor = self.parts.monitor
+        monitor = self.monitor
         match event:
             case Stage(stage):
                 monitor.set_stage(STAGES.get(stage, stage))
@@ -238,38 +228,38 @@ class Training(QObject):
             return
         job = self.process.job
         known = self._observed is not None and self._observed[0] == frame
-        self.parts.monitor.set_preview(picture[..., ::-1].copy(), self._observed[1] if known and self._observed else None)
-        if not known and not self.service.busy("observed"):
+        self.monitor.set_preview(picture[..., ::-1].copy(), self._observed[1] if known and self._observed else None)
+        if not known and not self.worker.busy("observed"):
 
             def found(rgb: np.ndarray) -> None:
                 if self.process is not None and self.process.job is job:
                     self._observed = (frame, rgb)
-                    self.parts.monitor.set_preview(picture[..., ::-1].copy(), rgb)
+                    self.monitor.set_preview(picture[..., ::-1].copy(), rgb)
 
-            self.service.submit("observed", lambda: _recorded(job, frame), found, log.warning)
+            self.worker.submit("observed", lambda: _recorded(job, frame), found, log.warning)
 
     def _finished(self, run: str) -> None:
         assert self.process is not None
         job = self.process.job
-        self.parts.monitor.finish(f"Finished: {Path(run).name}")
+        self.monitor.finish(f"Finished: {Path(run).name}")
         nothing_waits = not self.queue.waiting
         still_there = self.session.scene is None and (self.session.clip is None or self.session.clip.path == job.clip)
-        if self._end() and still_there and nothing_waits:
-            self.opening.open_path(Path(run))
+        if self._end() and still_there and nothing_waits and self.documents is not None:
+            self.documents.open_path(Path(run))
         else:
-            self.parts.say(f"{run} is finished; open it from the File menu or Train ▸ Runs.", 30)
+            self.shell.say(f"{run} is finished; open it from the File menu or Train ▸ Runs.", 30)
 
     def _stopped(self) -> None:
         if self._pausing:
-            self.parts.monitor.pause("Paused. The machine is free; Resume goes on exactly where it was.")
+            self.monitor.pause("Paused. The machine is free; Resume goes on exactly where it was.")
         else:
-            self.parts.monitor.cancelled("Stopped; the checkpoint can be resumed.")
+            self.monitor.cancelled("Stopped; the checkpoint can be resumed.")
         self._end(paused=self._pausing)
 
     def _failed(self, message: str) -> None:
-        self.parts.monitor.fail(message)
+        self.monitor.fail(message)
         if self._end():
-            show_error(self.parts.window, message)
+            self.shell.show_error(message)
 
     def _end(self, paused: bool = False) -> bool:
         """Forget the process and turn to the next. False when the window closes now."""

@@ -26,8 +26,8 @@ from PySide6.QtWidgets import (
 
 from degense.app.features.train import settings_help as words
 from degense.app.features.train.job import TrainingJob
+from degense.app.features.train.settings_table import SettingsTable
 from degense.app.features.train.teacher_folder import TeacherFolder
-from degense.app.shell.settings_table import SettingsTable
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers import default_teacher, teacher_choices
 from degense.widgets.theme import error_colour

@@ -1,18 +1,15 @@
-"""What is shown and how."""
+"""What is shown and how, as actions."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
+from degense.app.features.viewer.controller import Viewer
 from degense.app.session.view_state import Compare
-from degense.app.shell.actions import Action, ActionRegistry
-from degense.app.shell.settings import Theme
+from degense.app.shell.actions import Action
+from degense.app.shell.messages import show_page
 
-if TYPE_CHECKING:
-    from degense.app.shell.main_window import MainWindow
-
-#: Name, title and key of the layers, in the order of the layer list.
+#: Name, title and key of the layers, in the order of the layer list. (Asking the layers themselves would load torch at the start.)
 LAYER_KEYS = (
     ("rgb", "Colour", "1"),
     ("depth", "Depth", "2"),
@@ -34,104 +31,91 @@ COMPARES: tuple[tuple[Compare, str], ...] = (
 )
 
 
-THEME_TITLES: tuple[tuple[Theme, str], ...] = (("dark", "Dark"), ("light", "Light"), ("system", "As the desktop"))
+def add_actions(viewer: Viewer) -> None:
+    session, view, state = viewer.session, viewer.session.view, lambda: viewer.session.view_state
 
-
-def fill(registry: ActionRegistry, window: MainWindow) -> None:
-    session, settings, parts = window.session, window.settings, window.parts
+    def has_scene() -> bool:
+        return session.scene is not None
 
     def can_show(layer: str) -> bool:
         if session.scene is None:
             return False
         from degense.engine.layers import LAYERS
 
-        return not LAYERS[layer].missing(session.scene, tuple(prompt.text for prompt in session.view_state.visible_prompts))
-
-    def has_scene() -> bool:
-        return session.scene is not None
-
-    def cycle_compare() -> None:
-        names = [name for name, _ in COMPARES]
-        session.set_compare(names[(names.index(session.view_state.compare) + 1) % len(names)])
+        return not LAYERS[layer].missing(session.scene, tuple(prompt.text for prompt in state().visible_prompts))
 
     def can_compare() -> bool:
         return session.scene is not None and session.scene.clip is not None
 
     def is_shown(layer: str) -> bool:
-        return session.scene is not None and session.view_state.layer == layer
+        return has_scene() and state().layer == layer
 
     def is_compared(name: str) -> bool:
-        return session.view_state.compare == name
+        return state().compare == name
 
-    def is_theme(name: str) -> bool:
-        return settings.value.theme == name
+    def layer_action(name: str, title: str, key: str) -> Action:
+        keys, can, shown = (key,) if key else (), partial(can_show, name), partial(is_shown, name)
+        return Action(f"layer.{name}", title, partial(view.set_layer, name), ("View", "Layer"), keys, can, shown)
 
-    def toggle_camera() -> None:
-        session.camera_mode = "free" if session.camera_mode == "surgeon" else "surgeon"
+    def compare_action(name: Compare, title: str) -> Action:
+        run, compared = partial(view.set_compare, name), partial(is_compared, name)
+        return Action(f"compare.{name}", title, run, ("View", "Compare"), (), can_compare, compared, help="recorded frame")
+
+    viewer.shell.add_actions(
+        *(layer_action(*entry) for entry in LAYER_KEYS),
+        *(compare_action(*entry) for entry in COMPARES),
+        Action("compare.next", "Next way to compare", partial(_next_compare, viewer), ("View", "Compare"), ("C",), can_compare, group=1),
+    )
+    _add_view_actions(viewer)
+
+
+def _add_view_actions(viewer: Viewer) -> None:
+    session, view, menu = viewer.session, viewer.session.view, ("View",)
+
+    def has_scene() -> bool:
+        return session.scene is not None
 
     def more_opacity(step: float) -> None:
-        session.set_overlay_opacity(session.view_state.overlay_opacity + step)
+        view.set_overlay_opacity(session.view_state.overlay_opacity + step)
 
-    registry.add(
-        *(
-            Action(
-                f"layer.{name}",
-                title,
-                partial(session.set_layer, name),
-                ("View", "Layer"),
-                (key,) if key else (),
-                partial(can_show, name),
-                partial(is_shown, name),
-            )
-            for name, title, key in LAYER_KEYS
-        ),
-        *(
-            Action(
-                f"compare.{name}",
-                title,
-                partial(session.set_compare, name),
-                ("View", "Compare"),
-                (),
-                can_compare,
-                partial(is_compared, name),
-                help="recorded frame",
-            )
-            for name, title in COMPARES
-        ),
-        Action("compare.next", "Next way to compare", cycle_compare, ("View", "Compare"), ("C",), can_compare, group=1),
+    viewer.shell.add_actions(
         Action(
             "camera.free",
             "Look around freely",
-            toggle_camera,
-            ("View",),
+            viewer.toggle_free_camera,
+            menu,
             ("V",),
-            lambda: has_scene() and parts.splats is not None,
+            lambda: has_scene() and viewer.splats is not None,
             lambda: session.camera_mode == "free",
             group=1,
             help="3D camera surgeon's view",
         ),
-        Action("view.fit", "Fit the picture", parts.panel.fit, ("View",), ("F",), lambda: session.frames > 0, group=1, help="zoom"),
+        Action("view.fit", "Fit the picture", viewer.panel.fit, menu, ("F",), lambda: session.frames > 0, group=1, help="zoom"),
         Action(
             "masks.shown",
             "Show masks",
-            lambda: session.set_masks_shown(not session.view_state.masks_shown),
-            ("View",),
+            lambda: view.set_masks_shown(not session.view_state.masks_shown),
+            menu,
             ("M",),
             has_scene,
             lambda: session.view_state.masks_shown,
             group=2,
         ),
-        Action("masks.more", "More opaque masks", lambda: more_opacity(0.1), ("View",), ("Shift+Up",), has_scene, group=2),
-        Action("masks.less", "Less opaque masks", lambda: more_opacity(-0.1), ("View",), ("Shift+Down",), has_scene, group=2),
-        *(
-            Action(
-                f"theme.{name}",
-                title,
-                partial(window.preferring.set_theme, name),
-                ("View", "Theme"),
-                checked=partial(is_theme, name),
-                help="colours dark light operating room",
-            )
-            for name, title in THEME_TITLES
-        ),
+        Action("masks.more", "More opaque masks", partial(more_opacity, 0.1), menu, ("Shift+Up",), has_scene, group=2),
+        Action("masks.less", "Less opaque masks", partial(more_opacity, -0.1), menu, ("Shift+Down",), has_scene, group=2),
+        Action("help.layers", "What the layers show", partial(_show_layer_help, viewer), ("Help",), ("F1",), help="formula units meaning"),
     )
+
+
+def _next_compare(viewer: Viewer) -> None:
+    names = [name for name, _ in COMPARES]
+    viewer.session.view.set_compare(names[(names.index(viewer.session.view_state.compare) + 1) % len(names)])
+
+
+def _show_layer_help(viewer: Viewer) -> None:
+    from degense.app.features.viewer.layer_help import layer_help
+    from degense.engine.layers import LAYERS
+
+    scene = viewer.session.scene
+    units = {name: layer.unit(scene) for name, layer in LAYERS.items()} if scene is not None else {}
+    show_page(viewer.shell, "What the layers show", layer_help(units))

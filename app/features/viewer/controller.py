@@ -8,15 +8,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QObject, Signal
-from PySide6.QtGui import QColor
+from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
+from PySide6.QtGui import QColor, QKeyEvent
 
+from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.viewer.pictures import get_layer
 from degense.app.features.viewer.view import EXCLUDED, SplatArrays, View, ViewRequest, draw_clip, draw_still, draw_view, layer_request
-from degense.app.session.session import Session
+from degense.app.features.viewer.view_bar import ViewBar
 from degense.app.session.view_state import ViewState
-from degense.app.shell.parts import WELCOME, Parts
-from degense.app.shell.worker import RenderService
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN
 from degense.engine.progress import Steps
@@ -24,19 +23,33 @@ from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.splats.camera_moves import letterboxed
 
 if TYPE_CHECKING:
+    from degense.app.shell.shell import Shell
     from degense.engine.scene import Scene
+    from degense.widgets.splats.splat_view import SplatView
+
+WELCOME = "Drop a clip or a run here, or open one from the File menu.\nFile ▸ Demo shows a finished scene."
 
 
-class Drawing(QObject):
+class Viewer(QObject):
     """Asks the render service for what the session shows, and hands the answer to the widgets.
 
     Signals
     -------
-    shown(View)
-        After both views show it.
+    drawn(View), shown(View)
+        The 2D view shows it, perhaps without its masks yet; both views show all of it.
+    splats_added(SplatView)
+        The 3D view is there.
 
     Attributes
     ----------
+    panel : RenderPanel
+        The 2D view.
+    splats : SplatView or None
+        The 3D view. It comes after the window is on the screen, because loading VTK, which draws it on a GPU, takes a second.
+    bars : list of ViewBar
+        The colour bar in each view.
+    view : View or None
+        What is shown.
     from_free_camera : bool
         Whether the picture is drawn from where the 3D view has been turned to, and not from the surgeon's camera.
     recorded : bool
@@ -44,10 +57,21 @@ class Drawing(QObject):
     """
 
     shown = Signal(object)
+    drawn = Signal(object)
+    splats_added = Signal(object)
 
-    def __init__(self, session: Session, service: RenderService, parts: Parts) -> None:
-        super().__init__(parts)
-        self.session, self.service, self.parts = session, service, parts
+    def __init__(self, shell: Shell) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.worker = shell, shell.session, shell.worker
+        session = self.session
+        self._time = shell.service(TimeControl)
+        self.panel = RenderPanel()
+        self.panel.set_message(WELCOME)
+        self.splats: SplatView | None = None
+        self.bars = [ViewBar(self.panel)]
+        _LayerDigits(self.panel)
+        shell.docks.views.addWidget(self.panel)
+        shell.installEventFilter(self)
         self.view: View | None = None
         self._splats: SplatArrays | None = None  # that the 3D view has
         self.milliseconds: deque[float] = deque(maxlen=200)
@@ -62,14 +86,47 @@ class Drawing(QObject):
         session.playing_changed.connect(self._playing_changed)
         session.camera_mode_changed.connect(lambda mode: self._aim(force=True))
 
-    def use_splat_view(self) -> None:
-        """The 3D view is there now."""
-        assert self.parts.splats is not None
-        self.parts.splats.locked_changed.connect(self._locked_changed)
-        self.parts.splats.camera_moved.connect(self._camera_moved)
-        self.parts.splats.still_wanted.connect(self._draw_still)
-        self.parts.splats.setVisible(self.session.scene is not None)
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Show and self.splats is None:
+            QTimer.singleShot(0, self._start_splat_view)
+        return False
+
+    def _start_splat_view(self, channel: str = "") -> None:
+        """Add the 3D view at once, or after the first frame when something is being opened: loading VTK would hold that up."""
+        if self.splats is not None or not self.shell.isVisible():
+            return
+        if self.worker.busy("open") or self.worker.busy("view"):
+            self.worker.freed.connect(self._start_splat_view, Qt.ConnectionType.SingleShotConnection)
+        elif channel:
+            QTimer.singleShot(20, self._start_splat_view)  # after the frame has been painted
+        else:
+            self.add_splat_view()
+
+    def add_splat_view(self) -> None:
+        """Put the 3D view at the left of the 2D view."""
+        from degense.widgets.splats.opengl import has_gpu
+        from degense.widgets.splats.splat_view import SplatView
+
+        views = self.shell.docks.views
+        self.splats = splats = SplatView(draw=None if has_gpu() else draw_still)
+        views.insertWidget(0, splats)
+        self.bars.append(ViewBar(splats))
+        views.setStretchFactor(0, 1)
+        views.setStretchFactor(1, 1)
+        views.setSizes([1000, 1000])
+        splats.locked_changed.connect(self._locked_changed)
+        splats.camera_moved.connect(self._camera_moved)
+        splats.still_wanted.connect(self._draw_still)
+        splats.setVisible(self.session.scene is not None)
+        self.shell.closed.connect(splats.close)
+        self.splats_added.emit(splats)
         self.request()
+        self.shell.refresh()
+
+    def set_message(self, text: str) -> None:
+        """Say something in the 2D view while nothing is open."""
+        if self.session.frames == 0:
+            self.panel.set_message(text)
 
     def request(self) -> None:
         """Draw what the session shows now."""
@@ -77,14 +134,14 @@ class Drawing(QObject):
         self._asked = time.perf_counter()
         if session.scene is not None:
             scene, view_state = session.scene, session.view_state
-            splats = self.parts.splats is not None and not self.parts.splats.isHidden()
+            splats = self.splats is not None and not self.splats.isHidden()
             wanted = ViewRequest(
                 session.frame, view_state, self._span(scene, view_state), splats, session.playing, self.free_camera(), self.recorded
             )
-            self.service.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
+            self.worker.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
             clip, frame = session.clip, session.frame
-            self.service.submit("view", lambda: draw_clip(clip, frame), self._show, self._failed)
+            self.worker.submit("view", lambda: draw_clip(clip, frame), self._show, self._failed)
 
     def _playing_changed(self, playing: bool) -> None:
         if not playing:
@@ -93,15 +150,15 @@ class Drawing(QObject):
     def _opened(self) -> None:
         self._spans.clear()
         self.view = self._camera = self._splats = None
-        self.service.cancel("range")
-        self.parts.panel.set_overlay(None)
-        self.parts.panel.set_observed(None)
-        self.parts.panel.clear_marker()
-        if self.parts.splats is not None:
-            self.parts.splats.setVisible(self.session.scene is not None)
+        self.worker.cancel("range")
+        self.panel.set_overlay(None)
+        self.panel.set_observed(None)
+        self.panel.clear_marker()
+        if self.splats is not None:
+            self.splats.setVisible(self.session.scene is not None)
         if self.session.frames == 0:
-            self.parts.panel.set_image(None)
-            self.parts.panel.set_message(WELCOME)
+            self.panel.set_image(None)
+            self.panel.set_message(WELCOME)
         self.request()
 
     # Ranges
@@ -118,17 +175,17 @@ class Drawing(QObject):
 
             def found(span: tuple[float, float]) -> None:
                 self._spans[key] = span
-                self.parts.set_busy()
+                self.shell.set_busy()
                 self.request()
 
             def failed(message: str) -> None:
-                self.parts.set_busy()
+                self.shell.set_busy()
                 self._failed(message)
 
             def progress(step: tuple[float, str]) -> None:
-                self.parts.set_busy("Range of the whole sequence", step[0])
+                self.shell.set_busy("Range of the whole sequence", step[0])
 
-            self.service.submit("range", lambda: _sequence_range(scene, view_state), found, failed, progress)
+            self.worker.submit("range", lambda: _sequence_range(scene, view_state), found, failed, progress)
         return self._spans.get(key)
 
     # Answers
@@ -138,26 +195,26 @@ class Drawing(QObject):
         if self.view is not None and same_frame and not view.complete and np.array_equal(view.rgb, self.view.rgb):
             return  # nothing new before the masks
         self.view = view
-        parts = self.parts
-        self.fill(parts.panel, view, keep_overlay=same_frame)
-        if view.span is not None:
-            parts.colour_bar.set_range(*view.span)
-            parts.colour_bar.set_unit(view.unit)
-            parts.colour_bar.set_cmap(view.cmap)
-        parts.colour_bar.setVisible(view.span is not None)
+        self.fill(self.panel, view, keep_overlay=same_frame)
+        self.drawn.emit(view)
         self._show_bars(view)
         if view.complete:
-            parts.panel.repaint()  # the answer first: all that follows from it can wait
+            self.panel.repaint()  # the answer first: all that follows from it can wait
         # A changed look waits for its masks: the 3D view would be drawn twice, and the worker would do it before them.
         arrays = view.splats if view.complete or not same_frame else None
-        if arrays is not None and arrays is not self._splats and parts.splats is not None:
+        if arrays is not None and arrays is not self._splats and self.splats is not None:
             self._splats = arrays
-            parts.splats.set_splats(arrays.means, arrays.quats, arrays.scales, arrays.opacities, arrays.colours)
+            self.splats.set_splats(arrays.means, arrays.quats, arrays.scales, arrays.opacities, arrays.colours)
             self._aim()
         if view.complete:
-            parts.timeline.frame_drawn()
+            self._frame_drawn()
             self.milliseconds.append(1000 * (time.perf_counter() - self._asked))
             self.shown.emit(view)
+
+    def _frame_drawn(self) -> None:
+        """The timeline may go on: while time runs it waits for each frame."""
+        if self._time is not None:
+            self._time.timeline.frame_drawn()
 
     def fill(self, panel: RenderPanel, view: View, keep_overlay: bool = False) -> None:
         """Show a view in a panel: picture, masks, what was observed, and what the colours mean.
@@ -182,7 +239,7 @@ class Drawing(QObject):
     def _show_bars(self, view: View) -> None:
         """The colour bar in both views."""
         title = get_layer(self.session.view_state.layer).title
-        for bar in self.parts.bars:
+        for bar in self.bars:
             if view.span is None:
                 bar.hide()
             else:
@@ -190,18 +247,18 @@ class Drawing(QObject):
 
     def _failed(self, message: str) -> None:
         self.view = None
-        for bar in self.parts.bars:
+        for bar in self.bars:
             bar.hide()
-        self.parts.panel.set_image(None)
-        self.parts.panel.set_overlay(None)
-        self.parts.panel.set_message(message)
-        self.parts.timeline.frame_drawn()
+        self.panel.set_image(None)
+        self.panel.set_overlay(None)
+        self.panel.set_message(message)
+        self._frame_drawn()
 
     # The 3D camera
 
     def _aim(self, force: bool = False) -> None:
         """Put the 3D view where the session wants it: at the surgeon's camera of this frame, or where the user has turned it."""
-        splats, scene = self.parts.splats, self.session.scene
+        splats, scene = self.splats, self.session.scene
         if splats is None or scene is None:
             return
         camera = scene.camera(self.session.frame)
@@ -212,9 +269,12 @@ class Drawing(QObject):
         elif splats.is_locked():
             splats.set_free_camera(splats.camera())
 
+    def toggle_free_camera(self) -> None:
+        self.session.camera_mode = "free" if self.session.camera_mode == "surgeon" else "surgeon"
+
     def free_camera(self) -> Camera | None:
         """Where the 3D view has been turned to, as a camera of the clip's size, when the pictures are to be drawn from there too."""
-        splats, scene = self.parts.splats, self.session.scene
+        splats, scene = self.splats, self.session.scene
         if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.is_locked():
             return None
         return letterboxed(splats.camera(), *scene.clip_size)
@@ -225,10 +285,10 @@ class Drawing(QObject):
 
     def _draw_still(self) -> None:
         """Draw the 3D view in the worker, where there is no GPU."""
-        splats = self.parts.splats
+        splats = self.splats
         request = splats.still_request() if splats is not None else None
         if splats is not None and request is not None:
-            self.service.submit("still", lambda: draw_still(request), splats.set_still, self.parts.say)
+            self.worker.submit("still", lambda: draw_still(request), splats.set_still, self.shell.say)
 
     def _locked_changed(self, locked: bool) -> None:
         self.session.camera_mode = "surgeon" if locked else "free"
@@ -244,3 +304,17 @@ def _sequence_range(scene: Scene, view_state: ViewState) -> Steps[tuple[float, f
         yield done / len(frames), "range"
         layer.image(scene, replace(request, frame=float(frame)))
     return layer_range(scene, layer, request, "sequence", view_state.range(view_state.layer).clip)
+
+
+class _LayerDigits(QObject):
+    """Leaves the key 1 to the layers, also while the 2D view has the focus (there it would zoom to 100 %)."""
+
+    def __init__(self, panel: RenderPanel) -> None:
+        super().__init__(panel)
+        panel.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent) and event.key() == Qt.Key.Key_1:
+            event.ignore()
+            return True
+        return False

@@ -181,12 +181,12 @@ def test_doctor_answers(monkeypatch, capsys):
 
 
 def test_the_demo_draws_its_pictures(run, tiny_clip, tmp_path, monkeypatch, capsys):
-    import degense.app.demo
+    import degense.app.session.sample
 
     (tmp_path / "assets" / "demo").mkdir(parents=True)
     os.symlink(run, tmp_path / "assets" / "demo" / "run")
     os.symlink(tiny_clip, tmp_path / "assets" / "demo" / "clip")
-    monkeypatch.setattr(degense.app.demo, "ASSETS", tmp_path / "assets")
+    monkeypatch.setattr(degense.app.session.sample, "ASSETS", tmp_path / "assets")
     assert main(["demo", "--headless", str(tmp_path / "out")]) == 0
     names = ["displacement.png", "mask_gallbladder.png", "rgb.png", "warp.png"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
@@ -198,9 +198,9 @@ def test_the_demo_draws_its_pictures(run, tiny_clip, tmp_path, monkeypatch, caps
 
 
 def test_a_missing_demo_is_one_sentence(monkeypatch, tmp_path, capsys):
-    import degense.app.demo
+    import degense.app.session.sample
 
-    monkeypatch.setattr(degense.app.demo, "ASSETS", tmp_path)
+    monkeypatch.setattr(degense.app.session.sample, "ASSETS", tmp_path)
     assert main(["demo", "--headless", str(tmp_path / "out")]) == 2
     assert "sample is missing" in capsys.readouterr().err
 

@@ -227,7 +227,7 @@ def test_small_parts_are_told_once_a_tick_and_places_never(tmp_path):
     session, _ = opened(tmp_path)
     session.go_to(4)
     for step in range(20):
-        session.set_threshold(step / 20)
+        session.view.set_threshold(step / 20)
     session.store.tell_pending()
     assert len((tmp_path / JOURNAL).read_text().splitlines()) == 2
     session.close()

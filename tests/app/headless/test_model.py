@@ -167,26 +167,26 @@ def test_a_spoilt_look_is_refused_in_a_sentence(spoil):
 
 def test_prompts_take_free_colours_and_undo(session):
     for text in ("liver", "fat", "gallbladder"):
-        session.add_prompt(text)
+        session.view.add_prompt(text)
     assert [prompt.colour for prompt in session.view_state.prompts] == list(PROMPT_COLOURS[:3])
-    session.remove_prompt("FAT")
+    session.view.remove_prompt("FAT")
     assert session.undo.undo_name == "Remove fat"
     session.undo.undo()
     assert [prompt.text for prompt in session.view_state.prompts] == ["liver", "fat", "gallbladder"]
     session.undo.undo()
     session.undo.undo()
     assert session.undo.redo_name == "Prompt fat"
-    session.set_visible("liver", False)
+    session.view.set_visible("liver", False)
     assert session.view_state.visible_prompts == ()
     assert session.undo.redo_name is None
 
 
 @pytest.mark.parametrize(("text", "words"), [("  ", "Type what"), ("Liver", "already"), ("xyzzy", "vocabulary")])
 def test_prompts_that_cannot_be_answered_change_nothing(session, text, words):
-    session.add_prompt("liver")
+    session.view.add_prompt("liver")
     before = session.view_state
     with pytest.raises(PromptError, match=words):
-        session.add_prompt(text)
+        session.view.add_prompt(text)
     assert session.view_state is before
 
 
@@ -209,8 +209,8 @@ def test_frames_are_clamped_and_said_once(session):
 def test_the_look_is_saved_with_the_run_and_found_again(session, tmp_path):
     dirty: list[bool] = []
     session.dirty_changed.connect(dirty.append)
-    session.add_prompt("liver")
-    session.set_layer("depth")
+    session.view.add_prompt("liver")
+    session.view.set_layer("depth")
     session.save()
     assert dirty == [True, False]
     session.close()
@@ -259,7 +259,7 @@ def test_the_place_comes_back_and_is_told_to_the_views(session, tmp_path):
 
 
 def test_a_clip_replaces_a_scene(session):
-    session.set_layer("depth")
+    session.view.set_layer("depth")
     session.go_to(4)
     session.open_clip(MemoryClip())
     assert (session.scene, session.frames, session.size, session.frame, session.view_state) == (None, 10, (48, 40), 0, ViewState())
@@ -267,7 +267,7 @@ def test_a_clip_replaces_a_scene(session):
 
 
 def test_save_into_a_folder_that_is_gone(session, tmp_path):
-    session.set_layer("depth")
+    session.view.set_layer("depth")
     session.store.folder = tmp_path / "file" / "x"
     (tmp_path / "file").write_text("")
     with pytest.raises(DegenseError, match="cannot be written"):

@@ -11,12 +11,48 @@ from pathlib import Path
 from PySide6.QtCore import QCoreApplication, QObject, QSocketNotifier, Qt, QTimer
 from PySide6.QtWidgets import QApplication
 
+from degense.app.features.annotate.install import install as annotate
+from degense.app.features.cameras.install import install as cameras
+from degense.app.features.clip_check.install import install as clip_check
+from degense.app.features.compare.install import install as compare
+from degense.app.features.documents.autosave import Autosave
+from degense.app.features.documents.controller import Documents
+from degense.app.features.documents.install import install as documents
+from degense.app.features.export.install import install as export
+from degense.app.features.help.install import install as help_
+from degense.app.features.history.install import install as history
+from degense.app.features.inspect.install import install as inspect
+from degense.app.features.preferences.install import install as preferences
+from degense.app.features.prompts.install import install as prompts
+from degense.app.features.runs.install import install as runs
+from degense.app.features.timeline.install import install as timeline
+from degense.app.features.train.install import install as train
+from degense.app.features.viewer.install import install as viewer
 from degense.app.shell.logs import start_logging
-from degense.app.shell.main_window import MainWindow
 from degense.app.shell.messages import show_error
 from degense.app.shell.settings import SettingsFile, log_file
+from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 from degense.widgets.theme import apply_theme
+
+#: What the window can do. A feature finds what earlier ones provide; without any one of them the others still work.
+FEATURES = (
+    timeline,
+    viewer,
+    prompts,
+    inspect,
+    cameras,
+    documents,
+    history,
+    clip_check,
+    compare,
+    train,
+    runs,
+    annotate,
+    export,
+    preferences,
+    help_,
+)
 
 
 def run_window(path: Path | None = None) -> int:
@@ -29,22 +65,22 @@ def run_window(path: Path | None = None) -> int:
     app.setApplicationDisplayName("DeGense")
     settings = SettingsFile()
     apply_theme(app, settings.value.theme)
-    window = MainWindow(settings)
+    window = Shell(settings, FEATURES)
     start_logging(log_file(), window.complaint.emit)
     if settings.complaint:
         QTimer.singleShot(0, lambda: show_error(window, settings.complaint or ""))
     InterruptWatch(window)
     window.show()
-    path = path or window.keeping.left_behind()
-    if path is not None:
-        window.opening.open_path(path)
+    opener, autosave = window.service(Documents), window.service(Autosave)
+    if opener is not None and autosave is not None and (path := path or autosave.left_behind()) is not None:
+        opener.open_path(path)
     return app.exec()
 
 
 class InterruptWatch(QObject):
     """Closes the window on Ctrl-C in the terminal. Qt's loop runs no Python by itself; the wake-up descriptor makes it."""
 
-    def __init__(self, window: MainWindow) -> None:
+    def __init__(self, window: Shell) -> None:
         super().__init__(window)
         self._ours, theirs = socket.socketpair()
         for end in (self._ours, theirs):

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
-from degense.app.shell.actions import Action, ActionRegistry
+from degense.app.features.cameras.controller import Cameras
+from degense.app.features.viewer.controller import Viewer
+from degense.app.shell.actions import Action
+from degense.app.shell.shell import Shell
 
-if TYPE_CHECKING:
-    from degense.app.shell.main_window import MainWindow
 
-
-def fill(registry: ActionRegistry, window: MainWindow) -> None:
-    cameras, menu = window.cameras, ("View", "Cameras")
+def install(shell: Shell) -> None:
+    viewer = shell.service(Viewer)
+    if viewer is None:
+        return
+    cameras, menu = Cameras(viewer), ("View", "Cameras")
+    shell.provide(cameras)
 
     def any_kept() -> bool:
         return cameras.can_add() and bool(cameras.book.stops)
 
-    registry.add(
+    shell.add_actions(
         Action("cameras.add", "Keep this camera", cameras.add, menu, ("Ctrl+B",), cameras.can_add, help="bookmark key frame path"),
         Action("cameras.next", "Next camera", partial(cameras.go_on, 1), menu, ("Alt+Down",), any_kept, help="bookmark"),
         Action("cameras.previous", "Previous camera", partial(cameras.go_on, -1), menu, ("Alt+Up",), any_kept, help="bookmark"),

@@ -7,56 +7,54 @@ from typing import Any, Literal
 
 from PySide6.QtCore import QByteArray
 
-from degense.app.features.cameras.state import camera_from_json, camera_to_json
-from degense.app.features.viewer.controller import Drawing
-from degense.app.session.persistent_state import Part
-from degense.app.session.session import Session
-from degense.app.shell.parts import Parts
+from degense.app.features.viewer.controller import Viewer
+from degense.app.session.camera_json import camera_from_json, camera_to_json
+from degense.app.session.persistent_state import PersistentState
 from degense.engine.camera import Camera
 from degense.engine.errors import RunError
 
 LONGEST = 1 << 16
 
 
-class WindowLayout(Part):
+class WindowLayout(PersistentState):
     """Saved with each run; a run without one leaves the window as it is."""
 
     counts = False
 
-    def __init__(self, session: Session, parts: Parts, drawing: Drawing) -> None:
+    def __init__(self, viewer: Viewer) -> None:
         super().__init__()
-        self.session, self.parts = session, parts
+        self.viewer, self.session, self.docks = viewer, viewer.session, viewer.shell.docks
         self._camera: Camera | None = None
         self._picture: tuple[float, float, float] | Literal["whole"] | None = None
-        drawing.shown.connect(self._look)
+        viewer.shown.connect(self._look)
 
     def clear(self) -> None:
         self._camera = self._picture = None
 
     def to_json(self) -> Any:
-        splats = self.parts.splats
+        splats = self.viewer.splats
         free = splats is not None and self.session.camera_mode == "free" and not splats.is_locked()
         return {
-            "docks": bytes(self.parts.window.saveState().toBase64().data()).decode("ascii"),
-            "views": self.parts.views.sizes(),
+            "docks": self.docks.state(),
+            "views": self.docks.views.sizes(),
             "camera": camera_to_json(splats.camera()) if free and splats is not None else None,
-            "picture": "whole" if self.parts.panel.is_whole() else self.parts.panel.view(),
+            "picture": "whole" if self.viewer.panel.is_whole() else self.viewer.panel.view(),
         }
 
     def from_json(self, data: Any, source: str) -> None:
         try:
-            docks, views = str(data["docks"]).encode("ascii")[:LONGEST], [min(1 << 15, max(0, int(size))) for size in data["views"]]
+            docks, views = str(data["docks"])[:LONGEST], [min(1 << 15, max(0, int(size))) for size in data["views"]]
             self._camera = None if data["camera"] is None else camera_from_json(data["camera"])
             self._picture = "whole" if data.get("picture", "whole") == "whole" else _view(*data["picture"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise RunError(f"{source} does not hold the layout of a window ({error}).") from error
-        self.parts.window.restoreState(QByteArray.fromBase64(docks))
-        if self.parts.views.count() == len(views):
-            self.parts.views.setSizes(views)
+        self.docks.window.restoreState(QByteArray.fromBase64(docks.encode("ascii", "ignore")))
+        if self.docks.views.count() == len(views):
+            self.docks.views.setSizes(views)
 
     def _look(self) -> None:
         """Zoom and pan as soon as there is a picture, and set the free camera as soon as there are splats to see."""
-        splats, panel = self.parts.splats, self.parts.panel
+        splats, panel = self.viewer.splats, self.viewer.panel
         if self._picture == "whole":
             panel.fit()
         elif self._picture is not None:

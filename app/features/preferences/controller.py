@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import (
     QApplication,
     QComboBox,
@@ -19,11 +19,9 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from degense.app.session.session import Session
-from degense.app.shell.actions import ActionRegistry
-from degense.app.shell.parts import Parts
-from degense.app.shell.settings import LIMITS, SettingsFile, Theme, log_file
-from degense.app.shell.shortcut_table import ShortcutTable
+from degense.app.features.preferences.shortcut_table import ShortcutTable
+from degense.app.shell.settings import LIMITS, Theme, log_file
+from degense.app.shell.shell import Shell
 from degense.widgets.theme import apply_theme
 
 log = logging.getLogger(__name__)
@@ -31,23 +29,12 @@ log = logging.getLogger(__name__)
 THEME_WORDS: tuple[tuple[Theme, str], ...] = (("dark", "Dark, for operating rooms"), ("light", "Light"), ("system", "As the desktop"))
 
 
-class Preferring(QObject):
-    """Applies settings when the window starts and whenever they change.
+class Preferences(QObject):
+    """Applies settings when the window starts and whenever they change."""
 
-    Signals
-    -------
-    changed()
-        Anything.
-    shortcuts_changed()
-        The registry has other shortcuts.
-    """
-
-    changed = Signal()
-    shortcuts_changed = Signal()
-
-    def __init__(self, registry: ActionRegistry, session: Session, settings: SettingsFile, parts: Parts) -> None:
-        super().__init__(parts)
-        self.registry, self.session, self.settings, self.parts = registry, session, settings, parts
+    def __init__(self, shell: Shell) -> None:
+        super().__init__(shell)
+        self.shell, self.registry, self.session, self.settings = shell, shell.registry, shell.session, shell.settings
         self._use_memory()
         QApplication.styleHints().colorSchemeChanged.connect(self._desktop_changed)
 
@@ -55,6 +42,10 @@ class Preferring(QObject):
         """Give the actions the user's keys. Keys that clash, with those of a newer version, are left out and logged."""
         for sentence in self.registry.rebind(self.settings.value.shortcuts):
             log.warning(sentence)
+        self.shell.menus.rebind()
+
+    def is_theme(self, theme: Theme) -> bool:
+        return self.settings.value.theme == theme
 
     def set_theme(self, theme: Theme) -> None:
         self._change("Theme", theme=theme)
@@ -67,7 +58,7 @@ class Preferring(QObject):
 
     def show(self) -> None:
         """The dialog. Everything in it takes effect at once, so that it has nothing to confirm."""
-        PreferencesDialog(self, self.parts.window).open()
+        PreferencesDialog(self, self.shell).open()
 
     def keep_shortcuts(self) -> None:
         """Remember the registry's shortcuts and use them."""
@@ -88,8 +79,7 @@ class Preferring(QObject):
             self._use_memory()
         if "shortcuts" in values:
             self.take_shortcuts()
-            self.shortcuts_changed.emit()
-        self.changed.emit()
+        self.shell.refresh()
 
     def _use_memory(self) -> None:
         self.session.undo.set_memory(round(self.settings.value.undo_memory * (1 << 20)))
@@ -107,13 +97,13 @@ class Preferring(QObject):
 class PreferencesDialog(QDialog):
     """What can be settled, and the keys."""
 
-    def __init__(self, preferring: Preferring, parent: QWidget) -> None:
+    def __init__(self, preferences: Preferences, parent: QWidget) -> None:
         super().__init__(parent)
         self.setObjectName("preferences")
         self.setWindowTitle("Preferences")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(680, 560)
-        settings = preferring.settings.value
+        settings = preferences.settings.value
         self.theme = QComboBox()
         self.theme.setAccessibleName("Theme")
         for name, words in THEME_WORDS:
@@ -121,7 +111,7 @@ class PreferencesDialog(QDialog):
         self.theme.setCurrentIndex([name for name, _ in THEME_WORDS].index(settings.theme))
         self.autosave = _number("Autosave", "autosave", settings.autosave, " min", "only when asked", 0.5)
         self.undo = _number("Undo memory", "undo_memory", settings.undo_memory, " MB", "", 64)
-        self.shortcuts = ShortcutTable(preferring.registry)
+        self.shortcuts = ShortcutTable(preferences.registry)
         page = QWidget()
         form = QFormLayout(page)
         form.setVerticalSpacing(14)
@@ -135,7 +125,7 @@ class PreferencesDialog(QDialog):
             both.addWidget(control)
             both.addWidget(_secondary(words))
             form.addRow(title, both)
-        form.addRow("Settings", _path(str(preferring.settings.path)))
+        form.addRow("Settings", _path(str(preferences.settings.path)))
         form.addRow("Log", _path(str(log_file())))
         tabs = QTabWidget()
         tabs.setDocumentMode(True)
@@ -148,10 +138,10 @@ class PreferencesDialog(QDialog):
         column = QVBoxLayout(self)
         column.addWidget(tabs, 1)
         column.addWidget(buttons)
-        self.theme.currentIndexChanged.connect(lambda: preferring.set_theme(self.theme.currentData()))
-        self.autosave.valueChanged.connect(preferring.set_autosave)
-        self.undo.valueChanged.connect(preferring.set_undo_memory)
-        self.shortcuts.changed.connect(preferring.keep_shortcuts)
+        self.theme.currentIndexChanged.connect(lambda: preferences.set_theme(self.theme.currentData()))
+        self.autosave.valueChanged.connect(preferences.set_autosave)
+        self.undo.valueChanged.connect(preferences.set_undo_memory)
+        self.shortcuts.changed.connect(preferences.keep_shortcuts)
 
 
 def _number(name: str, key: str, value: float, suffix: str, none: str, step: float) -> QDoubleSpinBox:

@@ -1,4 +1,4 @@
-"""The embedded sample: a synthetic clip and its finished run, small enough to travel with the program."""
+"""The renders of the embedded sample, for machines without a display."""
 
 from __future__ import annotations
 
@@ -7,36 +7,12 @@ from typing import TYPE_CHECKING
 
 from degense.app.features.viewer.pictures import get_layer, layer_picture, overlaid, with_colour_bar, write_png
 from degense.app.session.view_state import PROMPT_COLOURS
-from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
 PROMPT = "gallbladder"
-ASSETS = Path(__file__).resolve().parent.parent / "assets"
-SAMPLE = "demo"
-
-
-def demo_run() -> Path:
-    """The run folder of the sample.
-
-    Raises
-    ------
-    DegenseError
-        When this installation does not hold it.
-    """
-    run = ASSETS / SAMPLE / "run"
-    if not (run / "run.json").is_file():
-        raise DegenseError(
-            f"The sample is missing from this installation ({run}); install the program again, or make a clip with degense phantom."
-        )
-    return run
-
-
-def is_demo(path: Path) -> bool:
-    """Whether a path lies in the sample, which the program never changes."""
-    return path.resolve().is_relative_to(ASSETS / SAMPLE)
 
 
 def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:

@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
+from degense.app.features.annotate.controller import Annotator
+from degense.app.features.annotate.exchange import LabelExchange
 from degense.app.features.annotate.state import TOOLS
-from degense.app.shell.actions import Action, ActionRegistry
+from degense.app.features.train.controller import Training
+from degense.app.features.viewer.controller import Viewer
+from degense.app.shell.actions import Action
+from degense.app.shell.shell import Shell
 from degense.engine.annotation.formats import LABEL_FORMATS
-
-if TYPE_CHECKING:
-    from degense.app.shell.main_window import MainWindow
 
 TOOL_TITLES = {"brush": "Brush", "eraser": "Eraser", "superpixels": "Superpixel brush", "polygon": "Polygon", "fill": "Fill"}
 TOOL_KEYS = {"brush": "R", "eraser": "E", "superpixels": "S", "polygon": "P", "fill": "G"}
 MENU, IMPORT, EXPORT = ("Annotate",), ("Annotate", "Import labels"), ("Annotate", "Export labels")
 
 
-def fill(registry: ActionRegistry, window: MainWindow) -> None:
-    session, annotating = window.session, window.annotating
+def install(shell: Shell) -> None:
+    viewer = shell.service(Viewer)
+    if viewer is None:
+        return
+    shell.worker.add_channel("annotate", 60)
+    annotating, exchange = Annotator(viewer), LabelExchange(shell, shell.service(Training))
+    shell.provide(annotating)
+    shell.provide(exchange)
+    _add_actions(shell, annotating, exchange)
+
+
+def _add_actions(shell: Shell, annotating: Annotator, exchange: LabelExchange) -> None:
+    session, training = shell.session, shell.service(Training)
     part = session.annotations
 
     def on() -> bool:
@@ -37,7 +49,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         return on() and part.work is not None and bool(part.work.waiting())
 
     def can_carry() -> bool:
-        return on() and session.clip is not None and not window.service.busy("annotate")
+        return on() and session.clip is not None and not shell.worker.busy("annotate")
 
     def has_prompt() -> bool:
         return on() and session.scene is not None and bool(session.view_state.visible_prompts)
@@ -46,9 +58,9 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         return part.work is not None and any(record.labels is not None for record in part.work.records.values())
 
     def can_teach() -> bool:
-        return has_labels() and session.clip is not None and not window.training.running
+        return has_labels() and session.clip is not None and training is not None and not training.running
 
-    registry.add(
+    shell.add_actions(
         Action("annotate.mode", "Annotate", annotating.toggle, MENU, ("A",), has_frames, lambda: part.active, help="label masks paint"),
         *(
             Action(
@@ -77,7 +89,7 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
             group=3,
             help="time",
         ),
-        Action("annotate.stop", "Stop carrying", annotating.stop, MENU, (), lambda: window.service.busy("annotate"), group=3),
+        Action("annotate.stop", "Stop carrying", annotating.stop, MENU, (), lambda: shell.worker.busy("annotate"), group=3),
         Action("annotate.accept", "Accept this frame's proposal", annotating.accept, MENU, ("Y",), waits, group=4),
         Action("annotate.reject", "Reject this frame's proposal", annotating.reject, MENU, ("Shift+Y",), waits, group=4),
         Action("annotate.accept-all", "Accept all proposals", annotating.accept_all, MENU, (), any_waits, group=4),
@@ -85,13 +97,13 @@ def fill(registry: ActionRegistry, window: MainWindow) -> None:
         Action("annotate.done", "This frame is done", partial(part.set_status, "done"), MENU, ("D",), on, group=5, help="review"),
         Action("annotate.flag", "Flag this frame", partial(part.set_status, "flagged"), MENU, ("Shift+F",), on, group=5, help="review"),
         Action("annotate.next", "Next flagged frame (Tab)", annotating.go_to_flagged, MENU, (), on, group=5, help="doubtful review"),
-        Action("annotate.teach", "Train with these labels…", window.handing.teach, MENU, (), can_teach, group=6, help="teacher"),
+        Action("annotate.teach", "Train with these labels…", exchange.teach, MENU, (), can_teach, group=6, help="teacher"),
         *(
-            Action(f"annotate.import-{name}", f"From {entry.title}…", partial(window.handing.ask_to_import, name), IMPORT, (), has_frames)
+            Action(f"annotate.import-{name}", f"From {entry.title}…", partial(exchange.ask_to_import, name), IMPORT, (), has_frames)
             for name, entry in LABEL_FORMATS.items()
         ),
         *(
-            Action(f"annotate.export-{name}", f"As {entry.title}…", partial(window.handing.ask_to_export, name), EXPORT, (), has_labels)
+            Action(f"annotate.export-{name}", f"As {entry.title}…", partial(exchange.ask_to_export, name), EXPORT, (), has_labels)
             for name, entry in LABEL_FORMATS.items()
         ),
     )

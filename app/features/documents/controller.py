@@ -1,0 +1,168 @@
+"""Opening clips and runs: dialogs, recent files, drops, and the loading itself in the worker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from PySide6.QtCore import QObject, Signal
+
+from degense.app.features.documents.autosave import Autosave
+from degense.app.features.documents.facts import Facts
+from degense.app.session.sample import demo_run, is_demo
+from degense.app.session.session_file import DamagedSession
+from degense.app.shell.shell import Shell
+
+if TYPE_CHECKING:
+    from degense.engine.clip import Clip
+    from degense.engine.data.readers import ClipOptions
+    from degense.engine.scene import Scene
+
+VIDEOS = "Videos (*.mp4 *.avi *.mov *.mkv *.webm);;All files (*)"
+
+
+class Documents(QObject):
+    """Opens what the user points at. The window stays alive meanwhile; a second opening replaces the first.
+
+    Signals
+    -------
+    loading(name), failed(message)
+        Something is being opened; it could not be, and the user has been told.
+    clip_opened(chosen)
+        A clip without a run is open; `chosen` says whether the user has just picked it in a dialog.
+
+    Attributes
+    ----------
+    clip_options : dict
+        The `ClipOptions` that the user gave for the open clip.
+    """
+
+    loading = Signal(str)
+    failed = Signal(str)
+    clip_opened = Signal(bool)
+
+    def __init__(self, shell: Shell, autosave: Autosave) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.settings, self.autosave = shell, shell.session, shell.settings, autosave
+        self.facts = Facts()
+        self.facts_dock = shell.add_dock("Facts", self.facts)
+        self.clip_options: dict[str, Any] = {}
+        self._chosen = False
+        shell.worker.add_channel("open", 0)
+        shell.dropped.connect(self.open_path)
+
+    # Asking
+
+    def ask_for_clip(self) -> None:
+        self._open_chosen(self.shell.ask_folder("Open clip (a folder)", self.settings.value.last_folder))
+
+    def ask_for_video(self) -> None:
+        self._open_chosen(self.shell.ask_open("Open video", self.settings.value.last_folder, VIDEOS))
+
+    def ask_for_run(self) -> None:
+        if (folder := self.shell.ask_folder("Open run", self.settings.value.last_folder)) is not None:
+            self.open_path(folder)
+
+    def open_demo(self) -> None:
+        self.open_path(demo_run())
+
+    def _open_chosen(self, path: Path | None) -> None:
+        if path is not None:
+            self._chosen = True
+            self.open_path(path)
+
+    # Loading
+
+    def open_path(self, path: Path, options: dict[str, Any] | None = None) -> None:
+        """Open a run folder or a clip. `options` are `ClipOptions` that the user gave."""
+        if not self.autosave.may_leave(lambda: self.open_path(path, options)):
+            return
+        self.shell.set_busy(f"Opening {path.name}")
+        self.loading.emit(path.name)
+        if (path / "run.json").is_file():
+            self._load(path, lambda: _open_run(path), lambda scene: self._show_scene(path, scene))
+        else:
+            given = options or {}
+            self._load(path, lambda: _open_clip(path, given), lambda clip: self._show_clip(path, clip, given))
+
+    def _load(self, path: Path, job: Callable[[], Any], show: Callable[[Any], None]) -> None:
+        def done(result: Any) -> None:
+            self.shell.set_busy()
+            self.shell.attempt(lambda: show(result))
+
+        def failed(message: str) -> None:
+            self.shell.set_busy()
+            if not path.exists():
+                self.settings.store(self.settings.value.forgotten(str(path)))
+            self.shell.show_error(message)
+            self.failed.emit(message)
+
+        self.shell.submit("open", job, done, failed)
+
+    def _show_scene(self, path: Path, scene: Scene) -> None:
+        self.clip_options = dict(scene.clip.options) if scene.clip else {}
+        self._chosen = False
+        self.facts.show_facts(run_facts(scene), is_clip=False)
+        self._remember(path)
+        try:
+            self.session.open_scene(scene, keep=not is_demo(path))
+        except DamagedSession as error:
+            self.facts.show_facts([], is_clip=False)
+            self.autosave.offer_backups(error, lambda: self.open_path(path))
+            return
+        self.shell.say(scene.clip_missing or f"{scene.name}: {scene.frames} frames")
+
+    def _show_clip(self, path: Path, clip: Clip, options: dict[str, Any]) -> None:
+        self.clip_options = options
+        self.facts.show_facts(clip_facts(clip), is_clip=True)
+        self.shell.docks.bring(self.facts_dock)
+        self._remember(path)
+        self.shell.say(f"{clip.name}: check what was detected, then train.")
+        self.shell.attempt(lambda: self.session.open_clip(clip))
+        chosen, self._chosen = self._chosen, False
+        self.clip_opened.emit(chosen)
+
+    def _remember(self, path: Path) -> None:
+        if not is_demo(path):
+            self.settings.store(self.settings.value.opened(path))
+
+
+def _open_run(path: Path) -> Scene:
+    from degense.engine.scene import Scene
+
+    return Scene.open(path)
+
+
+def _open_clip(path: Path, answers: dict[str, Any]) -> Clip:
+    from degense.engine.data.readers import ClipOptions, open_clip
+
+    options: ClipOptions = replace(ClipOptions(), **answers)
+    return open_clip(path, options)
+
+
+def clip_facts(clip: Clip) -> list[tuple[str, str]]:
+    """What was detected, for the user to check."""
+    width, height = clip.size
+    rows = [("clip", clip.name), ("length", f"{len(clip)} frames, {width} × {height}")]
+    rows += list(clip.provenance.items())
+    return [*rows, ("classes", ", ".join(clip.classes))] if clip.classes else rows
+
+
+def run_facts(scene: Scene) -> list[tuple[str, str]]:
+    """What the run folder records."""
+    info, width_height = scene.run.info, scene.clip_size
+    rows = [
+        ("run", scene.name),
+        ("clip", str(info["clip"].get("path", ""))),
+        ("length", f"{scene.frames} frames, {width_height[0]} × {width_height[1]}"),
+        ("Gaussians", f"{info.get('gaussians', 0):,}"),
+        ("trained", f"{info['config']['preset']}, {info['config']['routing']} routing, {info.get('train_seconds', 0):.0f} s"),
+        ("teacher", f"{info['teacher']['name']}: {info['teacher']['provenance']}"),
+        ("unit", f"{scene.unit}, displacement from frame {scene.reference_frame}"),
+        ("classes", ", ".join(scene.classes) or "none"),
+    ]
+    if scene.clip_missing:
+        rows.append(("missing", scene.clip_missing))
+    return rows + [(key, text) for key, text in info.get("provenance", {}).items()]

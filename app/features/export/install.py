@@ -1,0 +1,41 @@
+"""File ▸ Export."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from degense.app.features.export.controller import Exporter
+from degense.app.features.export.formats import FORMATS
+from degense.app.features.viewer.controller import Viewer
+from degense.app.shell.actions import Action
+from degense.app.shell.shell import Shell
+
+
+def install(shell: Shell) -> None:
+    viewer, session = shell.service(Viewer), shell.session
+    if viewer is None:
+        return
+    exporter, menu = Exporter(viewer), ("File", "Export")
+    shell.provide(exporter)
+
+    def has_scene() -> bool:
+        return session.scene is not None
+
+    shell.add_actions(
+        Action("export.picture", "Frame as shown…", exporter.ask_for_picture, menu, ("Ctrl+E",), lambda: session.frames > 0, group=1),
+        Action(
+            "export.view3d",
+            "3D view as shown…",
+            exporter.ask_for_screenshot,
+            menu,
+            ("Ctrl+Shift+E",),
+            lambda: has_scene() and viewer.splats is not None,
+            group=1,
+            help="screenshot",
+        ),
+        *(
+            Action(f"export.{name}", f"{entry.title}…", partial(exporter.ask, name), menu, (), has_scene, group=1)
+            for name, entry in FORMATS.items()
+        ),
+        Action("export.stop", "Stop exporting", exporter.cancel, menu, (), lambda: shell.worker.busy("export"), group=2),
+    )

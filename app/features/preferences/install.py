@@ -1,0 +1,32 @@
+"""Edit ▸ Preferences, and View ▸ Theme."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from degense.app.features.preferences.controller import Preferences
+from degense.app.shell.actions import Action
+from degense.app.shell.settings import Theme
+from degense.app.shell.shell import Shell
+
+THEME_TITLES: tuple[tuple[Theme, str], ...] = (("dark", "Dark"), ("light", "Light"), ("system", "As the desktop"))
+
+
+def install(shell: Shell) -> None:
+    preferences, menu = Preferences(shell), ("View", "Theme")
+    shell.provide(preferences)
+    shell.add_actions(
+        Action("edit.preferences", "Preferences…", preferences.show, ("Edit",), ("Ctrl+,",), group=9, help="settings shortcuts theme"),
+        *(
+            Action(
+                f"theme.{name}",
+                title,
+                partial(preferences.set_theme, name),
+                menu,
+                checked=partial(preferences.is_theme, name),
+                help="colours dark light operating room",
+            )
+            for name, title in THEME_TITLES
+        ),
+    )
+    shell.started.connect(preferences.take_shortcuts)

@@ -1,0 +1,49 @@
+"""Prompts: the bar, what is known of each, and the question put to the whole clip."""
+
+from __future__ import annotations
+
+from degense.app.features.prompts.clip_query import CHANNEL, ClipQuery
+from degense.app.features.prompts.controller import PromptControls
+from degense.app.features.prompts.statistics_controller import PromptStatistics
+from degense.app.features.viewer.controller import Viewer
+from degense.app.shell.actions import Action
+from degense.app.shell.shell import Shell
+
+
+def install(shell: Shell) -> None:
+    controls, viewer = PromptControls(shell), shell.service(Viewer)
+    shell.provide(controls)
+    shell.add_actions(
+        Action(
+            "edit.prompt",
+            "Write a prompt",
+            controls.focus,
+            ("Edit",),
+            ("/",),
+            lambda: shell.session.scene is not None,
+            group=1,
+            help="search mask",
+        )
+    )
+    if viewer is None:
+        return
+    for channel, urgency in (("answers", 30), ("areas", 85), (CHANNEL, 80)):
+        shell.worker.add_channel(channel, urgency)
+    statistics = PromptStatistics(viewer, controls.bar)
+    query, menu = ClipQuery(shell, statistics), ("Inspect",)
+    shell.provide(statistics)
+    shell.provide(query)
+    shell.add_actions(
+        Action("query.clip", "Query whole clip", query.ask, menu, ("Q",), query.can_ask, group=3, help="prompts area over time masks"),
+        Action(
+            "query.save",
+            "Query whole clip into a folder…",
+            query.ask_for_folder,
+            menu,
+            (),
+            query.can_ask,
+            group=3,
+            help="prompts label maps masks segment",
+        ),
+        Action("query.stop", "Stop the query", query.stop, menu, (), lambda: query.running, group=3, help="cancel prompts"),
+    )

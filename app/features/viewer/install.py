@@ -1,0 +1,19 @@
+"""The 2D view, the 3D view, the layers, and what the window remembers of them."""
+
+from __future__ import annotations
+
+from degense.app.features.viewer.actions import add_actions
+from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.layers import LayerControls
+from degense.app.features.viewer.layout import WindowLayout
+from degense.app.shell.shell import Shell
+
+
+def install(shell: Shell) -> None:
+    for channel in ("view", "still", "range"):
+        shell.worker.add_channel(channel, 20)
+    viewer = Viewer(shell)
+    shell.provide(viewer)
+    shell.provide(LayerControls(viewer))
+    shell.session.register("window", WindowLayout(viewer))
+    add_actions(viewer)

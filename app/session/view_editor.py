@@ -1,0 +1,129 @@
+"""Changing what is shown: every change of the view state is one undoable step. No Qt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from degense.app.session.signal import Signal
+from degense.app.session.state import PersistentViewState
+from degense.app.session.undo import UndoStack
+from degense.app.session.view_state import Colour, ColourRange, Compare, Prompt, ViewState, decoder_refined
+from degense.engine.errors import PromptError
+
+if TYPE_CHECKING:
+    from degense.engine.scene import Scene
+
+
+class ViewEditor:
+    """Edits the session's view state.
+
+    Parameters
+    ----------
+    undo : UndoStack
+    scene : callable
+        Gives the scene that is open, which must know a prompt's words.
+
+    Attributes
+    ----------
+    saved : PersistentViewState
+        What is written into the run folder.
+
+    Signals
+    -------
+    changed(before, after)
+        Two `ViewState` values, for views that redraw only what changed.
+    """
+
+    def __init__(self, undo: UndoStack, scene: Callable[[], Scene | None]) -> None:
+        self._undo, self._scene = undo, scene
+        self.changed: Signal[[ViewState, ViewState]] = Signal()
+        self.saved = PersistentViewState()
+
+    @property
+    def state(self) -> ViewState:
+        return self.saved.view_state
+
+    def edit(self, name: str, state: ViewState, key: str | None = None) -> None:
+        """Show something else, as an undoable step called `name`. Edits with the same `key` in quick succession become one step."""
+        if state != self.state:
+            before = self.state
+            self._set(state)
+            self._undo.push(name, self._set, before, state, key)
+
+    def set_layer(self, layer: str) -> None:
+        self.edit(f"Show {layer}", replace(self.state, layer=layer))
+
+    def set_decoder(self, decoder: str) -> None:
+        self.edit(f"Decode masks with {decoder}", replace(self.state, decoder=decoder))
+
+    def set_overlay_opacity(self, opacity: float) -> None:
+        self.edit("Mask opacity", replace(self.state, overlay_opacity=min(1.0, max(0.0, opacity))), key="opacity")
+
+    def set_compare(self, compare: Compare) -> None:
+        self.edit(f"Compare: {compare}", replace(self.state, compare=compare))
+
+    def set_range(self, layer: str, colour_range: ColourRange) -> None:
+        self.edit(f"Colour range of {layer}", self.state.with_range(layer, colour_range), key=f"range-{layer}")
+
+    def set_threshold(self, threshold: float) -> None:
+        self.edit("Mask threshold", replace(self.state, threshold=threshold), key="threshold")
+
+    def set_masks_shown(self, shown: bool) -> None:
+        self.edit("Show masks" if shown else "Hide masks", replace(self.state, masks_shown=shown))
+
+    def add_prompt(self, text: str, colour: Colour | None = None, negative: bool = False) -> Prompt:
+        """Show the mask of a text, in the next free colour when none is given; a negative takes pixels from the masks of the others.
+
+        Raises
+        ------
+        PromptError
+            When no scene is open, the text is empty or already prompted, or the scene's encoder does not know its words.
+        DegenseError
+            When the scene was trained without semantics.
+        """
+        text = " ".join(text.split())
+        scene = self._scene()
+        if scene is None:
+            raise PromptError("Open a run first: prompts are answered by a reconstructed scene.")
+        if not text:
+            raise PromptError("Type what to look for, such as gallbladder.")
+        if any(prompt.text.casefold() == text.casefold() for prompt in self.state.prompts):
+            raise PromptError(f"“{text}” is already in the list.")
+        scene.meanings(text)
+        prompt = Prompt(text, colour or self.state.next_colour(), negative=negative)
+        self.edit(f"Prompt {text}", replace(self.state, prompts=(*self.state.prompts, prompt)))
+        return prompt
+
+    def remove_prompt(self, text: str) -> None:
+        gone = self.state.prompt(text)
+        self.edit(f"Remove {gone.text}", replace(self.state, prompts=tuple(p for p in self.state.prompts if p is not gone)))
+
+    def set_negative(self, text: str, negative: bool) -> None:
+        """Let a prompt take pixels from the masks of the others, or have a mask of its own."""
+        prompt = self.state.prompt(text)
+        self._change_prompt(f"{prompt.text}: {'negative' if negative else 'positive'}", replace(prompt, negative=negative))
+
+    def set_refined(self, refined: bool) -> None:
+        """Decide masks region by region along the edges of the picture, or pixel by pixel."""
+        self.set_decoder(decoder_refined(self.state.decoder, refined))
+
+    def set_visible(self, text: str, visible: bool) -> None:
+        prompt = self.state.prompt(text)
+        self._change_prompt(f"{'Show' if visible else 'Hide'} {prompt.text}", replace(prompt, visible=visible))
+
+    def set_colour(self, text: str, colour: Colour) -> None:
+        prompt = self.state.prompt(text)
+        self._change_prompt(f"Colour of {prompt.text}", replace(prompt, colour=colour))
+
+    def _change_prompt(self, name: str, prompt: Prompt) -> None:
+        self.edit(
+            name,
+            replace(self.state, prompts=tuple(prompt if p.text == prompt.text else p for p in self.state.prompts)),
+        )
+
+    def _set(self, state: ViewState) -> None:
+        before, self.saved.view_state = self.state, state
+        self.saved.changed.emit(None)
+        self.changed.emit(before, state)

@@ -1,0 +1,161 @@
+"""Where panels sit: the right column, its tabs, the bottom, the views in the middle, and the status bar."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from PySide6.QtCore import QByteArray, QObject, Qt
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSlider,
+    QDockWidget,
+    QFrame,
+    QLabel,
+    QMainWindow,
+    QProgressBar,
+    QScrollArea,
+    QSizePolicy,
+    QSplitter,
+    QTabBar,
+    QVBoxLayout,
+    QWidget,
+)
+
+Area = Qt.DockWidgetArea
+WIDTH, SMALL = 400, 130  # of the right column; height of the panels above one that needs room; pixels
+
+
+class Docks(QObject):
+    """The panels of a window.
+
+    Attributes
+    ----------
+    views : QSplitter
+        In the middle of the window; features put their views there.
+    all : list of QDockWidget
+        In the order they were added.
+    """
+
+    def __init__(self, window: QMainWindow) -> None:
+        super().__init__(window)
+        self.window = window
+        self.all: list[QDockWidget] = []
+        self._tabs: list[QDockWidget] = []
+        self._below: list[QWidget] = []
+        self._heights: dict[QDockWidget, int] = {}
+        self._hidden_at_start: list[QDockWidget] = []
+        self.views = QSplitter(Qt.Orientation.Horizontal)
+        self.views.setObjectName("views")
+        self.views.setChildrenCollapsible(False)
+        centre = QWidget()
+        self._centre = QVBoxLayout(centre)
+        self._centre.setContentsMargins(0, 0, 0, 0)
+        self._centre.setSpacing(0)
+        self._centre.addWidget(self.views, 1)
+        window.setCentralWidget(centre)
+        window.setDockOptions(QMainWindow.DockOption.AllowTabbedDocks | QMainWindow.DockOption.AnimatedDocks)
+        window.setTabPosition(Area.AllDockWidgetAreas, window.tabPosition(Area.TopDockWidgetArea))
+        self._add_status_bar()
+
+    def add(
+        self, title: str, widget: QWidget, place: Literal["right", "tab", "bottom"], *, height: int = 0, hidden: bool = False
+    ) -> QDockWidget:
+        """Add a panel.
+
+        Parameters
+        ----------
+        title : str
+            Unique: saved layouts know the panel by it.
+        place : {"right", "tab", "bottom"}
+            The right column, one of the tabs in the column's lower part (it scrolls, so that no panel can push the window beyond the
+            screen), or the bottom.
+        height : int
+            Share of the right column, pixels; of tabs the first one's counts.
+        hidden : bool
+            Whether it is closed when the window starts.
+        """
+        dock = QDockWidget(title, self.window)
+        dock.setObjectName(title)
+        dock.setWidget(_scrolling(title, widget) if place == "tab" else widget)
+        self.window.addDockWidget(Area.BottomDockWidgetArea if place == "bottom" else Area.RightDockWidgetArea, dock)
+        if place == "tab":
+            if self._tabs:
+                self.window.tabifyDockWidget(self._tabs[-1], dock)
+            self._tabs.append(dock)
+        if height:
+            self._heights[dock] = height
+        if place == "bottom":
+            self._hidden_at_start.append(dock)
+        if hidden:
+            dock.hide()
+        self.all.append(dock)
+        return dock
+
+    def add_below(self, widget: QWidget) -> None:
+        """Add a widget under the views."""
+        self._centre.addWidget(widget)
+        self._below.append(widget)
+
+    def arrange(self) -> None:
+        """Give the docks their sizes, once all are there."""
+        if self._heights:
+            self.window.resizeDocks(list(self._heights), list(self._heights.values()), Qt.Orientation.Vertical)
+            self.window.resizeDocks([next(iter(self._heights))], [WIDTH], Qt.Orientation.Horizontal)
+        for bar in self.window.findChildren(QTabBar):
+            bar.setElideMode(Qt.TextElideMode.ElideNone)
+        if self._tabs:
+            self._tabs[0].raise_()
+        # Clicked buttons and sliders leave the keyboard to the window, whose Space and arrows move time. Tab still reaches everything.
+        for owner in (*self.all, *self._below):
+            for kind in (QAbstractButton, QAbstractSlider):
+                for widget in owner.findChildren(kind):
+                    if widget.focusPolicy() != Qt.FocusPolicy.NoFocus:
+                        widget.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+
+    def bring(self, dock: QDockWidget, height: int = 0) -> None:
+        """Show a dock in front of its tabs; with a height, at the cost of the panels above it."""
+        dock.show()
+        dock.raise_()
+        if height:
+            above = [other for other in self._heights if other not in self._tabs] if dock in self._tabs else []
+            self.window.resizeDocks([*above, dock], [*[SMALL] * len(above), height], Qt.Orientation.Vertical)
+
+    def state(self) -> str:
+        """The arrangement of the docks as Qt saves it, base64."""
+        return bytes(self.window.saveState().toBase64().data()).decode("ascii")
+
+    def restore(self, state: str) -> None:
+        """Arrange the docks as they were; those at the bottom stay closed until they are needed."""
+        self.window.restoreState(QByteArray.fromBase64(state.encode("ascii")))
+        for dock in self._hidden_at_start:
+            dock.hide()
+
+    def set_busy(self, text: str = "", fraction: float | None = None) -> None:
+        """Show that something is being done; an empty text hides it. Without a fraction the bar only moves."""
+        self.busy_text.setText(text)
+        self.busy_text.setVisible(bool(text))
+        self.busy_bar.setVisible(bool(text))
+        self.busy_bar.setRange(0, 0 if fraction is None else 100)
+        if fraction is not None:
+            self.busy_bar.setValue(round(100 * fraction))
+
+    def _add_status_bar(self) -> None:
+        bar = self.window.statusBar()
+        self.busy_text, self.busy_bar = QLabel(), QProgressBar()
+        self.busy_bar.setAccessibleName("What is being done")
+        self.busy_bar.setTextVisible(False)
+        self.busy_bar.setFixedWidth(140)
+        self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        bar.addPermanentWidget(self.busy_text)
+        bar.addPermanentWidget(self.busy_bar)
+        self.set_busy()
+
+
+def _scrolling(title: str, widget: QWidget) -> QScrollArea:
+    area = QScrollArea()
+    area.setAccessibleName(title)
+    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    area.setFrameShape(QFrame.Shape.NoFrame)
+    area.setWidgetResizable(True)
+    area.setWidget(widget)
+    return area

@@ -1,0 +1,223 @@
+"""The window without any feature: docks, actions, tasks and the time control, which features use when they install themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+from PySide6.QtWidgets import QDockWidget, QFileDialog, QMainWindow, QWidget
+
+from degense.app.session.session import Session
+from degense.app.shell.actions import Action, ActionRegistry
+from degense.app.shell.docks import Docks
+from degense.app.shell.menus import Menus
+from degense.app.shell.messages import show_error
+from degense.app.shell.settings import SettingsFile
+from degense.app.shell.worker import Job, Worker
+from degense.engine.errors import DegenseError
+
+TICK_MS = 1000
+Service = TypeVar("Service")
+
+
+class Shell(QMainWindow):
+    """The window. It knows no feature: each installs itself through what this class offers.
+
+    Signals
+    -------
+    complaint(text)
+        Show an error; safe to emit from any thread.
+    ticked()
+        Every second.
+    dropped(path), started()
+        A file or folder was dropped into the window; everything is installed.
+    leaving()
+        The window is asked to close, before `may_close` is.
+    closed()
+        It closes now.
+    """
+
+    complaint = Signal(str)
+    ticked = Signal()
+    dropped = Signal(object)
+    started = Signal()
+    leaving = Signal()
+    closed = Signal()
+
+    def __init__(self, settings: SettingsFile, features: Sequence[Callable[[Shell], None]] = ()) -> None:
+        super().__init__()
+        self.settings = settings
+        self.session = Session()
+        self.worker = Worker(self)
+        self.registry = ActionRegistry()
+        self.docks = Docks(self)
+        self.worker.add_channel("export", 70)
+        self.may_close: list[Callable[[Callable[[], object]], bool]] = []
+        self._services: list[object] = []
+        self.complaint.connect(self.show_error, Qt.ConnectionType.QueuedConnection)
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self.ticked)
+        self._timer.start(TICK_MS)
+        for install in features:
+            install(self)
+        self.menus = Menus(self.registry, self, self.complaint.emit)
+        self._follow_session()
+        self.docks.arrange()
+        self.menus.list_docks(self.docks.all)
+        self.setAcceptDrops(True)
+        self.resize(1440, 900)
+        self._restore()
+        self.started.emit()
+        self._retitle()
+
+    # What features use
+
+    def add_dock(
+        self, title: str, widget: QWidget, place: Literal["right", "tab", "bottom"] = "tab", *, height: int = 0, hidden: bool = False
+    ) -> QDockWidget:
+        """Add a panel; see `Docks.add`."""
+        return self.docks.add(title, widget, place, height=height, hidden=hidden)
+
+    def add_actions(self, *actions: Action) -> None:
+        """Add what the feature can do to menus, shortcuts, palette and cheat sheet."""
+        self.registry.add(*actions)
+
+    def refresh(self) -> None:
+        """Bring titles, ticks and enabled states of all actions up to date."""
+        if hasattr(self, "menus"):
+            self.menus.refresh()
+
+    def provide(self, service: object) -> None:
+        """Offer an object to features that are installed later; they find it by its type."""
+        self._services.append(service)
+
+    def service(self, kind: type[Service]) -> Service | None:
+        """What an installed feature provides, or None where that feature is left out."""
+        return next((service for service in self._services if isinstance(service, kind)), None)
+
+    def submit(
+        self,
+        channel: str,
+        job: Job,
+        done: Callable[[Any], None],
+        failed: Callable[[str], None] | None = None,
+        progress: Callable[[Any], None] | None = None,
+    ) -> None:
+        """Run a job in the worker (`Worker.submit`); what goes wrong is shown unless `failed` takes it."""
+        self.worker.submit(channel, job, done, failed or self.show_error, progress)
+
+    def run_task(self, channel: str, title: str, job: Job, done: Callable[[Any], object] | None = None, *, detailed: bool = False) -> None:
+        """Run a job whose steps are (fraction, what is being done), with its progress in the status bar and its errors in a dialog.
+
+        Parameters
+        ----------
+        title : str
+            Shown while it runs, for example "Exporting liver.mp4".
+        done : callable, optional
+            Takes the result; a DegenseError it raises is shown. By default the result is a sentence, which is shown.
+        detailed : bool
+            Show what is being done too.
+        """
+
+        def finished(result: Any) -> None:
+            self.set_busy()
+            self.attempt(lambda: (done or self.say)(result))
+
+        def failed(message: str) -> None:
+            self.set_busy()
+            self.show_error(message)
+
+        def progress(step: tuple[float, str]) -> None:
+            self.set_busy(f"{title}: {step[1]}" if detailed else title, step[0])
+
+        self.set_busy(title)
+        self.worker.submit(channel, job, finished, failed, progress)
+
+    def say(self, text: str, seconds: float = 8.0) -> None:
+        """A line in the status bar, for some seconds."""
+        self.statusBar().showMessage(text, round(seconds * 1000))
+
+    def set_busy(self, text: str = "", fraction: float | None = None) -> None:
+        """Show that something is being done; see `Docks.set_busy`."""
+        self.docks.set_busy(text, fraction)
+
+    def show_error(self, text: str) -> None:
+        show_error(self, text)
+
+    def attempt(self, act: Callable[[], object]) -> None:
+        """Do it, and show in a dialog why when it cannot be done."""
+        try:
+            act()
+        except DegenseError as error:
+            self.show_error(str(error))
+
+    def ask_folder(self, title: str, start: str = "") -> Path | None:
+        """A folder that the user chooses; None when they cancel."""
+        folder = QFileDialog.getExistingDirectory(self, title, start)
+        return Path(folder) if folder else None
+
+    def ask_open(self, title: str, start: str = "", kinds: str = "") -> Path | None:
+        """A file to read; None when the user cancels. `kinds` as Qt's filters."""
+        file, _ = QFileDialog.getOpenFileName(self, title, start, kinds)
+        return Path(file) if file else None
+
+    def ask_save(self, title: str, proposal: str, kinds: str = "") -> Path | None:
+        """A file to write; None when the user cancels."""
+        file, _ = QFileDialog.getSaveFileName(self, title, proposal, kinds)
+        return Path(file) if file else None
+
+    # The window itself
+
+    def _follow_session(self) -> None:
+        session = self.session
+        for signal in (session.opened, session.undo.changed):
+            signal.connect(self._retitle)
+        session.dirty_changed.connect(lambda dirty: self._retitle())
+        for changed in (session.playing_changed, session.camera_mode_changed, session.probe_changed):
+            changed.connect(lambda value: self.refresh())
+
+    def _retitle(self) -> None:
+        self.setWindowTitle(f"{self.session.name}[*] – DeGense" if self.session.name else "DeGense[*]")
+        self.setWindowModified(self.session.dirty)
+        undo = self.session.undo
+        self.menus.name_undo(undo.undo_name, undo.redo_name)
+        self.refresh()
+
+    def _restore(self) -> None:
+        settings = self.settings.value
+        if settings.geometry:
+            self.restoreGeometry(QByteArray.fromBase64(settings.geometry.encode("ascii")))
+        if settings.state:
+            self.docks.restore(settings.state)
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        if _dropped_path(event) is not None:
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        if (path := _dropped_path(event)) is not None:
+            event.acceptProposedAction()
+            self.dropped.emit(path)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        self.session.pause()
+        self.leaving.emit()
+        if not all(may(self.close) for may in self.may_close):
+            event.ignore()
+            return
+        self._timer.stop()
+        self.closed.emit()
+        self.session.store.close()
+        geometry = bytes(self.saveGeometry().toBase64().data()).decode("ascii")
+        self.settings.update(geometry=geometry, state=self.docks.state())
+        self.worker.close()
+        super().closeEvent(event)
+
+
+def _dropped_path(event: QDropEvent) -> Path | None:
+    """The file or folder in a drop; None when there is not exactly one."""
+    paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
+    return paths[0] if len(paths) == 1 else None
