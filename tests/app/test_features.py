@@ -6,6 +6,7 @@ import pytest
 
 from degense.app.application import FEATURES
 from degense.app.features.timeline.controller import TimeControl
+from degense.app.features.viewer.controller import Viewer
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.shell import Shell
 
@@ -16,6 +17,8 @@ def test_the_window_lives_without(left_out, qtbot, qapp, tmp_path, scene):
     qtbot.addWidget(window)
     window.show()
     window.session.open_scene(scene)
+    if (views := window.service(Viewer)) is not None:
+        qtbot.waitUntil(lambda: views.splats is not None)
     qtbot.waitUntil(lambda: window.worker.idle())
     for frame in (1, scene.frames - 1, scene.frames - 2):
         window.session.go_to(frame)

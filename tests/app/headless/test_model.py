@@ -192,7 +192,7 @@ def test_prompts_that_cannot_be_answered_change_nothing(session, text, words):
 
 def test_no_prompt_without_a_scene():
     with pytest.raises(PromptError, match="Open a run"):
-        Session().add_prompt("liver")
+        Session().view.add_prompt("liver")
 
 
 def test_frames_are_clamped_and_said_once(session):
@@ -218,7 +218,7 @@ def test_the_look_is_saved_with_the_run_and_found_again(session, tmp_path):
     again.open_scene(FakeScene(tmp_path))
     assert (again.view_state.layer, [prompt.text for prompt in again.view_state.prompts]) == ("depth", ["liver"])
     assert not again.dirty
-    again.set_layer("rgb")
+    again.view.set_layer("rgb")
     again.undo.undo()
     assert not again.dirty
 
@@ -235,7 +235,7 @@ def test_parts_are_saved_by_name_and_those_of_others_stay_in_the_file(session, t
     session.close()
     other = Session()  # knows no strokes
     other.open_scene(FakeScene(tmp_path))
-    other.set_layer("depth")
+    other.view.set_layer("depth")
     other.save()
     other.close()
     session.open_scene(FakeScene(tmp_path))

@@ -12,7 +12,9 @@ from degense.engine.errors import Cancelled, ClipError
 
 @pytest.fixture
 def service(qapp):
-    service = Worker(("urgent", "slow"))
+    service = Worker()
+    for urgency, channel in enumerate(("urgent", "slow")):
+        service.add_channel(channel, urgency)
     yield service
     service.close()
 
@@ -123,7 +125,8 @@ def test_a_job_that_gives_up_says_nothing(qtbot, service, answers):
 
 
 def test_closing_drops_what_is_on_its_way(qtbot, qapp, answers):
-    service = Worker(("urgent",))
+    service = Worker()
+    service.add_channel("urgent", 0)
     service.submit("urgent", lambda: 1, *answers.listen())
     service.close()
     qtbot.wait(50)
