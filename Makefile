@@ -1,7 +1,7 @@
 # make demo    set everything up, then show the embedded sample: in a window where there is a display, else as files in demo-out/
 # make test    set everything up, then run every test and check, under a virtual display
 # make demo-scene    make the embedded sample anew (two minutes)
-# make lint    the checks of the house only: formatting, lint, types, import direction
+# make lint    the checks of the project itself only: formatting, lint, types, structure, documents, the wheel
 #
 # PYTHON=python3.12       another interpreter for .venv
 # TESTS='tests/field'     some of the tests only: what pytest is told, e.g. TESTS='-m real_clips'
