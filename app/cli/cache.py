@@ -8,7 +8,7 @@ from degense.engine.errors import DegenseError
 
 
 def cache(options: argparse.Namespace) -> None:
-    from degense.engine.semantics.teachers import answer_store as store
+    from degense.engine.semantics.teachers import target_cache as store
 
     if options.limit is not None:
         if not 0 <= options.limit <= 1e6:

@@ -40,7 +40,7 @@ def t_interval(values: Sequence[float], level: float = 0.95) -> tuple[float, flo
     Returns
     -------
     (float, float or None)
-        None for a single value, which says nothing about its spread.
+        None for a single value.
     """
     mean = statistics.fmean(values)
     if len(values) < 2:

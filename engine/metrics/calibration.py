@@ -19,7 +19,7 @@ class Calibration:
 
     Protocol
     --------
-    - The mask of a class at threshold τ is {similarity > τ}, for each class by itself, as a prompt of that class is answered: no class
+    - The mask of a class at threshold τ is {similarity > τ}, for each class by itself, pixel by pixel: no class
       competes, masks may overlap, and nothing is cleaned up afterwards.
     - IoU is averaged as `MaskScores.miou`: the mean over classes of the mean over frames; a mask of a class that the frame lacks scores 0,
       and an empty one does not count.
@@ -27,7 +27,7 @@ class Calibration:
       default is an upper bound of what calibration can gain.
     - Reliability: over all pairs of a pixel and a class, in bins of similarity (below 0 counts as 0, above 1 as 1), the mean similarity
       against the share that truly has the class. `error` is their mean absolute difference, weighted by pairs (expected
-      calibration error). A cosine is no probability: this says how far it is from one.
+      calibration error). It measures how far a cosine is from a probability.
 
     Parameters
     ----------

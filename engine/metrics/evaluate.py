@@ -74,21 +74,25 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     if scene.has_semantics and clip.labelled_frames:
         result |= score_masks(scene, clip, frames, lambda f, words: progress(0.4 + 0.2 * f, words))
         result |= score_flicker(scene, clip, frames, lambda f, words: progress(0.6 + 0.1 * f, words))
-    truth, displacement, share = clip.truth(), LAYERS["displacement"], Mean()
-    motion = MotionScores()
+    result |= _score_motion(scene, clip, lambda f, words: progress(0.7 + 0.2 * f, words))
+    progress(0.9, "measuring speed")
+    result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model), "render_fps": _render_fps(scene)}
+    timed = scene.has_semantics and bool(scene.classes)
+    return result | (_query_times(scene) if timed else {"query_ms": None, "query_new_frame_ms": None})
+
+
+def _score_motion(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any]:
+    """`uncertain_share`, and motion scores where the clip brings exact truth."""
+    truth, displacement, share, motion = clip.truth(), LAYERS["displacement"], Mean(), MotionScores()
     for i in range(len(clip)):
-        progress(0.7 + 0.2 * i / len(clip), "comparing motion")
+        progress(i / len(clip), "comparing motion")
         uncertain = displacement.uncertain(scene, LayerRequest(i))
         if uncertain is not None and (valid := clip.valid(i)).any():
             share.add(float(uncertain[valid].mean()), float(valid.sum()))
         if truth is not None:
             predicted = scene.render(i, None, ("displacement",))["displacement"]
             motion.add(predicted, truth.displacement[i], truth.cautery[i], uncertain)
-    result |= {"uncertain_share": share.value} | (motion.result() if truth is not None else {})
-    progress(0.9, "measuring speed")
-    result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model), "render_fps": _render_fps(scene)}
-    timed = scene.has_semantics and bool(scene.classes)
-    return result | (_query_times(scene) if timed else {"query_ms": None, "query_new_frame_ms": None})
+    return {"uncertain_share": share.value} | (motion.result() if truth is not None else {})
 
 
 def _render_fps(scene: Scene) -> float:

@@ -1,4 +1,4 @@
-"""How restless masks are in time."""
+"""Flicker of masks over time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class Flicker:
 
     Protocol
     --------
-    The label map of the previous frame is carried to the current one along the recording's optical flow (nearest pixel). A pixel counts
-    where the flow is believed and comes from inside the picture, both ends are valid, and, where label maps of both frames are known, both
-    say the same label. The score is the number of counted pixels with another predicted label over the number of counted pixels, over all
-    pairs of frames together. "No label" is a label of its own. Without label maps a true change of label counts as flicker.
+    The label map of the previous frame is warped to the current one along the recording's optical flow (nearest pixel). A pixel counts
+    where the flow is consistent and comes from inside the picture, both ends are valid, and, where label maps of both frames are known,
+    both have the same label. The score is the number of counted pixels with another predicted label over the number of counted pixels,
+    over all pairs of frames together. "No label" is a label of its own. Without label maps a true change of label counts as flicker.
 
     It does not say that masks are right: one that is always empty never flickers.
     """
@@ -29,7 +29,7 @@ class Flicker:
         previous: np.ndarray,
         current: np.ndarray,
         flow: np.ndarray,
-        believed: np.ndarray,
+        consistent: np.ndarray,
         true_previous: np.ndarray | None = None,
         true_current: np.ndarray | None = None,
     ) -> None:
@@ -41,15 +41,15 @@ class Flicker:
             Predicted label maps.
         flow : float32 [H, W, 2]
             Pixels, from the current frame to the previous one.
-        believed : bool [H, W]
+        consistent : bool [H, W]
             Where the flow can be trusted and both ends are valid.
         true_previous, true_current : uint8 [H, W], optional
             Label maps, `UNLABELLED` where nothing is known.
         """
-        before, inside = carried(previous, flow)
-        counted = believed & inside
+        before, inside = warped(previous, flow)
+        counted = consistent & inside
         if true_previous is not None and true_current is not None:
-            truth, _ = carried(true_previous, flow)
+            truth, _ = warped(true_previous, flow)
             counted = counted & (truth == true_current) & (true_current != UNLABELLED)
         self.changed += int(np.count_nonzero(counted & (before != current)))
         self.counted += int(np.count_nonzero(counted))
@@ -61,7 +61,7 @@ class Flicker:
         return self.changed / self.counted if self.counted else None
 
 
-def carried(labels: np.ndarray, flow: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def warped(labels: np.ndarray, flow: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Label maps [H, W] looked up where a flow leads (nearest pixel), and where that lies inside the picture, bool [H, W]."""
     height, width = labels.shape
     x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))

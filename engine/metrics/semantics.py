@@ -69,13 +69,13 @@ def score_flicker(scene: Scene, clip: Clip, frames: list[int], progress: Progres
     asked = _asked(scene, clip)
     scores = {decoder: Flicker() for decoder in DECODERS}
     for done, i in enumerate(pairs):
-        progress(done / len(pairs), "looking for flicker")
+        progress(done / len(pairs), "measuring flicker")
         here, before = clip.frame(i), clip.frame(i - 1)
         flow = flow_between(here, before)
         arrives = sample(clip.valid(i - 1).astype(np.float32), flow) > 0.99
-        believed = clip.valid(i) & arrives & consistent(flow, flow_between(before, here))
+        reliable = clip.valid(i) & arrives & consistent(flow, flow_between(before, here))
         truths = clip.labels(i - 1), clip.labels(i)
         for decoder, score in scores.items():
             was, is_now = (scene.query(k).decode(asked[decoder]).labels for k in (i - 1, i))
-            score.add(was, is_now, flow, believed, *truths)
+            score.add(was, is_now, flow, reliable, *truths)
     return {"flicker": {decoder: score.value for decoder, score in scores.items()}, "flicker_pairs": len(pairs)}

@@ -3,7 +3,7 @@
 from degense.engine.semantics.basis import Basis, fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
-from degense.engine.semantics.text.run_encoder import keep_encoder, open_encoder
+from degense.engine.semantics.text.run_encoder import open_encoder, save_encoder
 from degense.engine.semantics.text.text_vectors import TextVectors
 
-__all__ = ["Basis", "EmbeddedEncoder", "TextEncoder", "TextVectors", "fit_basis", "keep_encoder", "open_encoder"]
+__all__ = ["Basis", "EmbeddedEncoder", "TextEncoder", "TextVectors", "fit_basis", "open_encoder", "save_encoder"]

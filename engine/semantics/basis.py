@@ -1,4 +1,4 @@
-"""The latent space: D numbers a vector become d, without bending the angles between them."""
+"""The latent space: a linear projection from D to d dimensions that preserves angles, and unit vectors."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 LEAST = 1e-12  # a shorter vector has no direction and stays about zero
-#: A vector keeps at least this share of its squared length, however little it weighs: a needle covers few pixels, yet its prompt must work.
-KEPT_BY_EACH = 0.9
+#: Least share of its squared length that the basis retains of every vector, whatever its weight: a needle covers few pixels.
+LEAST_KEPT = 0.9
 
 
 def unit_rows(vectors: np.ndarray) -> np.ndarray:
@@ -21,13 +21,13 @@ def unit_rows(vectors: np.ndarray) -> np.ndarray:
 class Basis:
     """An orthonormal basis B of the subspace that the features of a scene span.
 
-    A latent is z = Bᵀf. Then ⟨z, Bᵀv⟩ / (‖z‖‖v‖) is the cosine of the lifted latent Bz with the text vector v.
+    A latent is z = Bᵀf. Then ⟨z, Bᵀv⟩ / (‖z‖‖v‖) is the cosine of Bz with the text vector v.
     It differs from the true cosine of f and v by an angle of at most
 
         |∠(Bz, v) − ∠(f, v)| ≤ ∠(Bz, f) = arcsin √(1 − ‖Bᵀf‖² / ‖f‖²)
 
     (triangle inequality on the sphere), whatever v is. `angular_error` gives the right side.
-    ‖v‖ is the length before projection: words that nothing in the scene resembles keep a cosine near 0.
+    ‖v‖ is the length before projection: texts unlike anything in the scene have a cosine near 0.
 
     Attributes
     ----------
@@ -57,10 +57,6 @@ class Basis:
             raise ValueError(f"this basis takes vectors of length {self.dimension}, not {vectors.shape[-1]}")
         return vectors @ self.matrix
 
-    def lift(self, latents: Float[np.ndarray, "*batch d"]) -> Float32[np.ndarray, "*batch D"]:
-        """Bz, float32 [..., D], of latents [..., d]."""
-        return np.asarray(latents, np.float32) @ self.matrix.T
-
     def angular_error(self, vectors: Float[np.ndarray, "*batch D"]) -> Float[np.ndarray, "*batch"]:
         """The bound above, radians in [0, π/2], float64 [...], of non-zero vectors [..., D]."""
         vectors = np.asarray(vectors, np.float64)
@@ -68,7 +64,7 @@ class Basis:
         return np.arcsin(np.clip(np.linalg.norm(outside, axis=-1) / np.linalg.norm(vectors, axis=-1), 0.0, 1.0))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What a file keeps: `matrix` and `energy`."""
+        """`matrix` and `energy`, as they are saved."""
         return {"matrix": self.matrix, "energy": np.array([self.energy], np.float32)}
 
     @classmethod
@@ -90,7 +86,7 @@ def fit_basis(
     Parameters
     ----------
     vectors : float [n, D]
-        Feature vectors (of unit length for the bound in `Basis` to speak of them alike).
+        Feature vectors, of unit length for the bound in `Basis`.
     weights : float [n]
         How much each matters, e.g. its number of pixels; not negative.
     energy : float
@@ -98,14 +94,14 @@ def fit_basis(
     max_rank : int
         Never more columns than this.
     anchors : float [m, D], optional
-        What prompts will ask for, when the vectors themselves are noisy. Then not every vector is kept: directions no stronger than
+        Vectors of prompts, when the vectors themselves are noisy. Then not every vector is retained: directions no stronger than
         noise are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as
-        long as the anchors keep `KEPT_BY_EACH` of what all directions hold of them.
+        long as the anchors retain `LEAST_KEPT` of what all directions hold of them.
 
     Returns
     -------
     Basis
-        Of the smallest rank that keeps `energy` of all and `KEPT_BY_EACH` of every vector with a weight above 0, up to `max_rank`.
+        Of the smallest rank that keeps `energy` of all and `LEAST_KEPT` of every vector with a weight above 0, up to `max_rank`.
 
     Raises
     ------
@@ -132,7 +128,7 @@ def fit_basis(
     enough = kept >= energy - 1e-12
     if anchors is not None:
         enough |= np.arange(1, len(values) + 1) >= _above_noise(values, len(vectors))
-    enough &= (own >= KEPT_BY_EACH * own[:, -1:]).all(0)
+    enough &= (own >= LEAST_KEPT * own[:, -1:]).all(0)
     rank = min(int(np.argmax(enough)) + 1, max_rank)
     matrix = directions[:, :rank]
     # an eigenvector has no sign of its own: the largest entry is made positive so that runs compare

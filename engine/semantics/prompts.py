@@ -16,8 +16,9 @@ from degense.engine.errors import PromptError
 #: rnse+argmax: argmax on region-aggregated, guided similarities.
 DECODERS = ("threshold", "argmax", "rnse", "rnse+argmax")
 DEFAULT_DECODER = "rnse"
-#: With the embedded encoder a pixel of the class has a cosine near 1, a stranger near 0 and a sibling 0.35; a pixel that is half one class
-#: and half another stands half way after averaging. On degraded label maps 0.4 to 0.6 cost `rnse` less than 0.05 IoU against the best.
+#: With the embedded encoder a pixel of the class has a cosine near 1, one of an unrelated class near 0, one of a class of the same kind
+#: 0.35; a pixel that is half one class and half another lies half way after averaging. On degraded label maps 0.4 to 0.6 cost `rnse` less
+#: than 0.05 IoU against the best.
 DEFAULT_THRESHOLD = 0.5
 
 

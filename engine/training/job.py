@@ -23,8 +23,8 @@ from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.field.static_gaussians import find_moving
 from degense.engine.files import replacing
 from degense.engine.progress import Progress
-from degense.engine.semantics import TextEncoder, keep_encoder, open_encoder
-from degense.engine.semantics.teachers import CostlyTeacher, Teacher, answered, default_teacher, teacher_by_name
+from degense.engine.semantics import TextEncoder, open_encoder, save_encoder
+from degense.engine.semantics.teachers import CostlyTeacher, Teacher, default_teacher, teacher_by_name, with_cached_targets
 from degense.engine.store import Run
 from degense.engine.store.migrations import current_settings
 from degense.engine.store.run import hardware
@@ -117,7 +117,7 @@ def train(
         semantics = None
         if chosen is not None:
             tell = progress("teacher")
-            chosen = answered(chosen, tell)
+            chosen = with_cached_targets(chosen, tell)
             semantics = SemanticTargets(chosen, frames, evidence, tell, guided=config.guided, max_rank=config.max_rank)
     except Cancelled:
         return None
@@ -152,7 +152,7 @@ def train(
         run = Run.create(out, clip, info)
         if chosen is not None and semantics is not None:
             run.save_basis(semantics.basis)
-            keep_encoder(chosen.encoder, out)
+            save_encoder(chosen.encoder, out)
     afterwards = semantics if config.routing == "isolated" else None  # there, no semantic gradient reaches geometry: it need not wait
     trainer = Trainer(model, frames, None if afterwards is not None else semantics, evidence, config, events)
     if checkpoint is not None:

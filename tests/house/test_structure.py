@@ -64,7 +64,6 @@ KNOWN: set[str] = {
     "app/features/prompts/panel.py:__init__",
     "app/features/train/monitor.py:__init__",
     "app/features/viewer/actions.py:fill",
-    "engine/metrics/evaluate.py:evaluate",
     "engine/raster/project.py:project_backward",
     "engine/raster/render.py:rasterize",
     "engine/training/initialise.py:initial_gaussians",

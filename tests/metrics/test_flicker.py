@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from degense.engine.metrics.flicker import Flicker, carried
+from degense.engine.metrics.flicker import Flicker, warped
 
 
 def still(shape):
@@ -51,11 +51,11 @@ def test_true_changes_and_unknown_pixels_do_not_count():
 def test_carried_takes_the_nearest_pixel():
     labels, flow = np.uint8([[3, 4, 5]]), np.zeros((1, 3, 2), np.float32)
     flow[0, :, 0] = (0.4, 0.6, 0.6)
-    found, inside = carried(labels, flow)
+    found, inside = warped(labels, flow)
     assert found[0, :2].tolist() == [3, 5]
     assert inside.tolist() == [[True, True, False]]
     flow[0, 0] = np.nan
-    assert not carried(labels, flow)[1][0, 0]
+    assert not warped(labels, flow)[1][0, 0]
 
 
 def test_an_exact_translation_by_brute_force():

@@ -1,4 +1,4 @@
-"""Last touches to a binary mask: specks removed, holes closed that are none of another thing.
+"""Cleaning of a binary mask: specks are removed, and holes closed that belong to no other class.
 
 Components are found among runs of equal pixels in rows, which are few. The kernels hold no lock and use one core each, so that masks are
 cleaned in as many threads as there are.

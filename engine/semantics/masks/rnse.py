@@ -1,6 +1,6 @@
-"""Region-aware similarity aggregation (Eq. 4 of the paper) that acts where the features are in doubt, and nowhere else.
+"""Region-aware similarity aggregation (Eq. 4 of the paper), applied only where the features are noisy.
 
-The paper averages the cosine over each superpixel and filters the result under the guidance of the picture:
+The paper averages the cosine over each superpixel and filters the result with the frame as guide:
 
     S(R_k, T) = 1 / |R_k| Σ_{p ∈ R_k} ⟨F(p)/‖F(p)‖, v/‖v‖⟩        M_final = G(M_coarse, I_rgb)
 
@@ -8,9 +8,9 @@ The mean of cosines is the product with the mean of the normalised latents: mean
 Averaging loses instruments thinner than a superpixel, and the filter those as pale as the tissue. Here four quantities in [0, 1] decide,
 with z the normalised latents, ramp(x; a, b) = clip((x − a) / (b − a), 0, 1) and box_n the mean of n × n pixels:
 
-    doubt       λ = box_7(ramp(ν_k; 0.03, 0.1))     ν_k the noise of region k: geometric mean over it of the least, over four directions e,
-                                                    of ‖z(p − 2e) − 2 z(p) + z(p + 2e)‖ / √6. A straight edge has none along itself, and
-                                                    edges are few in a region: only noise counts.
+    noisiness   λ = box_7(ramp(ν_k; 0.03, 0.1))     ν_k the noise of region k: geometric mean over it of the least, over four
+                                                    directions e, of ‖z(p − 2e) − 2 z(p) + z(p + 2e)‖ / √6. A straight edge has none along
+                                                    itself, and edges are few in a region: only noise counts.
     agreement   a = ramp(cos(z̃, M_k); 0.75, 0.9)    z̃ = z + λ (box_3 z − z); M_k the region's mean, pixels unlike its plain mean left out
     continuity  c = min(1, Σ_q ramp(cos(z̃(p), z̃(q)); 0.5, 0.8))    q on the square 9 pixels around p: instruments, however thin, and
                                                     edges go on that far; a speck does not
@@ -19,9 +19,9 @@ with z the normalised latents, ramp(x; a, b) = clip((x − a) / (b − a), 0, 1)
     coarse(p) = w S(M_k) + (1 − w) s(p),   w = λ' a + k,   λ' = max(λ, min(1, 9 box_9 k))
     final(p) = coarse + g (G − coarse),    g = max(0.55, λ', ramp(R²; 0.6, 0.9)),   G the guided filter of coarse
 
-The filter always has a say, which ends faint false alarms; it cannot outvote a thin instrument alone. R² is the share of the variance
-of `coarse` that the colours explain around a pixel: where the picture shows the edge, it sharpens it. Exact latents keep their masks;
-noise is averaged over regions; specks are outvoted; an instrument one pixel wide stays.
+The filter has a weight of at least 0.55, which removes faint false positives but not a thin instrument. R² is the share of the variance of
+`coarse` that the colours explain around a pixel: edges that the frame shows are sharpened. Masks of exact latents do not change, noise is
+averaged over regions, specks are removed, and an instrument one pixel wide remains.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-#: Ramps: noise of a region that raises doubt; cosine with the region; cosine with a pixel further on; explained variance.
+#: Ramps: noise of a region; cosine with the region; cosine with a pixel further on; explained variance.
 NOISE, AGREEMENT, ALIKE, EXPLAINED = (0.03, 0.1), (0.75, 0.9), (0.5, 0.8), (0.6, 0.9)
 #: Cosine with the plain mean from which a pixel counts in the region's mean, and from which fully.
 MAJORITY = (0.5, 0.9)
-#: Pixels: stride of the second differences, distance at which a structure must go on, windows of doubt and specks.
-STRIDE, REACH, DOUBT_WINDOW, SPECK_WINDOW = 2, 9, 7, 9
-#: Noise below this is rounding; and how many times its share in the window a speck raises doubt.
+#: Pixels: stride of the second differences, distance at which a structure must go on, windows of noisiness and specks.
+STRIDE, REACH, NOISE_WINDOW, SPECK_WINDOW = 2, 9, 7, 9
+#: Noise below this is rounding; and how many times its share in the window a speck adds to the noisiness.
 QUIET, SPECK_GAIN = 1e-3, 9.0
 #: Guided filter: the variance of a colour in [0, 1] that counts as flat.
 FLAT = 1e-3

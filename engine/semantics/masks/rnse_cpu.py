@@ -20,24 +20,24 @@ BANDS = 8  # of rows, that sums over regions are shared out in
 # Kernels get the constants of `rnse` as arguments: numba's cache would not notice that another file changed.
 
 
-class Evidence(NamedTuple):
-    """What region aggregation knows of a frame.
+class FrameStatistics(NamedTuple):
+    """What region aggregation needs of a frame.
 
     Attributes
     ----------
     regions : int32 [H, W]
     means : float32 [K, d]
         M_k.
-    trust : float32 [H, W]
-        w: 1 where the region speaks, 0 where the pixel does.
-    doubt : float32 [H, W]
+    weight : float32 [H, W]
+        w: 1 where the mean of the region counts, 0 where the pixel itself does.
+    noisiness : float32 [H, W]
         λ'.
     """
 
     regions: np.ndarray
     means: np.ndarray
-    trust: np.ndarray
-    doubt: np.ndarray
+    weight: np.ndarray
+    noisiness: np.ndarray
 
 
 class CpuAggregation(rnse.Aggregation[np.ndarray]):
@@ -56,11 +56,11 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
 
     @property
     def regions(self) -> np.ndarray:
-        return self.evidence.regions
+        return self.statistics.regions
 
     @cached_property
-    def evidence(self) -> Evidence:
-        return find_evidence(self.unit, superpixels(self._rgb))
+    def statistics(self) -> FrameStatistics:
+        return frame_statistics(self.unit, superpixels(self._rgb))
 
     @cached_property
     def _filter(self) -> GuidedFilter:
@@ -70,18 +70,18 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
         return cosines(self.unit, vectors)
 
     def coarse(self, vectors: np.ndarray) -> np.ndarray:
-        """Region means and pixels as trusted, float32 [n, H, W]."""
-        regions, means, trust, _ = self.evidence
+        """Blend of region means and pixels, float32 [n, H, W]."""
+        regions, means, weight, _ = self.statistics
         pixel, regional = cosines(self.unit, vectors), cosines(means[None], vectors)[:, 0]
         with KERNEL_LOCK:
-            _blend(pixel, regions, regional, trust)
+            _blend(pixel, regions, regional, weight)
         return pixel
 
     def refined(self, vectors: np.ndarray) -> np.ndarray:
         maps = self.coarse(vectors)
         guided, explained = self._filter(maps)
         with KERNEL_LOCK:
-            _guide(maps, guided, explained, self.evidence.doubt, rnse.EXPLAINED, rnse.LEAST_GUIDED)
+            _guide(maps, guided, explained, self.statistics.noisiness, rnse.EXPLAINED, rnse.LEAST_GUIDED)
         return maps
 
     def largest(self, maps: Sequence[np.ndarray]) -> np.ndarray:
@@ -101,8 +101,8 @@ def box(image: np.ndarray, size: int) -> np.ndarray:
     return cv2.blur(image, (size, size), borderType=cv2.BORDER_REPLICATE).reshape(image.shape)
 
 
-def find_evidence(unit: np.ndarray, regions: np.ndarray) -> Evidence:
-    """Evidence of normalised latents float32 [H, W, d] in regions int32 [H, W], 0 … K − 1."""
+def frame_statistics(unit: np.ndarray, regions: np.ndarray) -> FrameStatistics:
+    """Statistics of normalised latents float32 [H, W, d] in regions int32 [H, W], 0 … K − 1."""
     count = int(regions.max()) + 1
     with KERNEL_LOCK:
         means = _means(unit, regions, np.zeros((count, unit.shape[2]), np.float32), rnse.MAJORITY)
@@ -110,11 +110,11 @@ def find_evidence(unit: np.ndarray, regions: np.ndarray) -> Evidence:
         rough = _roughness(unit, rnse.STRIDE, rnse.QUIET)
         noise = np.exp(np.bincount(regions.ravel(), rough.ravel(), count) / np.bincount(regions.ravel(), minlength=count))
         low, high = rnse.NOISE
-        doubt = box(np.clip((noise - low) / (high - low), 0, 1).astype(np.float32)[regions], rnse.DOUBT_WINDOW)
-        direction, agreement = _agreement(unit, box(unit, 3), doubt, regions, means, rnse.AGREEMENT)
+        noisiness = box(np.clip((noise - low) / (high - low), 0, 1).astype(np.float32)[regions], rnse.NOISE_WINDOW)
+        direction, agreement = _agreement(unit, box(unit, 3), noisiness, regions, means, rnse.AGREEMENT)
         specks = _specks(direction, agreement, rnse.REACH, rnse.ALIKE)
-        doubt = np.maximum(doubt, np.minimum(1.0, rnse.SPECK_GAIN * box(specks, rnse.SPECK_WINDOW)))
-    return Evidence(regions, means, doubt * agreement + specks, doubt)
+        noisiness = np.maximum(noisiness, np.minimum(1.0, rnse.SPECK_GAIN * box(specks, rnse.SPECK_WINDOW)))
+    return FrameStatistics(regions, means, noisiness * agreement + specks, noisiness)
 
 
 @njit(inline="always")
@@ -183,7 +183,7 @@ def _roughness(unit, step, quiet):
 
 
 @njit(parallel=True, cache=True, fastmath=True)
-def _agreement(unit, local, doubt, regions, means, ends):
+def _agreement(unit, local, noisiness, regions, means, ends):
     """z̃ of unit length, float32 [H, W, d], and a, float32 [H, W]."""
     height, width, channels = unit.shape
     direction, agreement = np.empty_like(unit), np.empty((height, width), np.float32)
@@ -191,7 +191,7 @@ def _agreement(unit, local, doubt, regions, means, ends):
         for x in range(width):
             squares = np.float32(0.0)
             for c in range(channels):
-                value = unit[y, x, c] + doubt[y, x] * (local[y, x, c] - unit[y, x, c])
+                value = unit[y, x, c] + noisiness[y, x] * (local[y, x, c] - unit[y, x, c])
                 direction[y, x, c] = value
                 squares += value * value
             agreement[y, x] = _ramp(_cosine(direction[y, x], means[regions[y, x]]), ends)
@@ -224,19 +224,19 @@ def _specks(direction, agreement, reach, alike):
 
 
 @njit(parallel=True, cache=True)
-def _blend(pixel, regions, means, trust):
+def _blend(pixel, regions, means, weight):
     """Pixelwise maps [n, H, W], in place, to coarse ones."""
     for y in prange(pixel.shape[1]):
         for i in range(pixel.shape[0]):
             for x in range(pixel.shape[2]):
-                pixel[i, y, x] += trust[y, x] * (means[i, regions[y, x]] - pixel[i, y, x])
+                pixel[i, y, x] += weight[y, x] * (means[i, regions[y, x]] - pixel[i, y, x])
 
 
 @njit(parallel=True, cache=True)
-def _guide(coarse, guided, explained, doubt, ends, least):
+def _guide(coarse, guided, explained, noisiness, ends, least):
     """Coarse maps [n, H, W], in place, to the final ones."""
     for y in prange(coarse.shape[1]):
         for i in range(coarse.shape[0]):
             for x in range(coarse.shape[2]):
-                weight = max(np.float32(least), doubt[y, x], _ramp(explained[i, y, x], ends))
+                weight = max(np.float32(least), noisiness[y, x], _ramp(explained[i, y, x], ends))
                 coarse[i, y, x] += weight * (guided[i, y, x] - coarse[i, y, x])

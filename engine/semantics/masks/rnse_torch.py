@@ -1,6 +1,6 @@
 """Region aggregation as tensor operations, for frames that were drawn on a GPU. The formulas are in `engine.semantics.masks.rnse`.
 
-Nothing here waits for the device: work is queued, and only reading a map does. About 300 kernels find a frame's evidence, 60 refine
+Nothing here waits for the device: work is queued, and only reading a map does. About 300 kernels find a frame's statistics, 60 refine
 any number of prompts.
 """
 
@@ -46,10 +46,10 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         return superpixels_on_device(self._rgb)
 
     @cached_property
-    def evidence(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def statistics(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Regions int64 [H, W], M_k float32 [K, d], w and λ' float32 [H, W]."""
         labels, count = self._labels
-        return labels, *find_evidence(self.unit, labels, count)
+        return labels, *frame_statistics(self.unit, labels, count)
 
     @cached_property
     def _guide(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -67,12 +67,12 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         return self.unit.permute(2, 0, 1).contiguous()
 
     def refined(self, vectors: np.ndarray) -> Tensor:
-        labels, means, trust, doubt = self.evidence
+        labels, means, regional_weight, noisiness = self.statistics
         rows = self._rows(vectors)
         pixel, regional = _project(self._planes, rows), _project(means.T.contiguous(), rows)[:, labels]
-        coarse = pixel + trust * (regional - pixel)
+        coarse = pixel + regional_weight * (regional - pixel)
         guided, explained = self._filter(coarse)
-        weight = torch.maximum(doubt, _ramp(explained, rnse.EXPLAINED)).clamp_min(rnse.LEAST_GUIDED)
+        weight = torch.maximum(noisiness, _ramp(explained, rnse.EXPLAINED)).clamp_min(rnse.LEAST_GUIDED)
         return coarse + weight * (guided - coarse)
 
     def largest(self, maps: Sequence[Tensor]) -> Tensor:
@@ -104,7 +104,7 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
 def _project(planes: Tensor, rows: Tensor) -> Tensor:
     """Σ_c q_c z_c, [n, ...], of planes [d, ...] and rows [n, d], one channel after the other.
 
-    Each row's map is the same to the last bit whatever else is asked with it, which no matrix product of a library promises.
+    Each row's map is the same to the last bit whatever other rows there are, which no matrix product of a library guarantees.
     """
     weights = rows.view(*rows.shape, *[1] * (planes.ndim - 1))
     out = weights[:, 0] * planes[0]
@@ -113,7 +113,7 @@ def _project(planes: Tensor, rows: Tensor) -> Tensor:
     return out
 
 
-def find_evidence(unit: Tensor, labels: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
+def frame_statistics(unit: Tensor, labels: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
     """M_k float32 [K, d], w and λ' float32 [H, W], of normalised latents [H, W, d] in regions int64 [H, W], 0 … K − 1."""
     flat, owner = unit.flatten(0, 1), labels.flatten()
     means = _means(flat, owner, torch.zeros(count, unit.shape[2], device=unit.device))
@@ -123,16 +123,16 @@ def find_evidence(unit: Tensor, labels: Tensor, count: int) -> tuple[Tensor, Ten
     sums = torch.zeros(count, 2, dtype=torch.float64, device=unit.device)
     sums.index_add_(0, owner, torch.stack([rough, torch.ones_like(rough)], 1).double())
     noise = torch.exp((sums[:, 0] / sums[:, 1].clamp_min(1)).float())
-    doubt = _box(_ramp(noise, rnse.NOISE)[labels][None], rnse.DOUBT_WINDOW)[0]
+    noisiness = _box(_ramp(noise, rnse.NOISE)[labels][None], rnse.NOISE_WINDOW)[0]
     local = _box(unit.permute(2, 0, 1), 3).permute(1, 2, 0)
-    direction = unit + doubt[..., None] * (local - unit)
+    direction = unit + noisiness[..., None] * (local - unit)
     region = means[labels]
     length = torch.linalg.vector_norm(direction, dim=2)
     both = length * torch.linalg.vector_norm(region, dim=2)
     agreement = _ramp(torch.where(both > 1e-12, (direction * region).sum(2) / both.clamp_min(1e-12), 0.0), rnse.AGREEMENT)
     specks = (1 - agreement) * (1 - _continuity(direction / length.clamp_min(1e-6)[..., None]))
-    doubt = torch.maximum(doubt, (rnse.SPECK_GAIN * _box(specks[None], rnse.SPECK_WINDOW)[0]).clamp_max(1))
-    return means, doubt * agreement + specks, doubt
+    noisiness = torch.maximum(noisiness, (rnse.SPECK_GAIN * _box(specks[None], rnse.SPECK_WINDOW)[0]).clamp_max(1))
+    return means, noisiness * agreement + specks, noisiness
 
 
 def _normalised(latent: Tensor, alpha: Tensor | None) -> Tensor:

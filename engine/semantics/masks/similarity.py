@@ -7,7 +7,7 @@ from numba import njit
 
 from degense.engine.threads import run_kernel, take_ticket
 
-#: Latents shorter than this say nothing: their direction is rounding.
+#: Latents shorter than this have no direction but rounding.
 SHORTEST = 1e-6
 LINES = 32  # that a thread takes at once
 
@@ -16,7 +16,7 @@ def normalised(latent: np.ndarray, alpha: np.ndarray | None = None) -> np.ndarra
     """z / (‖z‖ + ε), float32 [H, W, d], times alpha where it is given.
 
     Zero vectors stay zero, and pixels that hold a NaN or an infinity become zero, so every similarity is finite.
-    Weighting with alpha keeps a pixel that is barely covered by Gaussians from answering with full confidence.
+    Weighting with alpha lowers the similarity of pixels that Gaussians barely cover.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def normalised(latent: np.ndarray, alpha: np.ndarray | None = None) -> np.ndarra
 def cosines(unit: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """⟨ẑ, q⟩, float32 [n, H, W], of normalised latents [H, W, d] with rows q = Bᵀv / ‖v‖ [n, d].
 
-    Each map is the same to the last bit whatever else is asked with it, which no matrix product of a library promises.
+    Each map is the same to the last bit whatever other rows there are, which no matrix product of a library guarantees.
     """
     out = np.empty((len(vectors), *unit.shape[:2]), np.float32)
     run_kernel(_project, np.ascontiguousarray(unit, np.float32), np.ascontiguousarray(vectors, np.float32), out)

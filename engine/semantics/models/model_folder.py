@@ -1,4 +1,4 @@
-"""The folder of a model: where it lies, what it says of itself, and a digest by which it is known again."""
+"""The folder of a model: where it is, its configuration, and a digest that identifies it."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def is_open_clip(folder: Path) -> bool:
 
 
 def model_config(folder: Path) -> dict[str, Any]:
-    """What config.json says. DegenseError in one sentence when it says nothing."""
+    """The content of config.json. DegenseError in one sentence when there is none."""
     if not (folder / "config.json").exists():
         raise DegenseError(f"{shown(folder)} holds no config.json: it is no model.")
     return read_config(folder / "config.json")

@@ -1,6 +1,6 @@
-"""What open_clip's configuration says of a plain CLIP: a ViT and a causal text transformer as OpenAI built them, of any size.
+"""The configuration of a plain CLIP as open_clip publishes it: a ViT and a causal text transformer as OpenAI built them, of any size.
 
-Everything else that open_clip can build is refused, as is an option that is not known here: it might change what the weights mean.
+Everything else that open_clip can build is refused, as is an option that is not known here: it might change the computation.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from degense.engine.errors import DegenseError
 from degense.engine.semantics.models.model_folder import OPEN_CLIP_CONFIG, read_config
 
 Options = dict[str, Any]
-#: Sizes, and what open_clip takes where the configuration does not say.
+#: Sizes, with open_clip's defaults.
 VISION = {"image_size": 224, "patch_size": 16, "width": 768, "layers": 12, "head_width": 64, "mlp_ratio": 4.0}
 TEXT = {"context_length": 77, "vocab_size": 49408, "width": 512, "layers": 12, "heads": 8, "mlp_ratio": 4.0}
 MOST, MOST_LAYERS, WIDEST_MLP, BRIGHTEST = 1 << 18, 256, 64, 255
 #: The plain values of options that name a way. All other options are plain where they are null, false, zero or empty.
 PLAIN_VISION = {"pool_type": "tok", "pos_embed_type": "learnable"}
 PLAIN_TEXT = {"pool_type": "argmax", "proj_type": "linear"}
-#: Options of training, and those that mean nothing without another that is refused.
+#: Options of training, and those without effect unless another is set that is refused.
 IDLE = re.compile(
     r"custom_text|init_logit_scale|nonscalar_logit_scale|patch_dropout|attn_pooler_\w+|pad_id|eos_id|timm_(?!model_name)\w+"
     r"|hf_(?!model_name|tokenizer_name)\w+"
@@ -31,7 +31,7 @@ IDLE = re.compile(
 
 
 def open_clip_config(folder: Path) -> tuple[Options, Options]:
-    """The same said in transformers' words.
+    """The same as arguments of transformers.
 
     Returns
     -------
@@ -45,8 +45,8 @@ def open_clip_config(folder: Path) -> tuple[Options, Options]:
     DegenseError
         In one sentence, for what is no plain CLIP or has impossible sizes.
     """
-    said = read_config(folder / OPEN_CLIP_CONFIG)
-    model, preprocessing = _part(folder, said, "model_cfg"), said.get("preprocess_cfg") or {}
+    config = read_config(folder / OPEN_CLIP_CONFIG)
+    model, preprocessing = _part(folder, config, "model_cfg"), config.get("preprocess_cfg") or {}
     activation = "quick_gelu" if _flag(folder, model, "quick_gelu") else "gelu"
     vision = _sizes(folder, _part(folder, model, "vision_cfg"), VISION, PLAIN_VISION)
     text = _sizes(folder, _part(folder, model, "text_cfg"), TEXT, PLAIN_TEXT)
@@ -80,11 +80,11 @@ def _transformer(folder: Path, sizes: Options, heads: int, activation: str) -> O
     }
 
 
-def _preprocessing(folder: Path, said: Any) -> Options:
+def _preprocessing(folder: Path, config: Any) -> Options:
     """Mean and deviation, where they are given."""
-    if not isinstance(said, dict):
-        raise _refusal(folder, "preprocess_cfg", said)
-    given = {"image_mean": said.get("mean"), "image_std": said.get("std")}
+    if not isinstance(config, dict):
+        raise _refusal(folder, "preprocess_cfg", config)
+    given = {"image_mean": config.get("mean"), "image_std": config.get("std")}
     for name, values in given.items():
         numbers = isinstance(values, list) and len(values) == 3 and all(type(v) in (int, float) and abs(v) <= BRIGHTEST for v in values)
         if values is not None and not (numbers and (name == "image_mean" or min(values) > 0)):
@@ -108,14 +108,14 @@ def _sizes(folder: Path, part: Options, sizes: Mapping[str, Any], plain: Mapping
     return found
 
 
-def _part(folder: Path, said: Options, name: str) -> Options:
-    if not isinstance(part := said.get(name), dict):
+def _part(folder: Path, config: Options, name: str) -> Options:
+    if not isinstance(part := config.get(name), dict):
         raise _refusal(folder, name, part)
     return part
 
 
-def _flag(folder: Path, said: Options, name: str) -> bool:
-    if not isinstance(flag := said.get(name, False), bool):
+def _flag(folder: Path, config: Options, name: str) -> bool:
+    if not isinstance(flag := config.get(name, False), bool):
         raise _refusal(folder, name, flag)
     return flag
 

@@ -1,4 +1,4 @@
-"""The sentences in which a CLIP is asked for words: it learnt from captions, and what one of them adds of its own averages out."""
+"""Sentences around a wording: a CLIP is trained on captions, and averaging over several removes what one of them adds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from degense.engine.semantics.basis import unit_rows
 
 Embed = Callable[[Sequence[str]], np.ndarray]
-#: CLIPSeg is asked in this one, and runs whose encoder's name says nothing of templates were made with it alone.
+#: The one of CLIPSeg, and of runs whose encoder's name has no digest of templates.
 PLAIN = "a photo of a {}"
 #: Names are things and stuff ("grasper", "fat"), so not all of these have an article. Other templates are another encoder.
 TEMPLATES = (
@@ -25,8 +25,8 @@ TEMPLATES = (
 )
 
 
-def asked_in_templates(model: str, embed: Embed) -> dict[str, Embed]:
-    """The ways to ask a CLIP for words, by the name of the encoder that asks so: in `TEMPLATES` first, then as earlier runs did.
+def template_encoders(model: str, embed: Embed) -> dict[str, Embed]:
+    """Text encoders of a CLIP by name: in `TEMPLATES` first, then as earlier runs used it.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def asked_in_templates(model: str, embed: Embed) -> dict[str, Embed]:
 
 
 def _mean_over(templates: Sequence[str], embed: Embed) -> Embed:
-    def asked(words: Sequence[str]) -> np.ndarray:
+    def encode(words: Sequence[str]) -> np.ndarray:
         vectors = unit_rows(embed([template.format(word) for word in words for template in templates]))
         return unit_rows(vectors.reshape(len(words), len(templates), -1).mean(1))
 
-    return asked
+    return encode

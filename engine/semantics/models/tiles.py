@@ -1,4 +1,4 @@
-"""Square tiles that cover a frame at several scales, and one map of what a model says of them."""
+"""Square tiles that cover a frame at several scales, and one feature map of all of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ OVERLAP = 0.25  # of a tile's side that neighbours share at least
 
 
 def tiled(rgb: np.ndarray, side: int, scales: int, model: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """What a model says of a frame, averaged over tiles and scales.
+    """The feature map of a frame, averaged over tiles and scales.
 
     Parameters
     ----------
@@ -41,10 +41,10 @@ def tiled(rgb: np.ndarray, side: int, scales: int, model: Callable[[np.ndarray],
             shape = max(1, round(height / cell)), max(1, round(width / cell))
             total, weight = np.zeros((*shape, maps.shape[-1]), np.float32), np.zeros(shape, np.float32)
         rows, columns = total.shape[:2]
-        for (y, x, s), said in zip(boxes, maps, strict=True):
+        for (y, x, s), values in zip(boxes, maps, strict=True):
             top, bottom = round(y / height * rows), max(round((y + s) / height * rows), round(y / height * rows) + 1)
             left, right = round(x / width * columns), max(round((x + s) / width * columns), round(x / width * columns) + 1)
-            fitted = [cv2.resize(channel, (right - left, bottom - top)) for channel in np.moveaxis(said, -1, 0)]
+            fitted = [cv2.resize(channel, (right - left, bottom - top)) for channel in np.moveaxis(values, -1, 0)]
             total[top:bottom, left:right] += np.stack(fitted, -1)
             weight[top:bottom, left:right] += 1
     assert total is not None

@@ -1,4 +1,4 @@
-"""How each class looks: a Gaussian over the features of its regions."""
+"""Appearance of each class: a Gaussian over the features of its regions."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ class Appearance:
     @classmethod
     def fit(cls, features: np.ndarray, weights: np.ndarray) -> Appearance:
         """From features [n, F] and how much each row belongs to each class [n, k]; every class needs some weight."""
-        spoken = weights.sum(1) > 0
-        features, weights = features[spoken].astype(np.float64), weights[spoken]
+        weighted = weights.sum(1) > 0
+        features, weights = features[weighted].astype(np.float64), weights[weighted]
         centre, scale = features.mean(0), features.std(0) + 1e-6
         z = (features - centre) / scale
         total = np.maximum(weights.sum(0), 1e-9)

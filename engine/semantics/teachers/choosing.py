@@ -8,10 +8,10 @@ from pathlib import Path
 
 from degense.engine.clip import Clip
 from degense.engine.errors import DegenseError
-from degense.engine.semantics.teachers.answer_store import CostlyTeacher
 from degense.engine.semantics.teachers.labels import LabelTeacher
 from degense.engine.semantics.teachers.precomputed import PrecomputedTeacher, find_features
 from degense.engine.semantics.teachers.strokes import StrokeTeacher
+from degense.engine.semantics.teachers.target_cache import CostlyTeacher
 from degense.engine.semantics.teachers.teacher import Teacher
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
@@ -63,7 +63,7 @@ def _choice(name: str, count: int, there: str, missing: str) -> TeacherChoice:
 
 
 def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -> Teacher | CostlyTeacher:
-    """The teacher called `name` for a clip; `answered` runs a costly one.
+    """The teacher called `name` for a clip; `with_cached_targets` runs a costly one.
 
     "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; and what was added to `MAKERS`.
 

@@ -21,7 +21,7 @@ TEXT_VECTORS = "text_vectors.safetensors"
 
 
 class PrecomputedTeacher:
-    """Targets from feature files named like the frames, and `text_vectors.safetensors` beside them, which says what words mean there.
+    """Targets from feature files named like the frames, and text vectors of the same space, `text_vectors.safetensors`, beside them.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class PrecomputedTeacher:
         first = self._files[self.frames[0]]
         self.pixelwise = first.kind == Segments.kind
         self._clip, self._level = clip, level
-        first.read(self.encoder.dimension, level)  # what does not fit is said now, not amid training
+        first.read(self.encoder.dimension, level)  # raises before the training begins
         used = f"{len(self.frames)} of {len(clip.train_frames)} training frames"
         self.provenance = f"{first.words(level)} from {shown(folder)}: {used}, text vectors of {self.encoder.name}"
 

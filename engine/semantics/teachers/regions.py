@@ -1,8 +1,8 @@
-"""A frame as a graph of superpixels, on which classes spread from where they are known to where the picture looks alike.
+"""A frame as a graph of superpixels, on which known classes spread to regions of similar appearance.
 
 A random walk with restarts (Grady, "Random walks for image segmentation", PAMI 2006, with the prior model of CVPR 2005): the class
 probabilities x of all regions minimise Σ_ij w_ij (x_i − x_j)² + Σ_i t_i (x_i − p_i)² + γ Σ_i (x_i − q_i)², where w_ij is small across an
-edge of the picture, p_i is what is known of region i with trust t_i, and q_i what its appearance suggests.
+edge of the frame, p_i are the known probabilities of region i with weight t_i, and q_i those that its appearance suggests.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from scipy.sparse.linalg import splu
 from degense.engine.semantics.masks.superpixels import superpixels
 
 REGIONS = 6400  # about so many, whatever the size of the frame
-COLOUR_STEP = 3.0  # CIELAB units between neighbours across which a walker passes e times more rarely
+COLOUR_STEP = 3.0  # CIELAB difference between neighbours that divides the weight of their edge by e
 LIKENESS_STEP = 0.5  # the same for the difference of their likenesses, half the L1 distance
 PULL = 0.003  # γ
 BLURS = (1 / 210, 1 / 85, 1 / 35)  # scales of the features, fractions of the width
-FINEST = 1e-6  # so that regions that nothing reaches have a solution too
+FINEST = 1e-6  # least weight of an edge, so that every region has a solution
 
 
 class Regions:
-    """Superpixels of one frame, their features and who touches whom.
+    """Superpixels of one frame, their features and their neighbours.
 
     Parameters
     ----------
     rgb : uint8 [H, W, 3]
     valid : bool [H, W]
-        Regions mostly outside touch nobody.
+        Regions mostly outside have no neighbours.
 
     Attributes
     ----------
@@ -64,24 +64,23 @@ class Regions:
         """Share of each region that lies in a mask bool [H, W], float64 [n]."""
         return np.bincount(self.of.ravel(), mask.ravel(), len(self)) / self.sizes
 
-    def walk(self, likeness: np.ndarray, known: np.ndarray, trust: np.ndarray) -> np.ndarray:
+    def walk(self, likeness: np.ndarray, known: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Class probabilities of each region, float64 [n, k], rows of sum 1.
 
         Parameters
         ----------
         likeness : float [n, k]
-            What the appearance of each region suggests, rows of sum 1.
+            Probabilities by the appearance of each region, rows of sum 1.
         known : float [n, k]
-            What is known of it; read where `trust` [n] is positive.
+            Known probabilities; read where `weight` [n] is positive.
         """
         a, b = self._pairs.T
         unlike = np.linalg.norm(self.colours[a] - self.colours[b], axis=1) / COLOUR_STEP
         unlike += np.abs(likeness[a] - likeness[b]).sum(1) / 2 / LIKENESS_STEP
-        weight = self._lengths * np.exp(-unlike) + FINEST
-        ways = coo_matrix((weight, (a, b)), (len(self), len(self))).tocsr()
-        ways = ways + ways.T
-        laplacian = diags(np.asarray(ways.sum(1)).ravel() + PULL + trust) - ways
-        found = splu(laplacian.tocsc()).solve(PULL * likeness + trust[:, None] * known)
+        edges = coo_matrix((self._lengths * np.exp(-unlike) + FINEST, (a, b)), (len(self), len(self))).tocsr()
+        edges = edges + edges.T
+        laplacian = diags(np.asarray(edges.sum(1)).ravel() + PULL + weight) - edges
+        found = splu(laplacian.tocsc()).solve(PULL * likeness + weight[:, None] * known)
         found = np.maximum(found, 0)
         return found / np.maximum(found.sum(1, keepdims=True), 1e-12)
 

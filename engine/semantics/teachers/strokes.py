@@ -1,9 +1,9 @@
-"""The teacher that needs a few scribbles: what they name spreads over the frame, and along the optical flow over the clip.
+"""The teacher of a few scribbles: their classes are spread over the frame by a random walk, and over the clip along the optical flow.
 
-In a frame with strokes, classes walk from the strokes to whatever touches them and looks like them (`Regions.walk`); how each class looks
-is learnt from the strokes and, in further rounds, from what the walk was sure of. In every other frame the same walk starts from the map
-of the nearest frame with strokes, carried along the flow where it can be believed, instead of from strokes.
-Confidence is calibrated on halves of strokes that were held back: what the walk says of them without knowing them.
+In a frame with strokes, the classes spread over the regions that are connected to the strokes and have a similar appearance
+(`Regions.walk`). The appearance of each class is estimated from the strokes and, in further rounds, from the regions whose class is
+confident. In every other frame the walk starts from the label map of the nearest frame with strokes, warped along the flow where the flow
+is consistent. Confidence is calibrated on halves of strokes that are held out.
 """
 
 from __future__ import annotations
@@ -17,21 +17,20 @@ import cv2
 import numpy as np
 
 from degense.engine.clip import UNLABELLED, Clip
-from degense.engine.data.readers import fingerprint
 from degense.engine.errors import ClipError
 from degense.engine.motion import consistent, follow, sample
 from degense.engine.progress import Progress, silent
-from degense.engine.semantics.teachers.answer_store import digest
 from degense.engine.semantics.teachers.appearance import Appearance
 from degense.engine.semantics.teachers.regions import Regions
+from degense.engine.semantics.teachers.target_cache import clip_settings, digest
 from degense.engine.semantics.teachers.teacher import Targets, soft_targets
 from degense.engine.semantics.text.encoder import TextEncoder
 
-REVISION = 3  # of the method: answers of another are not the same
-ROUNDS = 3  # of learning how the classes look
-SURE = 0.6  # probability from which a region teaches the next round
-STROKE_TRUST, CARRIED_TRUST = 1e3, 0.3  # of `Regions.walk`
-UNSURE = 0.35  # probability of the likeliest class below which nothing is said; above it the mixture tells how sure it is
+REVISION = 3  # of the method: another one has other targets
+ROUNDS = 3  # of estimating the appearance of the classes
+CONFIDENT = 0.6  # probability from which a region counts in the next round
+STROKE_WEIGHT, WARPED_WEIGHT = 1e3, 0.3  # of `Regions.walk`
+LEAST_PROBABILITY = 0.35  # of the likeliest class; below it there is no target, above it the mixture of classes expresses the confidence
 FLOW_PIXELS = 80_000  # flow is followed at about this size
 TEMPERATURES = np.geomspace(0.4, 4, 24)
 
@@ -52,7 +51,7 @@ class StrokeTeacher:
     sources : list of int
         Frames whose strokes are used.
     classes : list of int
-        Values of `clip.classes` that somebody scribbled; no other is ever said.
+        Values of `clip.classes` that have strokes; targets are of no others.
 
     Raises
     ------
@@ -89,25 +88,22 @@ class StrokeTeacher:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What the answers depend on."""
+        """What the targets depend on."""
         clip = self._clip
         contents = [part for frame in self.sources for part in (str(frame).encode(), self._strokes[frame], clip.valid(frame))]
         return {
+            **clip_settings(clip),
             "teacher": self.name,
             "revision": REVISION,
-            "clip": fingerprint(clip),
-            "train frames": clip.train_frames,
-            "valid": digest(*(clip.valid(frame) for frame in clip.train_frames[:: max(1, len(clip) // 4)])),
             "strokes": digest(*contents),
-            "classes": list(clip.classes),
             "encoder": self.encoder.name,
             "versions": {name: version(name) for name in ("opencv-contrib-python-headless", "numpy", "scipy")},
         }
 
-    def answers(self, frames: Sequence[int], progress: Progress = silent) -> Iterator[tuple[int, Targets | None]]:
+    def compute(self, frames: Sequence[int], progress: Progress = silent) -> Iterator[tuple[int, Targets | None]]:
         """Targets of these frames, those with strokes first."""
         wanted, done = set(frames), 0
-        progress(0, "learning how the stroked tissue looks")
+        progress(0, "learning the appearance of the classes")
         for source in self.sources:
             near = [i for i in sorted({*self.frames, source}) if self._nearest(i) == source]
             if not wanted & set(near):
@@ -116,14 +112,14 @@ class StrokeTeacher:
             start = found.astype(np.float32)[regions.of]
             if source in wanted:
                 done += 1
-                yield source, self._said(source, regions, found)
+                yield source, self._targets(source, regions, found)
             for order in ([i for i in near if i >= source], [i for i in near if i <= source][::-1]):
                 last = max((k for k, i in enumerate(order) if i in wanted and i != source), default=-1)
-                for frame, carried, believed in self._carried(order[: last + 1], start):
+                for frame, warped, consistent_flow in self._warped(order[: last + 1], start):
                     progress(done / len(wanted), "spreading strokes over the clip")
                     if frame in wanted:
                         done += 1
-                        yield frame, self._said(frame, *self._walked(frame, carried, believed))
+                        yield frame, self._targets(frame, *self._walked(frame, warped, consistent_flow))
 
     def _nearest(self, frame: int) -> int:
         return min(self.sources, key=lambda source: abs(source - frame))
@@ -134,39 +130,40 @@ class StrokeTeacher:
         return {frame: Regions(self._clip.frame(frame), self._clip.valid(frame)) for frame in self.sources}
 
     @cached_property
-    def _learnt(self) -> tuple[Appearance, dict[int, np.ndarray]]:
-        """How the classes look, and class probabilities of the regions of frames with strokes."""
+    def _learned(self) -> tuple[Appearance, dict[int, np.ndarray]]:
+        """Appearance of the classes, and class probabilities of the regions of frames with strokes."""
         return self._learn(self._strokes)
 
     def _learn(self, strokes: dict[int, np.ndarray]) -> tuple[Appearance, dict[int, np.ndarray]]:
         seeds = {frame: self._seeds(frame, values) for frame, values in strokes.items()}
         features = np.concatenate([self._regions[frame].features for frame in strokes])
-        weights = np.concatenate([known * (trust > 0)[:, None] for known, trust in seeds.values()])
+        stroked = np.concatenate([known * (weight > 0)[:, None] for known, weight in seeds.values()])
+        weights = stroked
         found: dict[int, np.ndarray] = {}
         for _ in range(ROUNDS):
             appearance = Appearance.fit(features, weights)
             found = {
-                frame: self._regions[frame].walk(appearance.likeness(self._regions[frame].features), known, trust)
-                for frame, (known, trust) in seeds.items()
+                frame: self._regions[frame].walk(appearance.likeness(self._regions[frame].features), known, weight)
+                for frame, (known, weight) in seeds.items()
             }
-            sure = np.concatenate([np.where((p > SURE) & self._regions[frame].inside[:, None], p, 0) for frame, p in found.items()])
-            weights = sure + np.concatenate([known * (trust > 0)[:, None] for known, trust in seeds.values()])
+            confident = [np.where((p > CONFIDENT) & self._regions[frame].inside[:, None], p, 0) for frame, p in found.items()]
+            weights = np.concatenate(confident) + stroked
         return appearance, found
 
     def _seeds(self, frame: int, strokes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the strokes say of the regions that they cross: shares of the classes [n, k], and the trust in them [n]."""
+        """Shares of the classes among the strokes that cross each region [n, k], and their weight [n]."""
         regions = self._regions[frame]
         counts = np.stack([regions.share(strokes == value) for value in self.classes], 1)
         total = counts.sum(1)
-        return counts / np.maximum(total, 1e-12)[:, None], STROKE_TRUST * (total > 0)
+        return counts / np.maximum(total, 1e-12)[:, None], STROKE_WEIGHT * (total > 0)
 
     @cached_property
     def temperature(self) -> float:
-        """By what power 1 / T probabilities are sharpened (T < 1) or flattened, so that they hold for strokes the walk does not know.
+        """T, by whose inverse probabilities are raised (T < 1 sharpens them) so that they are calibrated on held-out strokes.
 
-        One half of every stroke is held back, then the other.
+        One half of every stroke is held out, then the other.
         """
-        said: list[np.ndarray] = []
+        logs: list[np.ndarray] = []
         for half in (0, 1):
             strokes = {frame: _halved(values, half) for frame, values in self._strokes.items()}
             _, found = self._learn(strokes)
@@ -175,19 +172,19 @@ class StrokeTeacher:
                 for value in np.unique(values[held]):
                     there = np.unique(self._regions[frame].of[held & (values == value)])
                     log = np.log(np.maximum(found[frame][there], 1e-6))
-                    said.append(log[:, [self.classes.index(int(value)), *range(len(self.classes))]])
+                    logs.append(log[:, [self.classes.index(int(value)), *range(len(self.classes))]])
         # each class counts alike, however many regions its strokes cross
-        losses = [np.mean([(np.log(np.exp(log[:, 1:] / t).sum(1)) - log[:, 0] / t).mean() for log in said]) for t in TEMPERATURES]
+        losses = [np.mean([(np.log(np.exp(log[:, 1:] / t).sum(1)) - log[:, 0] / t).mean() for log in logs]) for t in TEMPERATURES]
         return float(TEMPERATURES[int(np.argmin(losses))])
 
     def _calibrated(self, frame: int) -> np.ndarray:
         """Calibrated class probabilities of the regions of a frame with strokes, float64 [n, k]."""
-        raised = np.maximum(self._learnt[1][frame], 1e-6) ** (1 / self.temperature)
+        raised = np.maximum(self._learned[1][frame], 1e-6) ** (1 / self.temperature)
         return raised / raised.sum(1, keepdims=True)
 
     # -- other frames ----------------------------------------------------------------------------------------------------------------------
-    def _carried(self, order: list[int], start: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """The map of the first frame of `order` moved along the flow to each of the others, and where that can be believed, bool [H, W]."""
+    def _warped(self, order: list[int], start: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """The map of the first frame of `order` warped along the flow to each of the others, and where the flow is consistent [H, W]."""
         if len(order) < 2:
             return
         width, height = self._clip.size
@@ -199,28 +196,28 @@ class StrokeTeacher:
         for frame, (out, back) in zip(order[1:], flows, strict=True):
             moved = np.stack([sample(channel, back) for channel in np.moveaxis(small, -1, 0)], -1)
             arrives = sample(here.astype(np.float32), back) > 0.99
-            believed = arrives & self._small_valid(frame, size) & consistent(back, out) & np.isfinite(moved).all(-1)
+            consistent_flow = arrives & self._small_valid(frame, size) & consistent(back, out) & np.isfinite(moved).all(-1)
             yield (
                 frame,
-                _resized(np.where(believed[..., None], moved, 0), (width, height)),
-                cv2.resize(believed.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0,
+                _resized(np.where(consistent_flow[..., None], moved, 0), (width, height)),
+                cv2.resize(consistent_flow.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0,
             )
 
     def _small_valid(self, frame: int, size: tuple[int, int]) -> np.ndarray:
         return cv2.resize(self._clip.valid(frame).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
-    def _walked(self, frame: int, carried: np.ndarray, believed: np.ndarray) -> tuple[Regions, np.ndarray]:
-        """Regions of a frame and their class probabilities, from those carried to it and from how it looks."""
+    def _walked(self, frame: int, warped: np.ndarray, consistent_flow: np.ndarray) -> tuple[Regions, np.ndarray]:
+        """Regions of a frame and their class probabilities, from those warped to it and from its appearance."""
         regions = Regions(self._clip.frame(frame), self._clip.valid(frame))
-        known = regions.mean(np.where(believed[..., None], carried, 0)).astype(np.float64)
+        known = regions.mean(np.where(consistent_flow[..., None], warped, 0)).astype(np.float64)
         known /= np.maximum(known.sum(1, keepdims=True), 1e-12)
-        trust = CARRIED_TRUST * regions.share(believed)
-        return regions, regions.walk(self._learnt[0].likeness(regions.features), known, trust)
+        weight = WARPED_WEIGHT * regions.share(consistent_flow)
+        return regions, regions.walk(self._learned[0].likeness(regions.features), known, weight)
 
-    def _said(self, frame: int, regions: Regions, found: np.ndarray) -> Targets | None:
-        vectors, index = soft_targets(found, self.vectors, found.max(1) >= UNSURE)
-        spoken = np.where(self._clip.valid(frame), index[regions.of], -1).astype(np.int32)
-        return (vectors, spoken) if (spoken >= 0).any() else None
+    def _targets(self, frame: int, regions: Regions, found: np.ndarray) -> Targets | None:
+        vectors, index = soft_targets(found, self.vectors, found.max(1) >= LEAST_PROBABILITY)
+        index_map = np.where(self._clip.valid(frame), index[regions.of], -1).astype(np.int32)
+        return (vectors, index_map) if (index_map >= 0).any() else None
 
 
 def _halved(strokes: np.ndarray, half: int) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.text.encoder import TextEncoder
 
-#: Unit vectors float32 [k, D], and int32 [H, W] that says which of them a pixel should have; −1 where the teacher says nothing.
+#: Unit vectors float32 [k, D], and int32 [H, W] that says which of them a pixel should have; −1 where there is no target.
 Targets = tuple[np.ndarray, np.ndarray]
 LEVELS = 8  # steps of a mixture of two classes, from half and half to the first class alone
 
@@ -22,7 +22,7 @@ class Teacher(Protocol):
     name : str
         "labels", …
     provenance : str
-        In words for the user: where the targets come from and on which frames.
+        For the user: where the targets come from and on which frames.
     frames : list of int
         Frames that have targets, ascending; never a held-out frame, unless the clip has no other.
     encoder : TextEncoder
@@ -38,7 +38,7 @@ class Teacher(Protocol):
     pixelwise: bool
 
     def targets(self, frame: int) -> Targets | None:
-        """Vectors and index map of a frame, or None when the teacher says nothing about it."""
+        """Vectors and index map of a frame, or None when it has no targets."""
         ...
 
 
@@ -52,7 +52,7 @@ def soft_targets(probabilities: np.ndarray, vectors: np.ndarray, known: np.ndarr
     vectors : float32 [k, D]
         Unit vectors of the classes.
     known : bool [...]
-        Elsewhere nothing is said.
+        Elsewhere there is no target.
 
     Returns
     -------

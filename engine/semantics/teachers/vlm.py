@@ -1,4 +1,4 @@
-"""The teacher that asks a vision-language model: CLIP for features of its own space, CLIPSeg for the classes by their names."""
+"""The teacher that runs a vision-language model: CLIP for features of its own space, CLIPSeg for the classes by their names."""
 
 from __future__ import annotations
 
@@ -10,24 +10,23 @@ import numpy as np
 import torch
 
 from degense.engine.clip import Clip
-from degense.engine.data.readers import fingerprint
 from degense.engine.errors import ClipError
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import find_model
-from degense.engine.semantics.models.templates import PLAIN, asked_in_templates
+from degense.engine.semantics.models.templates import PLAIN, template_encoders
 from degense.engine.semantics.models.tiles import tiled
 from degense.engine.semantics.models.vlm_models import DenseModel
-from degense.engine.semantics.teachers.answer_store import digest
+from degense.engine.semantics.teachers.target_cache import clip_settings
 from degense.engine.semantics.teachers.teacher import Targets, soft_targets
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
 from degense.engine.vocabulary.concepts import surgical_vocabulary
 
-REVISION = 1  # of the method: answers of another are not the same
+REVISION = 1  # of the method: another one has other targets
 MOST_SCALES = 6
-UNSURE = 0.3  # probability of the best class below which CLIPSeg's answer is nothing
+LEAST_PROBABILITY = 0.3  # of CLIPSeg's best class; below it there is no target
 UNNAMED = ("background", "black background", "background tissue", "background-tissue")  # no wording that a model could look for
 
 
@@ -72,36 +71,32 @@ class VlmTeacher:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What the answers depend on."""
-        clip = self._clip
+        """What the targets depend on."""
         return {
+            **clip_settings(self._clip),
             "teacher": "vlm",
             "revision": REVISION,
             "model": self.model.name,
             "scales": self._scales,
-            "clip": fingerprint(clip),
-            "train frames": clip.train_frames,
-            "valid": digest(*(clip.valid(frame) for frame in clip.train_frames[:: max(1, len(clip) // 4)])),
-            "classes": list(clip.classes),
             "prompt": PLAIN,
             "encoder": self.encoder.name,
             "versions": {name: version(name) for name in ("transformers", "torch", "opencv-contrib-python-headless")},
         }
 
-    def answers(self, frames: Sequence[int], progress: Progress = silent) -> Iterator[tuple[int, Targets | None]]:
+    def compute(self, frames: Sequence[int], progress: Progress = silent) -> Iterator[tuple[int, Targets | None]]:
         """Targets of these frames, in order."""
         for done, frame in enumerate(frames):
-            progress(done / len(frames), "asking the vision-language model")
-            yield frame, self._said(frame)
+            progress(done / len(frames), "running the vision-language model")
+            yield frame, self._targets(frame)
 
-    def _said(self, frame: int) -> Targets | None:
-        said = tiled(self._clip.frame(frame), self.model.side, self._scales, lambda tiles: self.model.maps(tiles, self._wordings))
-        rows, columns, _ = said.shape
+    def _targets(self, frame: int) -> Targets | None:
+        values = tiled(self._clip.frame(frame), self.model.side, self._scales, lambda tiles: self.model.maps(tiles, self._wordings))
+        rows, columns, _ = values.shape
         if self.model.kind == "clip":
-            vectors, cells = unit_rows(said.reshape(rows * columns, -1)), np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+            vectors, cells = unit_rows(values.reshape(rows * columns, -1)), np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
         else:
-            found = 1 / (1 + np.exp(-said.astype(np.float64)))
-            vectors, cells = soft_targets(found, self._vectors, found.max(-1) >= UNSURE)
+            found = 1 / (1 + np.exp(-values.astype(np.float64)))
+            vectors, cells = soft_targets(found, self._vectors, found.max(-1) >= LEAST_PROBABILITY)
         width, height = self._clip.size
         y, x = ((np.arange(height) + 0.5) * rows / height).astype(int), ((np.arange(width) + 0.5) * columns / width).astype(int)
         index = np.where(self._clip.valid(frame), cells[y[:, None], x], -1).astype(np.int32)
@@ -110,6 +105,6 @@ class VlmTeacher:
 
 def _text_vectors(model: DenseModel, classes: Sequence[str]) -> TextEncoder:
     names = list(dict.fromkeys([*classes, *(concept.name for concept in surgical_vocabulary().concepts)]))
-    encoder, embed = next(iter(asked_in_templates(model.name, model.texts).items()))
+    encoder, embed = next(iter(template_encoders(model.name, model.texts).items()))
     vectors = embed([name.replace("_", " ") for name in names])
     return TextVectors(dict(zip(names, vectors, strict=True)), encoder).with_classes(classes)

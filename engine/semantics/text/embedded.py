@@ -7,15 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from degense.engine.semantics.text.encoder import WordedEncoder
+from degense.engine.semantics.text.encoder import VocabularyEncoder
 from degense.engine.vocabulary.concepts import Vocabulary
 
 
-class EmbeddedEncoder(WordedEncoder):
+class EmbeddedEncoder(VocabularyEncoder):
     """The surgical vocabulary as a vector space; needs no download and gives the same numbers on every machine.
 
     Each concept owns one axis. A concept of a kind (a grasper of instrument) is √share · kind + √(1 − share) · own axis:
-    two concepts of one kind have the cosine `share` (instruments 0.35, organs 0.15, other tissue 0.05); strangers are orthogonal.
+    two concepts of one kind have the cosine `share` (instruments 0.35, organs 0.15, other tissue 0.05); others are orthogonal.
     A session class that the vocabulary does not know becomes a literal class: a vector drawn from the SHA-256 of its name,
     on axes kept for such classes and orthogonal to the literal classes before it.
     A prompt that names a kind ("tool") means the session's classes of that kind: the one direction with the same cosine to each of them.

@@ -1,4 +1,4 @@
-"""Text encoders: wordings in, unit vectors out. Vision and text must live in one space, so a run names its encoder and refuses another."""
+"""Text encoders: from wordings to unit vectors. Image features and text vectors share one space, so a run names its encoder."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class TextEncoder(Protocol):
         """The same space, in which each of the session's class names is understood literally."""
         ...
 
-    def called(self, name: str) -> TextEncoder | None:
-        """The encoder that a run names, when it is this one, or this model asked as it was for that run; else None."""
+    def for_run(self, name: str) -> TextEncoder | None:
+        """The encoder of the name that a run holds: this one, or this model with the templates of that run; None for another."""
         ...
 
     def expand(self, text: str) -> np.ndarray:
@@ -47,7 +47,7 @@ class TextEncoder(Protocol):
         ...
 
     def exclude(self, text: str) -> np.ndarray:
-        """float32 [k, D], k ≥ 0: a row for each thing that the text says it does not mean ("tool, not grasper")."""
+        """float32 [k, D], k ≥ 0: a row for each thing that the text excludes ("tool, not grasper")."""
         ...
 
     def complete(self, prefix: str) -> list[str]:
@@ -98,7 +98,7 @@ class ClassNames:
         return own or [name for name, c in self.concepts.items() if concept in self.vocabulary.ancestors(c)]
 
 
-class WordedEncoder(ABC):
+class VocabularyEncoder(ABC):
     """What all encoders share: a prompt names session classes or concepts of the vocabulary, and each of those has a vector.
 
     Parameters
@@ -125,10 +125,10 @@ class WordedEncoder(ABC):
         """Unit vectors, by name, of a concept that no session class is or belongs to. PromptError where there is none."""
 
     @abstractmethod
-    def with_classes(self, classes: Sequence[str]) -> WordedEncoder:
+    def with_classes(self, classes: Sequence[str]) -> VocabularyEncoder:
         """The same space for other session classes."""
 
-    def called(self, name: str) -> WordedEncoder | None:
+    def for_run(self, name: str) -> VocabularyEncoder | None:
         return self if name == self.name else None
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
@@ -150,14 +150,14 @@ class WordedEncoder(ABC):
         return np.stack(list(self._read(text)[0].values())).astype(np.float32)
 
     def exclude(self, text: str) -> np.ndarray:
-        """float32 [k, D]: a row for each class or concept that the text says it does not mean."""
+        """float32 [k, D]: a row for each class or concept that the text excludes."""
         return np.array(list(self._read(text)[1].values()), np.float32).reshape(-1, self.dimension)
 
     def complete(self, prefix: str) -> list[str]:
         return self.vocabulary.complete(prefix, self.classes)
 
     def _read(self, text: str) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """What a prompt means, and what it does not: vectors by name."""
+        """What a prompt includes and excludes: vectors by name."""
         if (named := self.class_names.named(text)) is not None:
             return {named: self._of_class(named)}, {}
         wanted, others = split_negatives(text)
@@ -166,10 +166,10 @@ class WordedEncoder(ABC):
         if not wanted.strip(" ,;"):
             raise PromptError(f"'{text}' says only what it does not mean; name what to look for first, as in 'tool, not grasper'.")
         excluded = {name: vector for other in others for name, vector in self._found(other).items()}
-        meant = {name: vector for name, vector in self._found(wanted).items() if name not in excluded}
-        if not meant:
+        included = {name: vector for name, vector in self._found(wanted).items() if name not in excluded}
+        if not included:
             raise PromptError(f"'{text}' leaves nothing to look for: all that it names is excluded again.")
-        return meant, excluded
+        return included, excluded
 
     def _found(self, text: str) -> dict[str, np.ndarray]:
         if (named := self.class_names.named(text)) is not None:

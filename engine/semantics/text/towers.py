@@ -14,9 +14,9 @@ import torch
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import find_model, model_config, model_digest, transformers_library
-from degense.engine.semantics.models.templates import Embed, asked_in_templates
+from degense.engine.semantics.models.templates import Embed, template_encoders
 from degense.engine.semantics.models.vlm_models import DenseModel
-from degense.engine.semantics.text.encoder import TextEncoder, WordedEncoder
+from degense.engine.semantics.text.encoder import TextEncoder, VocabularyEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
 from degense.engine.vocabulary.concepts import Vocabulary, surgical_vocabulary
 
@@ -26,32 +26,32 @@ MODULES = ("Transformer", "Pooling", "Normalize")
 BATCH = 32
 
 
-class TextTower(WordedEncoder):
+class TextTower(VocabularyEncoder):
     """A model's vectors of the session's classes, of the vocabulary's concepts and, in quotes, of anything.
 
-    A wording is asked by the name of what it means, so synonyms, misspellings and other languages work with a model that knows none of
-    them. A word that is not understood is an error: a model has a vector for nonsense, too. In quotes a text is asked as it is.
+    A wording is replaced by the name of its class or concept, so synonyms, misspellings and other languages work with a model that knows
+    none of them. A word that is not understood is an error: a model has a vector for nonsense, too. A text in quotes is encoded as it is.
 
     Parameters
     ----------
-    ways : mapping of str to callable
-        Texts → unit vectors float [n, D], by the encoder's name, digest of the model included. The first is this encoder, the others are as
-        earlier runs asked the same model.
+    encoders : mapping of str to callable
+        Texts → unit vectors float [n, D], by the encoder's name, digest of the model included. The first is this encoder, the others are
+        the same model with the templates of earlier runs.
     classes : sequence of str
     """
 
-    def __init__(self, ways: Mapping[str, Embed], classes: Sequence[str] = (), vocabulary: Vocabulary | None = None):
+    def __init__(self, encoders: Mapping[str, Embed], classes: Sequence[str] = (), vocabulary: Vocabulary | None = None):
         super().__init__(classes, vocabulary)
-        self._ways = ways
-        self.name, self._embed = next(iter(ways.items()))
+        self._encoders = encoders
+        self.name, self._embed = next(iter(encoders.items()))
         self._known: dict[str, np.ndarray] = {}
         self.dimension = len(self._vector("tissue"))
 
     def with_classes(self, classes: Sequence[str]) -> TextTower:
-        return TextTower(self._ways, classes, self.vocabulary)
+        return TextTower(self._encoders, classes, self.vocabulary)
 
-    def called(self, name: str) -> TextTower | None:
-        return TextTower({name: self._ways[name], **self._ways}, self.classes, self.vocabulary) if name in self._ways else None
+    def for_run(self, name: str) -> TextTower | None:
+        return TextTower({name: self._encoders[name], **self._encoders}, self.classes, self.vocabulary) if name in self._encoders else None
 
     def _vector(self, wording: str) -> np.ndarray:
         if wording not in self._known:
@@ -76,8 +76,8 @@ class TextTower(WordedEncoder):
 class SentenceModel:
     """A model of sentence embeddings as sentence-transformers saves it: a transformer, pooling, nothing else that changes a vector.
 
-    Vectors are taken from their mean over the vocabulary: all wordings share a direction that says nothing, and without it names that
-    mean different things lie far apart.
+    Vectors are taken from their mean over the vocabulary: all wordings share a direction that carries no information, and
+    without it names of different things lie far apart.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ def encoder_at(place: str) -> TextEncoder:
     model = DenseModel(folder, torch.device("cpu"))
     if model.kind != "clip":
         raise DegenseError(f"{folder.name} holds a {model.kind}, which has no text vectors to compare features with; name a CLIP.")
-    return TextTower(asked_in_templates(model.name, model.texts))
+    return TextTower(template_encoders(model.name, model.texts))
 
 
 def _pooling(folder: Path) -> str:

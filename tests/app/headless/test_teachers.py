@@ -18,7 +18,7 @@ from degense.engine.errors import PromptError, RunError
 from degense.engine.progress import silent
 from degense.engine.scene import Scene
 from degense.engine.semantics import EmbeddedEncoder
-from degense.engine.semantics.teachers import answer_store as store
+from degense.engine.semantics.teachers import target_cache as store
 from degense.engine.semantics.text.text_vectors import write_vectors
 from tests.semantics.models.tiny_models import write_model
 from tests.semantics.teachers import peers

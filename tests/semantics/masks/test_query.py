@@ -29,7 +29,7 @@ def asked():
 
 def test_similarity_is_the_cosine_in_the_long_space(asked):
     query, vectors, encoder, _ = asked
-    lifted = query.basis.lift(query._aggregation.unit)
+    lifted = query._aggregation.unit @ query.basis.matrix.T
     expected = lifted @ encoder.encode(["organ"])[0]
     np.testing.assert_allclose(query.similarity(3.0 * encoder.encode(["organ"])[0]), expected, atol=1e-5)
     np.testing.assert_allclose(query.similarity(vectors), (lifted @ vectors.T).max(-1), atol=1e-5)
@@ -54,7 +54,7 @@ def test_a_kind_covers_its_members_and_they_do_not_compete(asked, decoder):
 
 def test_plain_decoders_match_loops(asked):
     query, vectors, _, _ = asked
-    cosines = query.basis.lift(query._aggregation.unit) @ vectors.T
+    cosines = (query._aggregation.unit @ query.basis.matrix.T) @ vectors.T
     mask, best = mask_of(query, vectors[1], "threshold", 0.42), mask_of(query, vectors[1], "argmax", 0.5, vectors)
     labels = labels_of(query, vectors, "argmax")
     for y, x in np.random.default_rng(0).integers(0, (200, 256), (400, 2)):

@@ -10,7 +10,7 @@ from degense.engine.research.bench.mask_scenes import DEGRADATIONS, hand_frame, 
 from degense.engine.semantics import EmbeddedEncoder, fit_basis
 from degense.engine.semantics.masks import FrameSemantics, rnse, rnse_torch, superpixels
 from degense.engine.semantics.masks.guided_filter import RADIUS, GuidedFilter
-from degense.engine.semantics.masks.rnse_cpu import CpuAggregation, find_evidence
+from degense.engine.semantics.masks.rnse_cpu import CpuAggregation, frame_statistics
 from degense.engine.semantics.masks.similarity import normalised
 from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
 from degense.engine.semantics.prompts import DECODERS
@@ -41,7 +41,7 @@ def angle(a, b):
     return a @ b / max(np.linalg.norm(a) * np.linalg.norm(b), 1e-12)
 
 
-def test_evidence_matches_the_formulas():
+def test_statistics_match_the_formulas():
     frame = hand_frame(60, 44, 0, widths=(2, 3))
     latent = DEGRADATIONS["noisy"].apply(frame.labels, np.eye(4, dtype=np.float32), 0)
     latent[:, :30] = np.eye(4, dtype=np.float32)[frame.labels[:, :30]]
@@ -49,7 +49,7 @@ def test_evidence_matches_the_formulas():
     latent[row, column] = [0, 0, 0, 1]
     unit = normalised(latent)
     regions = superpixels(frame.rgb)
-    found = find_evidence(unit, regions)
+    found = frame_statistics(unit, regions)
     z = unit.astype(float)
     height, width = regions.shape
 
@@ -62,7 +62,7 @@ def test_evidence_matches_the_formulas():
         rough[y, x] = min(np.linalg.norm(at(y - v, x - u) - 2 * z[y, x] + at(y + v, x + u)) for v, u in steps) / np.sqrt(6)
     noise = [np.exp(np.log(rough[regions == k] + rnse.QUIET).mean()) for k in range(regions.max() + 1)]
     raised = np.array([ramp(v, rnse.NOISE) for v in noise])[regions]
-    doubt = cv2.blur(raised, (7, 7), borderType=cv2.BORDER_REPLICATE)
+    noisiness = cv2.blur(raised, (7, 7), borderType=cv2.BORDER_REPLICATE)
     means = []
     for k in range(regions.max() + 1):
         members = z[regions == k]
@@ -70,7 +70,7 @@ def test_evidence_matches_the_formulas():
         means.append((weights[:, None] * members).sum(0) / weights.sum())
     np.testing.assert_allclose(found.means, means, atol=1e-5)
     local = cv2.blur(z, (3, 3), borderType=cv2.BORDER_REPLICATE)
-    smooth = z + doubt[..., None] * (local - z)
+    smooth = z + noisiness[..., None] * (local - z)
     agreement, specks = np.empty(regions.shape), np.empty(regions.shape)
     for y, x in np.ndindex(*regions.shape):
         agreement[y, x] = ramp(angle(smooth[y, x], means[regions[y, x]]), rnse.AGREEMENT)
@@ -79,25 +79,25 @@ def test_evidence_matches_the_formulas():
         inside = [(y + v, x + u) for v, u in square if 0 <= y + v < height and 0 <= x + u < width]
         goes_on = sum(ramp(angle(smooth[y, x], smooth[q]), rnse.ALIKE) for q in inside)
         specks[y, x] = (1 - agreement[y, x]) * (1 - min(goes_on, 1))
-    doubt = np.maximum(doubt, np.minimum(1, rnse.SPECK_GAIN * cv2.blur(specks, (9, 9), borderType=cv2.BORDER_REPLICATE)))
-    np.testing.assert_allclose(found.doubt, doubt, atol=1e-3)
-    np.testing.assert_allclose(found.trust, doubt * agreement + specks, atol=1e-3)
+    noisiness = np.maximum(noisiness, np.minimum(1, rnse.SPECK_GAIN * cv2.blur(specks, (9, 9), borderType=cv2.BORDER_REPLICATE)))
+    np.testing.assert_allclose(found.noisiness, noisiness, atol=1e-3)
+    np.testing.assert_allclose(found.weight, noisiness * agreement + specks, atol=1e-3)
     assert specks[row, column] > 0.9
     assert raised.min() == 0
     assert raised.max() == 1
 
 
-def test_in_doubt_the_coarse_map_is_equation_4():
+def test_where_latents_are_noisy_the_coarse_map_is_equation_4():
     rgb, labels = scene(120, 90)
     unit = normalised(latents(np.zeros_like(labels), np.eye(4, dtype=np.float32), 0, 0.3, 0))
     aggregation = CpuAggregation(rgb, unit)
-    sure = aggregation.evidence.trust > 0.999
+    sure = aggregation.statistics.weight > 0.999
     assert sure.mean() > 0.9
     query = np.array([[0.8, 0.6, 0, 0]])
     (coarse,), (pixel,) = aggregation.coarse(query), aggregation.similarity(query)
     for k in range(aggregation.regions.max() + 1):
         inside = aggregation.regions == k
-        region = aggregation.evidence.means[k] @ query[0]
+        region = aggregation.statistics.means[k] @ query[0]
         np.testing.assert_allclose(coarse[inside & sure], region, atol=2e-3)
         assert region == pytest.approx(pixel[inside].mean(), abs=0.05)  # its stragglers count less
 

@@ -11,11 +11,11 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from degense.engine.errors import DegenseError
-from degense.engine.semantics import keep_encoder, open_encoder
+from degense.engine.semantics import open_encoder, save_encoder
 from degense.engine.semantics.models.model_folder import find_model, is_open_clip, model_digest
 from degense.engine.semantics.models.open_clip import read_open_clip
 from degense.engine.semantics.models.vlm_models import DEVIATION, MEAN, DenseModel
-from degense.engine.semantics.teachers import answered, teacher_by_name
+from degense.engine.semantics.teachers import teacher_by_name, with_cached_targets
 from degense.engine.semantics.teachers.vlm import VlmTeacher
 from degense.engine.semantics.text.towers import encoder_at
 from tests.fakes import MemoryClip
@@ -126,11 +126,11 @@ def test_a_tokenizers_habits_do_not_matter(folder):
 def test_a_teacher_and_the_encoder_of_its_run(published, tmp_path):
     clip = MemoryClip(frames=4)
     teacher = teacher_by_name(f"vlm:{published}?scales=2", clip)
-    vectors, index = answered(teacher).targets(0)
+    vectors, index = with_cached_targets(teacher).targets(0)
     assert (vectors.shape[1], index.shape) == (12, (40, 48))
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1, atol=1e-5)
     assert teacher.encoder.name.startswith(f"clip-{model_digest(published)}+templates-")
-    keep_encoder(teacher.encoder, tmp_path)
+    save_encoder(teacher.encoder, tmp_path)
     asked = open_encoder(teacher.encoder.name, clip.classes, tmp_path, encoder_at(str(published)))
     np.testing.assert_allclose(asked.encode(["gall bladder"]), teacher.encoder.encode(["gall bladder"]), atol=1e-5)
     write_open_clip(tmp_path / "other", seed=1)

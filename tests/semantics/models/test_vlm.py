@@ -12,7 +12,7 @@ from degense.engine.errors import ClipError, DegenseError
 from degense.engine.semantics.models.model_folder import find_model
 from degense.engine.semantics.models.templates import TEMPLATES
 from degense.engine.semantics.models.vlm_models import DenseModel
-from degense.engine.semantics.teachers import answered, teacher_by_name, teacher_choices
+from degense.engine.semantics.teachers import teacher_by_name, teacher_choices, with_cached_targets
 from degense.engine.semantics.teachers.vlm import VlmTeacher
 from degense.engine.semantics.text.towers import encoder_at
 from tests.fakes import MemoryClip
@@ -29,7 +29,7 @@ def test_clip_gives_unit_features_in_the_space_of_its_own_text_vectors(models):
     import transformers
 
     teacher = VlmTeacher(MemoryClip(), str(models["clip"]), scales=2)
-    [(frame, (vectors, index))] = teacher.answers([2])
+    [(frame, (vectors, index))] = teacher.compute([2])
     assert (frame, vectors.dtype, index.dtype, index.shape) == (2, np.float32, np.int32, (40, 48))
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1, atol=1e-5)
     assert ((index >= 0) == MemoryClip().valid(2)).all()
@@ -62,7 +62,7 @@ def test_clipseg_looks_for_the_classes_by_name(models):
     clip.classes = ("background", "liver", "gallbladder")
     teacher = VlmTeacher(clip, str(models["clipseg"]))
     assert teacher.encoder.name == "embedded-surgical-1"
-    [(_, (vectors, index))] = teacher.answers([0])
+    [(_, (vectors, index))] = teacher.compute([0])
     own = teacher.encoder.encode(["liver", "gallbladder"])
     spoken = vectors[np.unique(index[index >= 0])]
     assert (spoken @ own.T).max(1).min() > 0.7  # mixtures of the two that it was asked for
@@ -77,11 +77,11 @@ def test_answers_are_kept_and_depend_on_the_model(models, tmp_path):
     name = f"vlm:{models['clip']}?scales=2"
     first = teacher_by_name(name, clip)
     assert first.name == name
-    kept = answered(first)
+    kept = with_cached_targets(first)
     assert kept.targets(0) is not None
     again = teacher_by_name(name, clip)
     again.answers = lambda frames, progress: pytest.fail("asked again")
-    answered(again)
+    with_cached_targets(again)
     other = write_model(tmp_path / "other", "clip")
     weights = other / "model.safetensors"
     weights.write_bytes(weights.read_bytes()[:-4] + b"\0\0\0\0")

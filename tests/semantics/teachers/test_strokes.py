@@ -20,7 +20,7 @@ def likeliest(teacher, answer):
 def test_a_few_strokes_reach_every_training_frame():
     clip = StrokedClip(HONEST)
     teacher = StrokeTeacher(clip, EmbeddedEncoder())
-    answers = dict(teacher.answers(teacher.frames))
+    answers = dict(teacher.compute(teacher.frames))
     assert sorted(answers) == clip.train_frames
     for frame, answer in answers.items():
         said, truth, valid = likeliest(teacher, answer), clip.truth_labels(frame), clip.valid(frame)
@@ -37,14 +37,14 @@ def test_held_out_frames_are_never_looked_at():
     teacher = StrokeTeacher(clip, EmbeddedEncoder())
     assert teacher.sources == [0]
     assert 3 not in teacher.classes  # "fat" was scribbled on a held-out frame only
-    list(teacher.answers(teacher.frames))
+    list(teacher.compute(teacher.frames))
     assert not clip.read & set(clip.test_frames)
 
 
 def test_classes_nobody_scribbled_are_never_said():
     teacher = StrokeTeacher(StrokedClip(HONEST), EmbeddedEncoder())
     fat = teacher.encoder.encode(["fat"])[0]
-    for _, (vectors, _) in teacher.answers([0, 2]):
+    for _, (vectors, _) in teacher.compute([0, 2]):
         assert (vectors @ fat).max() < 0.5
 
 
@@ -63,7 +63,7 @@ def test_strokes_of_a_later_frame_serve_the_frames_around_it():
     clip = StrokedClip({**HONEST, **later})
     teacher = StrokeTeacher(clip, EmbeddedEncoder())
     assert "2 frames (0, 6)" in teacher.provenance
-    [(_, answer)] = teacher.answers([8])
+    [(_, answer)] = teacher.compute([8])
     valid = clip.valid(8)
     assert (likeliest(teacher, answer) == clip.truth_labels(8))[valid].mean() > 0.9
 

@@ -53,7 +53,7 @@ def test_ten_strokes_outline_the_organs_and_know_how_sure_they_are(stroked):
     clip, labels = stroked
     assert (clip.strokes(0) != UNLABELLED).mean() < 0.015
     teacher = StrokeTeacher(clip, EmbeddedEncoder())
-    answers = dict(teacher.answers([0, 23]))
+    answers = dict(teacher.compute([0, 23]))
     vectors, index = answers[0]
     likely = np.array(teacher.classes)[(vectors @ teacher.vectors.T).argmax(1)]
     said = np.where(index >= 0, likely[index], UNLABELLED)

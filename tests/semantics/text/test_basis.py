@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from degense.engine.semantics.basis import KEPT_BY_EACH, Basis, fit_basis
+from degense.engine.semantics.basis import LEAST_KEPT, Basis, fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 
 CLASSES = ["liver", "gallbladder", "fat", "grasper", "L-hook electrocautery", "background"]
@@ -46,7 +46,7 @@ def test_rank_is_the_smallest_that_keeps_enough(seed, n, energy):
 
     def enough(rank):
         own = ((features @ right[:rank].T) ** 2).sum(1)
-        return share[rank - 1] >= energy - 1e-9 and own.min() >= KEPT_BY_EACH - 1e-9
+        return share[rank - 1] >= energy - 1e-9 and own.min() >= LEAST_KEPT - 1e-9
 
     assert basis.energy == pytest.approx(share[basis.rank - 1], abs=1e-6)
     assert enough(basis.rank)
@@ -77,7 +77,7 @@ def test_lift_inverts_project_inside_the_subspace():
     encoder = EmbeddedEncoder(CLASSES)
     vectors = encoder.encode(CLASSES)
     basis = fit_basis(vectors, np.ones(len(CLASSES)), energy=1.0)
-    np.testing.assert_allclose(basis.lift(basis.project(vectors)), vectors, atol=1e-5)
+    np.testing.assert_allclose(basis.project(vectors) @ basis.matrix.T, vectors, atol=1e-5)
 
 
 def test_arrays_round_trip_and_are_checked():

@@ -9,8 +9,8 @@ from safetensors.numpy import save_file
 from safetensors.torch import save_file as save_tensors
 
 from degense.engine.errors import DegenseError, PromptError, RunError
-from degense.engine.semantics import EmbeddedEncoder, TextVectors, keep_encoder, open_encoder
-from degense.engine.semantics.text.run_encoder import KEPT
+from degense.engine.semantics import EmbeddedEncoder, TextVectors, open_encoder, save_encoder
+from degense.engine.semantics.text.run_encoder import VECTORS_FILE
 from degense.engine.semantics.text.text_vectors import read_vectors
 
 NAMES = ("liver", "Grasper", "l_hook", "background", "widget")
@@ -83,7 +83,7 @@ def test_a_run_keeps_its_encoder_and_refuses_another(tmp_path, file):
     run = tmp_path / "run"
     run.mkdir()
     encoder = TextVectors.read(file).with_classes(["Leber", "widget"])
-    keep_encoder(encoder, run)
+    save_encoder(encoder, run)
     kept = open_encoder(encoder.name, encoder.classes, run)
     assert kept.name == encoder.name
     for text in ("foie", "widget", "tool", "background"):
@@ -93,9 +93,9 @@ def test_a_run_keeps_its_encoder_and_refuses_another(tmp_path, file):
         open_encoder(encoder.name, encoder.classes, run, EmbeddedEncoder())
     with pytest.raises(RunError, match="features are of 'clip-1'"):
         open_encoder("clip-1", encoder.classes, run)
-    (run / KEPT).unlink()
+    (run / VECTORS_FILE).unlink()
     with pytest.raises(RunError, match=r"lacks text_vectors.safetensors"):
         open_encoder(encoder.name, encoder.classes, run)
-    keep_encoder(EmbeddedEncoder(["liver"]), run)
-    assert not (run / KEPT).exists()
+    save_encoder(EmbeddedEncoder(["liver"]), run)
+    assert not (run / VECTORS_FILE).exists()
     assert open_encoder("embedded-surgical-1", ["liver"], run).classes == ("liver",)

@@ -11,7 +11,7 @@ import torch
 import transformers
 
 from degense.engine.errors import DegenseError, PromptError, RunError
-from degense.engine.semantics import keep_encoder, open_encoder
+from degense.engine.semantics import open_encoder, save_encoder
 from degense.engine.semantics.models import templates
 from degense.engine.semantics.text.towers import encoder_at
 from tests.semantics.models.tiny_models import write_model
@@ -110,7 +110,7 @@ def test_sentences_are_pooled_as_the_model_says_whatever_stands_beside_them(tmp_
 
 def test_a_run_of_a_tower_needs_it_no_more_and_refuses_another(places, tmp_path):
     encoder = encoder_at(str(places["sentences"])).with_classes(["liver", "foo"])
-    keep_encoder(encoder, tmp_path)
+    save_encoder(encoder, tmp_path)
     kept = open_encoder(encoder.name, encoder.classes, tmp_path)
     np.testing.assert_allclose(kept.encode(["foie", "foo", "spleen"]), encoder.encode(["liver", "foo", "spleen"]), atol=1e-6)
     again = open_encoder(encoder.name, encoder.classes, tmp_path, encoder_at(str(places["sentences"])))

@@ -8,8 +8,8 @@ import pytest
 
 from degense.engine.errors import Cancelled, DegenseError
 from degense.engine.semantics import EmbeddedEncoder
-from degense.engine.semantics.teachers import LabelTeacher, answered
-from degense.engine.semantics.teachers import answer_store as store
+from degense.engine.semantics.teachers import LabelTeacher, with_cached_targets
+from degense.engine.semantics.teachers import target_cache as store
 from tests.fakes import MemoryClip
 
 
@@ -25,7 +25,7 @@ class Slow:
         index = np.full((6, 7), frame - 1, np.int32)
         return (np.eye(9, 5, dtype=np.float32) + frame, index) if frame != 3 else None
 
-    def answers(self, frames, progress):
+    def compute(self, frames, progress):
         for done, frame in enumerate(reversed(frames)):
             progress(done / len(frames), "thinking")
             self.asked.append(frame)
@@ -35,7 +35,7 @@ class Slow:
 def test_the_second_asking_reads_what_the_first_one_wrote():
     first, second, other = Slow(a=1), Slow(a=1), Slow(a=2)
     for teacher in (first, second, other):
-        kept = answered(teacher)
+        kept = with_cached_targets(teacher)
         assert (kept.name, kept.frames, kept.pixelwise) == ("slow", [0, 2, 3, 4], True)
         for frame in range(6):
             answer, expected = kept.targets(frame), teacher.answer(frame) if frame in teacher.frames else None
@@ -52,20 +52,20 @@ def test_an_interrupted_asking_goes_on_where_it_stopped():
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        answered(Slow(), stop_halfway)
+        with_cached_targets(Slow(), stop_halfway)
     again = Slow()
-    answered(again)
+    with_cached_targets(again)
     assert again.asked == [2, 0]
 
 
 def test_a_teacher_that_costs_nothing_is_not_kept():
     teacher = LabelTeacher(MemoryClip(), EmbeddedEncoder())
-    assert answered(teacher) is teacher
+    assert with_cached_targets(teacher) is teacher
     assert store.cache_use().entries == 0
 
 
 def test_a_damaged_answer_is_one_sentence():
-    kept = answered(Slow())
+    kept = with_cached_targets(Slow())
     path = kept.folder / "000002.npz"
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(DegenseError, match=r"000002\.npz is gone or damaged; clear the cache with degense cache --clear"):
@@ -77,21 +77,21 @@ def test_a_damaged_answer_is_one_sentence():
 
 
 def test_what_was_not_read_for_longest_makes_room():
-    old, recent = (answered(Slow(a=a)).folder for a in (1, 2))
+    old, recent = (with_cached_targets(Slow(a=a)).folder for a in (1, 2))
     long_ago = time.time() - 2 * store.IN_USE
     os.utime(old, (long_ago, long_ago))
     store.set_limit(1)
     assert not old.exists()
     assert recent.exists()  # a training may be reading it
     os.utime(recent, (long_ago, long_ago))
-    new = answered(Slow(a=3)).folder
+    new = with_cached_targets(Slow(a=3)).folder
     assert not recent.exists()
     assert new.exists()
     assert store.cache_use().limit == 1
 
 
 def test_clearing_leaves_the_limit_and_nothing_else():
-    answered(Slow())
+    with_cached_targets(Slow())
     store.set_limit(10 << 30)
     assert store.clear_cache().entries == 1
     use = store.cache_use()

@@ -1,6 +1,6 @@
-"""What costly teachers said, kept on disk by content: the same clip, settings and versions give the same key, and no second asking.
+"""Targets of costly teachers, cached on disk by content: the same clip, settings and versions have the same key.
 
-Every frame is a file of its own, written whole or not at all, so a teacher that was interrupted goes on where it stopped.
+Every frame is a file of its own, written whole or not at all, so an interrupted teacher resumes where it stopped.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import platformdirs
 
+from degense.engine.clip import Clip
+from degense.engine.data.readers import fingerprint
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing, write_text
 from degense.engine.progress import Progress, silent
@@ -34,12 +36,12 @@ _BROKEN = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.err
 
 @runtime_checkable
 class CostlyTeacher(Protocol):
-    """A teacher whose answers are worth keeping: as `Teacher`, but it answers many frames in an order of its own.
+    """A teacher whose targets are worth caching: as `Teacher`, but it computes many frames in an order of its own.
 
     Attributes
     ----------
     settings : dict
-        Everything its answers depend on beside the program itself; JSON values.
+        Everything its targets depend on beside the program itself; JSON values.
     """
 
     name: str
@@ -51,20 +53,20 @@ class CostlyTeacher(Protocol):
     @property
     def settings(self) -> dict[str, Any]: ...
 
-    def answers(self, frames: Sequence[int], progress: Progress) -> Iterator[tuple[int, Targets | None]]:
-        """What it says of these frames, each once, in any order."""
+    def compute(self, frames: Sequence[int], progress: Progress) -> Iterator[tuple[int, Targets | None]]:
+        """Targets of these frames, each once, in any order."""
         ...
 
 
-class StoredTeacher:
-    """A teacher that has answered everything: its words are read from disk."""
+class CachedTeacher:
+    """A costly teacher whose targets are read from disk."""
 
     def __init__(self, teacher: CostlyTeacher, folder: Path):
         self.name, self.provenance, self.frames = teacher.name, teacher.provenance, teacher.frames
         self.encoder, self.pixelwise, self.folder = teacher.encoder, teacher.pixelwise, folder
 
     def targets(self, frame: int) -> Targets | None:
-        """The answer. DegenseError when its file is gone or damaged."""
+        """Vectors and index map of a frame. DegenseError when its file is gone or damaged."""
         if frame not in self.frames:
             return None
         path = self.folder / f"{frame:06d}.npz"
@@ -77,13 +79,13 @@ class StoredTeacher:
         return (vectors.astype(np.float32), index.astype(np.int32)) if len(vectors) else None
 
 
-def answered(teacher: Teacher | CostlyTeacher, progress: Progress = silent) -> Teacher:
-    """A costly teacher after it answered all its frames; those that an earlier asking left on disk are not asked again. Others as they are.
+def with_cached_targets(teacher: Teacher | CostlyTeacher, progress: Progress = silent) -> Teacher:
+    """A costly teacher after all its frames were computed; those that are in the cache are not computed again. Others as they are.
 
     Parameters
     ----------
     progress : Progress
-        May raise `Cancelled`; what has been answered by then stays.
+        May raise `Cancelled`; what has been computed by then stays.
     """
     if not isinstance(teacher, CostlyTeacher):
         return teacher
@@ -91,13 +93,23 @@ def answered(teacher: Teacher | CostlyTeacher, progress: Progress = silent) -> T
     missing = [frame for frame in teacher.frames if not (folder / f"{frame:06d}.npz").exists()]
     if missing:
         write_text(folder / "about.json", json.dumps({"teacher": teacher.name, "provenance": teacher.provenance, **teacher.settings}))
-        for frame, answer in teacher.answers(missing, progress):
-            vectors, index = answer if answer is not None else (np.zeros((0, 1), np.float32), np.zeros((0, 0), np.int32))
+        for frame, targets in teacher.compute(missing, progress):
+            vectors, index = targets if targets is not None else (np.zeros((0, 1), np.float32), np.zeros((0, 0), np.int32))
             with replacing(folder / f"{frame:06d}.npz") as temporary, temporary.open("wb") as file:
                 np.savez_compressed(file, vectors=vectors, index=_smallest(index))
         shrink(keep=folder)
     _touch(folder)
-    return StoredTeacher(teacher, folder)
+    return CachedTeacher(teacher, folder)
+
+
+def clip_settings(clip: Clip) -> dict[str, Any]:
+    """The part of a teacher's settings that describes its clip."""
+    return {
+        "clip": fingerprint(clip),
+        "train frames": clip.train_frames,
+        "valid": digest(*(clip.valid(frame) for frame in clip.train_frames[:: max(1, len(clip) // 4)])),
+        "classes": list(clip.classes),
+    }
 
 
 def key_of(settings: dict[str, Any]) -> str:
@@ -117,7 +129,7 @@ def digest(*parts: bytes | np.ndarray) -> str:
 # -- the folder ----------------------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class CacheUse:
-    """What the cache holds: entries, bytes, and the most bytes it may hold."""
+    """Entries and bytes of the cache, and the most bytes that it may hold."""
 
     entries: int
     bytes: int
@@ -125,7 +137,7 @@ class CacheUse:
 
 
 def cache_folder() -> Path:
-    """Where answers are kept; nothing else lies there."""
+    """Where targets are cached; nothing else lies there."""
     return Path(platformdirs.user_cache_dir("degense", appauthor=False)) / "teachers"
 
 
@@ -141,7 +153,7 @@ def set_limit(limit: int) -> None:
 
 
 def clear_cache() -> CacheUse:
-    """Remove all answers; what there was."""
+    """Remove all targets; returns what there was."""
     use = cache_use()
     for _, folder, _ in _entries():
         shutil.rmtree(folder)
