@@ -72,7 +72,7 @@ class Docks(QObject):
         height : int
             Share of the right column, pixels; of tabs the first one's counts.
         hidden : bool
-            Whether it is closed when the window starts.
+            Whether it is closed when the window starts; the bottom ones always are.
         """
         dock = QDockWidget(title, self.window)
         dock.setObjectName(title)
@@ -86,7 +86,7 @@ class Docks(QObject):
             self._heights[dock] = height
         if place == "bottom":
             self._hidden_at_start.append(dock)
-        if hidden:
+        if hidden or place == "bottom":
             dock.hide()
         self.all.append(dock)
         return dock
