@@ -11,7 +11,7 @@ from degense.app.cli.terminal import Bar
 from degense.engine.errors import DegenseError
 
 if TYPE_CHECKING:
-    from degense.engine.research.bench.options import BenchOptions
+    from degense.engine.research.bench.run import BenchOptions
 
 #: Needs a display, so it is not one of "all".
 OF_THE_WINDOW = {
@@ -68,7 +68,7 @@ def _run(names: list[str], options: argparse.Namespace) -> None:
 
 def _bench_options(options: argparse.Namespace, scratch: Path) -> BenchOptions:
     from degense.engine.data.readers import open_clip
-    from degense.engine.research.bench.options import BenchOptions
+    from degense.engine.research.bench.run import BenchOptions
     from degense.engine.training.config import choose_device
 
     for clip in options.clip:

@@ -24,7 +24,7 @@ from degense.app.session.view_state import Prompt
 from degense.app.shell.settings import SettingsFile
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import percentile
 

@@ -14,7 +14,7 @@ from degense.engine.errors import Cancelled, DegenseError
 from degense.engine.events import Event, Step, TrainingProgress
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.progress import Progress, silent
-from degense.engine.research.report import Entry, Picture, pictures_of
+from degense.engine.research.report import MethodScores, ReportPicture, pictures_of
 from degense.engine.research.report.pictures import truths_of
 from degense.engine.research.systems import as_system, words_of
 from degense.engine.scene import Scene
@@ -29,7 +29,7 @@ FREE = ("device", "seed", "checkpoint_seconds", "given")
 
 
 @dataclass(frozen=True)
-class Comparison:
+class SystemComparison:
     """What is compared, and where it is kept.
 
     Attributes
@@ -48,7 +48,7 @@ class Comparison:
     teacher: str
 
     @classmethod
-    def open(cls, clip: Clip, out: Path, config: TrainConfig, teacher: str | None = None) -> Comparison:
+    def open(cls, clip: Clip, out: Path, config: TrainConfig, teacher: str | None = None) -> SystemComparison:
         """Begin a comparison in `out`, or go on with the one that is there.
 
         `fit` is switched off: budgets that fit the clip would not be the same for all.
@@ -81,7 +81,7 @@ class Comparison:
 
     def run(
         self, methods: Sequence[str], seeds: Sequence[int], progress: Progress = silent, stop: Callable[[], bool] = lambda: False
-    ) -> list[Entry]:
+    ) -> list[MethodScores]:
         """Train and score what has not been; the scores of all, in the order of `methods`.
 
         Raises
@@ -101,7 +101,7 @@ class Comparison:
             if not path.exists():
                 write_json(path, self._score(clip, method, seed, tell, stop))
             scores[method].append(_scores(path))
-        return [Entry(method, words_of(method), scores[method]) for method in methods]
+        return [MethodScores(method, words_of(method), scores[method]) for method in methods]
 
     def _score(self, clip: Clip, method: str, seed: int, progress: Progress, stop: Callable[[], bool]) -> dict[str, Any]:
         """Train one run, or go on with it, and score it."""
@@ -127,7 +127,7 @@ class Comparison:
         scene = Scene.open(folder, device=self.config.device if self.config.device != "auto" else None, clip=clip)
         return evaluate(scene, clip, scoring)
 
-    def pictures(self, entries: Sequence[Entry], seed: int) -> list[Picture]:
+    def pictures(self, entries: Sequence[MethodScores], seed: int) -> list[ReportPicture]:
         """The shown frames as recorded, with their true labels, and as each method has them."""
         frames = entries[0].runs[0]["mask_frames"]
         found = truths_of(self.clip, frames)

@@ -7,15 +7,17 @@ import os
 import threading
 import traceback
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress
 
 #: `work(*arguments, progress)`: a module's function; arguments and result are plain enough to be sent.
 Work = Callable[..., Any]
+Value = TypeVar("Value")
 
 
 def in_child(work: Work, *arguments: object, progress: Progress) -> Any:
@@ -46,6 +48,16 @@ def in_child(work: Work, *arguments: object, progress: Progress) -> Any:
         child.terminate()
         child.join()
         receiver.close()
+
+
+def call_in_child(work: Callable[..., Value], *arguments: object) -> Value:
+    """`work(*arguments)` in a fresh process. Its exceptions are raised here as they are: in a stress test what is refused is an outcome.
+
+    `work` must be a module's function, its arguments and its value plain enough to be sent.
+    """
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(max_workers=1, mp_context=context, initializer=end_with_parent) as pool:
+        return pool.submit(work, *arguments).result()
 
 
 def end_with_parent() -> None:

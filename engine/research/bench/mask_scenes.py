@@ -24,7 +24,7 @@ SENSOR_NOISE = 1.5  # grey levels
 
 
 @dataclass(frozen=True)
-class Frame:
+class MaskFrame:
     """One picture and what it shows.
 
     Attributes
@@ -40,7 +40,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Degradation:
+class LatentDegradation:
     """How latents differ from the text vectors of the true labels.
 
     Attributes
@@ -93,22 +93,22 @@ class Degradation:
 
 #: From exact to worse than any trained scene seen so far.
 DEGRADATIONS = {
-    "exact": Degradation(),
-    "blurred": Degradation(blur=1.5),
-    "noisy": Degradation(blur=0.7, noise=0.5, grain=1.0),
-    "confused": Degradation(blur=0.7, grain=3.0, confused=0.03),
-    "all": Degradation(blur=1.0, noise=0.5, grain=3.0, confused=0.03),
+    "exact": LatentDegradation(),
+    "blurred": LatentDegradation(blur=1.5),
+    "noisy": LatentDegradation(blur=0.7, noise=0.5, grain=1.0),
+    "confused": LatentDegradation(blur=0.7, grain=3.0, confused=0.03),
+    "all": LatentDegradation(blur=1.0, noise=0.5, grain=3.0, confused=0.03),
 }
 
 
-def phantom_frame(width: int, height: int, seed: int, time: float) -> Frame:
+def phantom_frame(width: int, height: int, seed: int, time: float) -> MaskFrame:
     """A frame of the phantom "cautery" at clip time `time` in [0, 1]."""
     view = PhantomScene("cautery", width, height, seed, 0.0).view(time)
     noise = np.random.default_rng(seed).normal(0, SENSOR_NOISE, view.rgb.shape)
-    return Frame(np.clip(np.rint(view.rgb * 255 + noise), 0, 255).astype(np.uint8), view.labels, tuple(CLASSES))
+    return MaskFrame(np.clip(np.rint(view.rgb * 255 + noise), 0, 255).astype(np.uint8), view.labels, tuple(CLASSES))
 
 
-def hand_frame(width: int, height: int, seed: int, widths: tuple[int, ...] = WIDTHS, contrast: float = 1.0) -> Frame:
+def hand_frame(width: int, height: int, seed: int, widths: tuple[int, ...] = WIDTHS, contrast: float = 1.0) -> MaskFrame:
     """Instruments of these widths, pixels, over two tissues and an organ, with highlights on instruments and tissue.
 
     Parameters
@@ -143,7 +143,7 @@ def hand_frame(width: int, height: int, seed: int, widths: tuple[int, ...] = WID
     image = np.vstack([tissue, steel[None]])[labels] + texture
     image = cv2.GaussianBlur(image + shine[..., None] * (250 - image), (0, 0), 0.6)
     image += rng.normal(0, SENSOR_NOISE, image.shape)
-    return Frame(np.clip(image, 0, 255).astype(np.uint8), labels, HAND_CLASSES)
+    return MaskFrame(np.clip(image, 0, 255).astype(np.uint8), labels, HAND_CLASSES)
 
 
 def _line(canvas: np.ndarray, start: np.ndarray, end: np.ndarray, value: float, thickness: int) -> None:

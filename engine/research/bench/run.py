@@ -1,4 +1,4 @@
-"""Every benchmark by its name, and how one is run."""
+"""Every benchmark by its name, what it is told, and how it is run."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import platform
 import shlex
 from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
@@ -14,7 +15,6 @@ import torch
 
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
-from degense.engine.research.bench.options import BenchOptions
 from degense.engine.research.bench.table import Table
 
 #: Name → (module with `run(options, progress) -> Iterable[Table]`, what it answers).
@@ -58,6 +58,33 @@ BENCHES: Benches = {
     ),
     "stress": ("degense.engine.research.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What every benchmark is told.
+
+    Attributes
+    ----------
+    device : {"cpu", "cuda"}
+    seeds : tuple of int
+        Of trainings and random scenes; figures over seeds are stated with their spread.
+    repeats : int
+        Of each timing.
+    quick : bool
+        Smaller scenes and shorter trainings: to see that it runs, not to quote.
+    scratch : Path
+        A folder for clips and runs made on the way; its owner deletes it.
+    clips : tuple of Path
+        Real clips to measure on beside the phantoms.
+    """
+
+    device: str
+    seeds: tuple[int, ...]
+    repeats: int
+    quick: bool
+    scratch: Path
+    clips: tuple[Path, ...] = ()
 
 
 def run(name: str, options: BenchOptions, progress: Progress = silent, benches: Benches = BENCHES) -> Iterator[Table]:

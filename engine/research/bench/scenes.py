@@ -10,7 +10,7 @@ from degense.engine.events import Event, TrainingProgress
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress
 from degense.engine.raster.reference import rotation_matrices
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
 

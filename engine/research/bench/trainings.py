@@ -10,7 +10,7 @@ from typing import Any
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.workers import run_jobs, worker_count
 from degense.engine.research.degraded_teachers import VLM_LIKE
 from degense.engine.training.config import TrainConfig
@@ -35,7 +35,7 @@ QUICK = Size(17, 96, 80, 120, 2000)
 
 
 @dataclass(frozen=True)
-class Training:
+class BenchTraining:
     """One training to run and score.
 
     Attributes
@@ -53,7 +53,7 @@ class Training:
     teacher: str
 
 
-def score(training: Training) -> dict[str, Any]:
+def score(training: BenchTraining) -> dict[str, Any]:
     """Train, then everything that `evaluate` says, and `rank` of the latents. Runs in a worker process."""
     from degense.engine.data.readers import open_clip
     from degense.engine.metrics.evaluate import evaluate
@@ -107,7 +107,7 @@ TEACHER_WORDS = (
 )
 
 
-def score_all(trainings: list[Training], options: BenchOptions, progress: Progress, words: str) -> list[dict[str, Any]]:
+def score_all(trainings: list[BenchTraining], options: BenchOptions, progress: Progress, words: str) -> list[dict[str, Any]]:
     """Scores of all trainings, in their order."""
     found: dict[int, dict[str, Any]] = dict(run_jobs(score, trainings, worker_count(options.device), progress, words))
     return [found[number] for number in range(len(trainings))]

@@ -8,9 +8,9 @@ from typing import Any
 
 from degense.engine.field import ROUTINGS
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
-from degense.engine.research.bench.trainings import TEACHER_WORDS, Training, base_config, phantoms, protocol, score_all, vlm_like
+from degense.engine.research.bench.trainings import TEACHER_WORDS, BenchTraining, base_config, phantoms, protocol, score_all, vlm_like
 from degense.engine.semantics.prompts import DECODERS, DEFAULT_DECODER
 from degense.engine.training.config import TrainConfig
 
@@ -44,7 +44,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     clips = phantoms(options, lambda fraction, words: progress(0.03 * fraction, words))
     for number, (kind, clip) in enumerate(clips.items()):
         trainings = [
-            Training(
+            BenchTraining(
                 clip,
                 options.scratch / f"ablation-{kind}-{i}-{seed}",
                 base_config(options, seed=seed, routing=variant[0], angular=variant[1], appearance=variant[2]),
@@ -54,7 +54,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
             for seed in options.seeds
         ]
         trainings += [
-            Training(
+            BenchTraining(
                 clip,
                 options.scratch / f"ablation-{kind}-other-{i}-{seed}",
                 base_config(options, seed=seed, **changes),
@@ -117,7 +117,12 @@ def per_class(kind: str, found: Found, options: BenchOptions) -> Table:
             ious = {c: [r["masks"][d]["iou"][c] for r in runs if r["masks"][d]["iou"][c] is not None] for c in classes}
             rows.append(words_of(variant) | {"decoder": d, "miou": [r["miou"][d] for r in runs]} | ious)
     rows.append({"routing": "floor: everywhere"} | {c: found[BASELINE][0]["masks"][DECODERS[0]]["floor"][c] for c in classes})
-    columns = [*NAMES, Column("decoder", "decoder"), Column("miou", "mIoU", 3, "mean"), *(Column(c, c, 3, "mean") for c in classes)]
+    columns = [
+        *NAMES,
+        Column("decoder", "decoder"),
+        Column("miou", "mIoU", 3, "mean"),
+        *(Column(c, c, 3, "mean") for c in classes),
+    ]
     title = f"IoU of each class, phantom “{kind}”"
     return Table(f"ablation-{kind}-classes", title, f"{protocol(options)} {TEACHER_WORDS}.", columns, rows)
 

@@ -16,7 +16,7 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.events import Event, TrainingProgress
 from degense.engine.metrics.masks import MaskScores
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train

@@ -14,7 +14,7 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.metrics.poses import pose_errors
 from degense.engine.progress import Progress, silent
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Column, Table
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
-from degense.engine.research.bench.trainings import Training, base_config, phantoms, protocol, score_all, size_of
+from degense.engine.research.bench.trainings import BenchTraining, base_config, phantoms, protocol, score_all, size_of
 from degense.engine.research.degraded_teachers import VLM_LIKE
 from degense.engine.semantics.prompts import DECODERS
 
@@ -36,7 +36,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
             ("rank", "at most so many latent dimensions", ranks),
         ):
             trainings = [
-                Training(
+                BenchTraining(
                     clip,
                     options.scratch / f"latent-{kind}-{what}-{i}-{seed}",
                     base_config(options, seed=seed, max_rank=rank),

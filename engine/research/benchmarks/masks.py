@@ -14,8 +14,8 @@ from skimage.segmentation import slic
 from degense.engine.errors import DegenseError
 from degense.engine.metrics.masks import boundary_f, iou
 from degense.engine.progress import Progress, silent
-from degense.engine.research.bench.mask_scenes import DEGRADATIONS, Frame, MaskScene, hand_frame, phantom_frame
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.mask_scenes import DEGRADATIONS, MaskFrame, MaskScene, hand_frame, phantom_frame
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure
 from degense.engine.semantics.basis import Basis, fit_basis
@@ -127,7 +127,7 @@ def _superpixels(options: BenchOptions) -> Table:
     return table
 
 
-def _superpixel_row(name: str, times: list[float], found: list[np.ndarray], frames: list[Frame]) -> dict[str, Cell]:
+def _superpixel_row(name: str, times: list[float], found: list[np.ndarray], frames: list[MaskFrame]) -> dict[str, Cell]:
     accuracy = [achievable_accuracy(regions, frame.labels) for regions, frame in zip(found, frames, strict=True)]
     return {
         "name": name,
@@ -165,7 +165,7 @@ def _decoders(options: BenchOptions, progress: Progress) -> Table:
             Column("classes", "IoU by class"),
         ],
     )
-    scenes: list[tuple[str, Callable[[int], list[Frame]]]] = [
+    scenes: list[tuple[str, Callable[[int], list[MaskFrame]]]] = [
         ("phantom", lambda seed: [phantom_frame(width, height, seed, time) for time in TIMES]),
         ("hand-made", lambda seed: [hand_frame(width, height, seed)]),
         ("pale", lambda seed: [hand_frame(width, height, seed, contrast=0.2)]),
@@ -179,7 +179,7 @@ def _decoders(options: BenchOptions, progress: Progress) -> Table:
     return table
 
 
-def _decoder_row(scene: str, degradation: str, decoder: str, frames: dict[int, list[Frame]], options: BenchOptions) -> dict[str, Cell]:
+def _decoder_row(scene: str, degradation: str, decoder: str, frames: dict[int, list[MaskFrame]], options: BenchOptions) -> dict[str, Cell]:
     scores: dict[str, list[float]] = {key: [] for key in ("tools", "tools_f", "tissue", "tissue_f", "labels", "error")}
     by_class: dict[str, list[float]] = {}
     times: list[float] = []

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
-from degense.engine.research.bench.trainings import Training, base_config, phantoms, protocol, score_all
+from degense.engine.research.bench.trainings import BenchTraining, base_config, phantoms, protocol, score_all
 
 #: What is taken away, and the settings that do it.
 INGREDIENTS: dict[str, dict[str, Any]] = {
@@ -55,7 +55,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     clips = phantoms(options, lambda fraction, words: progress(0.03 * fraction, words))
     for number, (kind, clip) in enumerate(clips.items()):
         trainings = [
-            Training(clip, options.scratch / f"motion-{kind}-{i}-{seed}", base_config(options, seed=seed, **changes), "none")
+            BenchTraining(clip, options.scratch / f"motion-{kind}-{i}-{seed}", base_config(options, seed=seed, **changes), "none")
             for i, changes in enumerate(INGREDIENTS.values())
             for seed in options.seeds
         ]

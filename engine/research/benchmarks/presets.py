@@ -13,7 +13,7 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.events import Event, Step, TrainingProgress
 from degense.engine.progress import Progress
 from degense.engine.research.bench.child import in_child, peak_memory
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.trainings import noise_floor
 from degense.engine.training import TrainConfig

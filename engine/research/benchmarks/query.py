@@ -11,7 +11,7 @@ import torch
 
 from degense.engine.camera import Camera
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.scenes import trained_scene, with_count
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.scene import Scene

@@ -20,7 +20,7 @@ from degense.engine.progress import Progress
 from degense.engine.raster import rasterize
 from degense.engine.raster.limits import MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
 from degense.engine.raster.reference import project
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure_in_turn
 from degense.engine.scene import Scene

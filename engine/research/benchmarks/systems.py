@@ -8,9 +8,9 @@ from typing import Any
 
 from degense.engine.metrics.masks import mean
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
-from degense.engine.research.bench.trainings import TEACHER_WORDS, Training, base_config, phantoms, protocol, score_all, vlm_like
+from degense.engine.research.bench.trainings import TEACHER_WORDS, BenchTraining, base_config, phantoms, protocol, score_all, vlm_like
 from degense.engine.research.systems import SYSTEMS, as_system
 from degense.engine.semantics.prompts import DECODERS
 from degense.engine.vocabulary import instruments
@@ -25,7 +25,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     by_kind: dict[str, Found] = {}
     for number, (kind, clip) in enumerate(clips.items()):
         trainings = [
-            Training(
+            BenchTraining(
                 clip,
                 options.scratch / f"systems-{kind}-{name}-{seed}",
                 replace(as_system(name, base_config(options, seed=seed)), fit=False),
@@ -102,7 +102,11 @@ def summary(kind: str, found: Found, options: BenchOptions) -> Table:
 def per_class(kind: str, found: Found, options: BenchOptions) -> Table:
     """The paper's form: systems × classes, and their mean."""
     classes = list(found[OURS][0]["masks"][DECODERS[0]]["iou"])
-    columns = [Column("system", "system"), Column("decoder", "own best decoder"), *(Column(c, c, 3, "mean") for c in classes)]
+    columns = [
+        Column("system", "system"),
+        Column("decoder", "own best decoder"),
+        *(Column(c, c, 3, "mean") for c in classes),
+    ]
     columns.append(Column("mean", "mean", 3, "mean"))
     rows: list[dict[str, Cell]] = []
     for name, runs in found.items():

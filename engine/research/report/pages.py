@@ -14,16 +14,21 @@ import cv2
 
 from degense.engine.files import write_text
 from degense.engine.research.report.charts import Line, chart, legend
-from degense.engine.research.report.entry import Entry
-from degense.engine.research.report.pictures import Picture, class_colour
-from degense.engine.research.report.tables import Cell, Table, plain, tables_of
+from degense.engine.research.report.method_scores import MethodScores
+from degense.engine.research.report.pictures import ReportPicture, class_colour
+from degense.engine.research.report.tables import Cell, ReportTable, plain, tables_of
 
 FORMAT = 1
 JPEG_QUALITY = 88
 
 
 def write_report(
-    folder: Path, title: str, facts: Mapping[str, str], entries: Sequence[Entry], classes: Sequence[str], pictures: Sequence[Picture]
+    folder: Path,
+    title: str,
+    facts: Mapping[str, str],
+    entries: Sequence[MethodScores],
+    classes: Sequence[str],
+    pictures: Sequence[ReportPicture],
 ) -> list[Path]:
     """Write `report.json`, `report.md` and `report.html`; their paths.
 
@@ -48,7 +53,7 @@ def write_report(
     return list(paths.values())
 
 
-def _markdown(title: str, facts: Mapping[str, str], entries: Sequence[Entry], tables: Sequence[Table]) -> str:
+def _markdown(title: str, facts: Mapping[str, str], entries: Sequence[MethodScores], tables: Sequence[ReportTable]) -> str:
     parts = [f"# {plain(title)}", "\n".join(f"- {plain(name)}: {plain(words)}" for name, words in facts.items())]
     for table in tables:
         parts += [f"## {plain(table.title)}", table.markdown(), plain(table.words)]
@@ -60,10 +65,10 @@ def _markdown(title: str, facts: Mapping[str, str], entries: Sequence[Entry], ta
 def _html(
     title: str,
     facts: Mapping[str, str],
-    entries: Sequence[Entry],
-    tables: Sequence[Table],
+    entries: Sequence[MethodScores],
+    tables: Sequence[ReportTable],
     classes: Sequence[str],
-    pictures: Sequence[Picture],
+    pictures: Sequence[ReportPicture],
 ) -> str:
     style = files("degense.engine.research.report").joinpath("page.css").read_text(encoding="utf-8")
     first, *others = (_table(table) for table in tables)
@@ -84,7 +89,7 @@ def _html(
     return "\n".join(parts) + "\n"
 
 
-def _table(table: Table) -> str:
+def _table(table: ReportTable) -> str:
     head = "".join(f"<th>{escape(column)}</th>" for column in table.columns)
     body = "".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in table.rows)
     inside = f"<div class='wide'><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div><p>{escape(table.words)}</p>"
@@ -98,7 +103,7 @@ def _cell(cell: Cell) -> str:
     return f"<td>{words}</td>" if cell.share is None else f'<td class="painted" style="--share:{cell.share:.3f}">{words}</td>'
 
 
-def _pictures(pictures: Sequence[Picture], classes: Sequence[str]) -> str:
+def _pictures(pictures: Sequence[ReportPicture], classes: Sequence[str]) -> str:
     """A row of pictures for each frame, under the colours of the classes."""
     if not pictures:
         return ""
@@ -115,14 +120,14 @@ def _pictures(pictures: Sequence[Picture], classes: Sequence[str]) -> str:
     return f"<section><h2>Pictures</h2><p class='legend'>{keys}</p>{''.join(rows)}<p>{words}</p></section>"
 
 
-def _data(picture: Picture) -> str:
+def _data(picture: ReportPicture) -> str:
     """A picture as a data URI."""
     written, data = cv2.imencode(".jpg", picture.image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert written
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 
 
-def _charts(entries: Sequence[Entry]) -> str:
+def _charts(entries: Sequence[MethodScores]) -> str:
     """IoU by threshold, and reliability, for both kinds of similarity; first seeds."""
     found = []
     for name, kind in (("threshold", "pixelwise"), ("rnse", "region-aware")):

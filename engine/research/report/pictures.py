@@ -20,7 +20,7 @@ WIDEST = 420  # pixels
 
 
 @dataclass(frozen=True)
-class Picture:
+class ReportPicture:
     """One picture of one frame.
 
     Attributes
@@ -43,22 +43,22 @@ def shown_frames(mask_frames: Sequence[int]) -> list[int]:
     return [mask_frames[i] for i in chosen]
 
 
-def pictures_of(scene: Scene, clip: Clip, mask_frames: Sequence[int], decoder: str, caption: str) -> list[Picture]:
+def pictures_of(scene: Scene, clip: Clip, mask_frames: Sequence[int], decoder: str, caption: str) -> list[ReportPicture]:
     """What a scene makes of the shown frames: its label map by a decoder, over its own picture."""
     prompts = PromptSet(tuple(clip.classes), decoder=decoder)
     return [
-        Picture(frame, caption, painted(scene.render_rgb(frame), decode_frame(scene, prompts, frame).labels))
+        ReportPicture(frame, caption, painted(scene.render_rgb(frame), decode_frame(scene, prompts, frame).labels))
         for frame in shown_frames(mask_frames)
     ]
 
 
-def truths_of(clip: Clip, mask_frames: Sequence[int]) -> list[Picture]:
+def truths_of(clip: Clip, mask_frames: Sequence[int]) -> list[ReportPicture]:
     """The shown frames as recorded, and with their true labels."""
     found = []
     for frame in shown_frames(mask_frames):
         recorded, labels = clip.frame(frame), clip.labels(frame)
         assert labels is not None
-        found += [Picture(frame, "recorded", small(recorded)), Picture(frame, "truth", painted(recorded, labels))]
+        found += [ReportPicture(frame, "recorded", small(recorded)), ReportPicture(frame, "truth", painted(recorded, labels))]
     return found
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from degense.engine.research.report.entry import Entry, Figure
+from degense.engine.research.report.method_scores import Figure, MethodScores
 from degense.engine.semantics.prompts import DECODERS
 
 INTERVAL = "± is half the 95 % confidence interval of the mean over seeds (Student's t)."
@@ -23,7 +23,7 @@ class Cell:
 
 
 @dataclass
-class Table:
+class ReportTable:
     """A table as it is shown; the first column names the rows.
 
     Attributes
@@ -48,19 +48,19 @@ class Table:
         return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in shown)])
 
 
-def tables_of(entries: Sequence[Entry]) -> list[Table]:
+def tables_of(entries: Sequence[MethodScores]) -> list[ReportTable]:
     """Every table of a report, the most important first."""
     several = len(entries) > 1
     per_frame = [_frames(entry, title=f"IoU frame by frame, {entry.name}", folded=several) for entry in entries]
     return [_classes(entries), _overall(entries), _decoders(entries), _thresholds(entries), _false_positives(entries), *per_frame]
 
 
-def _classes(entries: Sequence[Entry]) -> Table:
+def _classes(entries: Sequence[MethodScores]) -> ReportTable:
     """The paper's form: methods × classes, and their mean."""
     classes = list(entries[0].masks[0]["iou"])
     scored = entries[0].runs[0]
     where = "Some of these frames were trained on" if scored["mask_frames_trained"] else "Held-out frames"
-    table = Table(
+    table = ReportTable(
         "IoU of each class, %",
         f"{where}; of each class the mean over frames, then the mean over classes. A class that a frame lacks and that is claimed "
         f"there scores 0. Each method by its own best decoder, chosen on these frames. {INTERVAL}",
@@ -78,7 +78,7 @@ def _classes(entries: Sequence[Entry]) -> Table:
     return table
 
 
-def _overall(entries: Sequence[Entry]) -> Table:
+def _overall(entries: Sequence[MethodScores]) -> ReportTable:
     """What else is known of each method."""
     kinds: list[tuple[str, int, float, int, Callable[[dict[str, Any], str], float | None]]] = [
         ("mIoU, %", 1, 100, 1, lambda run, d: run["masks"][d]["miou"]),
@@ -92,7 +92,7 @@ def _overall(entries: Sequence[Entry]) -> Table:
         ("training, s", 0, 1, 0, lambda run, d: run["train_seconds"]),
         ("Gaussians", 0, 1, 0, lambda run, d: run["gaussians"]),
     ]
-    table = Table(
+    table = ReportTable(
         "All scores",
         "“All pairs” averages over all pairs of frame and class, as the peers do; there, and under “absent classes free”, false "
         "positives on classes that a frame lacks cost nothing. Flicker: pixels whose label changes from one frame to the next although "
@@ -114,8 +114,8 @@ def _overall(entries: Sequence[Entry]) -> Table:
     return table
 
 
-def _decoders(entries: Sequence[Entry]) -> Table:
-    table = Table(
+def _decoders(entries: Sequence[MethodScores]) -> ReportTable:
+    table = ReportTable(
         "mIoU of all decoders on the same latent, %", f"The best decoder of each method is bold. {INTERVAL}", ["method", *DECODERS]
     )
     for entry in entries:
@@ -124,8 +124,8 @@ def _decoders(entries: Sequence[Entry]) -> Table:
     return table
 
 
-def _thresholds(entries: Sequence[Entry]) -> Table:
-    table = Table(
+def _thresholds(entries: Sequence[MethodScores]) -> ReportTable:
+    table = ReportTable(
         "Calibration of the threshold",
         "Masks of single prompts, similarity above a threshold, no class competing. The best threshold is chosen on the scored frames "
         "themselves: what it gains is an upper bound. Calibration error: how far similarities are from the share of pixels that truly "
@@ -141,9 +141,9 @@ def _thresholds(entries: Sequence[Entry]) -> Table:
     return table
 
 
-def _false_positives(entries: Sequence[Entry]) -> Table:
+def _false_positives(entries: Sequence[MethodScores]) -> ReportTable:
     classes = list(entries[0].masks[0]["false_positives"])
-    table = Table(
+    table = ReportTable(
         "False positives on classes that a frame lacks",
         "In how many of the frames that lack a class it was claimed, and the share of pixels claimed there. All seeds together.",
         ["method", *classes],
@@ -161,11 +161,11 @@ def _false_positives(entries: Sequence[Entry]) -> Table:
     return table
 
 
-def _frames(entry: Entry, title: str, folded: bool) -> Table:
+def _frames(entry: MethodScores, title: str, folded: bool) -> ReportTable:
     """IoU of every class in every frame, of the first seed."""
     ious = entry.masks[0]["iou_frames"]
     words = f"First seed, decoder {entry.decoder}, %. A dash: the frame lacks the class, and it was not claimed."
-    table = Table(title, words, ["frame", *ious], folded=folded)
+    table = ReportTable(title, words, ["frame", *ious], folded=folded)
     for position, frame in enumerate(entry.runs[0]["mask_frames"]):
         values = [ious[c][position] for c in ious]
         table.rows.append([Cell(str(frame)), *(Cell("–" if v is None else f"{100 * v:.0f}", share=v) for v in values)])
@@ -176,7 +176,7 @@ def _of_class(name: str) -> Callable[[dict[str, Any]], float | None]:
     return lambda masks: masks["iou"][name]
 
 
-def _by_decoder(entry: Entry, read: Callable[[dict[str, Any]], float | None]) -> Figure:
+def _by_decoder(entry: MethodScores, read: Callable[[dict[str, Any]], float | None]) -> Figure:
     return entry.figure(lambda run: read(run["masks"][entry.decoder]))
 
 

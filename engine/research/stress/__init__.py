@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from degense.engine.progress import Progress, silent
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Table
 from degense.engine.research.stress import clips, features, long, scenes
 

@@ -12,10 +12,10 @@ from degense.engine.errors import DegenseError
 from degense.engine.events import Event, Rollback, TrainingProgress
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.progress import Progress, silent
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Table
 from degense.engine.research.stress.clip_cases import ClipCase, clip_cases
-from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row
+from degense.engine.research.stress.outcome import COLUMNS, StressFinding, non_finite, row
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
 
@@ -40,18 +40,18 @@ def table(options: BenchOptions, progress: Progress = silent) -> Table:
     )
 
 
-def clip_finding(case: ClipCase, folder: Path, device: str, steps: int) -> Finding:
+def clip_finding(case: ClipCase, folder: Path, device: str, steps: int) -> StressFinding:
     """One clip, from its files to its scores. `folder` is made and taken away again."""
     try:
         return try_clip(case, folder, device, steps)
     except DegenseError as error:
         message = str(error).replace(str(folder), "…")
-        return Finding(outcome=f"{'refused' if case.refused else 'REFUSED'}: {message}")
+        return StressFinding(outcome=f"{'refused' if case.refused else 'REFUSED'}: {message}")
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def try_clip(case: ClipCase, folder: Path, device: str, steps: int) -> Finding:
+def try_clip(case: ClipCase, folder: Path, device: str, steps: int) -> StressFinding:
     """`clip_finding` that lets sentences through and leaves its files."""
     clip = open_clip(case.make(folder / "clip"), ClipOptions(mask_means="tool"))
     config = TrainConfig.preset_of("quick", iterations=steps, max_gaussians=400, resolution=8, channels=8, device=device)
@@ -63,6 +63,6 @@ def try_clip(case: ClipCase, folder: Path, device: str, steps: int) -> Finding:
     out: list[object] = [dict(scene.model.state_dict()), evaluate(scene, clip), *(scene.render(i, what=what) for i in {0, len(clip) - 1})]
     out.append([asdict(event) for event in events if isinstance(event, TrainingProgress)])
     if case.refused:
-        return Finding(non_finite(out), "TRAINED, THOUGH IT CANNOT HAVE LEARNT ANYTHING")
+        return StressFinding(non_finite(out), "TRAINED, THOUGH IT CANNOT HAVE LEARNT ANYTHING")
     rollbacks = sum(isinstance(event, Rollback) for event in events)
-    return Finding(non_finite(out), f"ok, after {rollbacks} rollbacks" if rollbacks else "ok")
+    return StressFinding(non_finite(out), f"ok, after {rollbacks} rollbacks" if rollbacks else "ok")

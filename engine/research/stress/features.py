@@ -13,10 +13,10 @@ from torch import Tensor
 
 from degense.engine.data.readers import open_clip
 from degense.engine.progress import Progress, silent
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Table
 from degense.engine.research.stress.long_clips import write_pictures
-from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row, verdict
+from degense.engine.research.stress.outcome import COLUMNS, StressFinding, non_finite, row, verdict
 from degense.engine.semantics import EmbeddedEncoder, TextEncoder
 from degense.engine.semantics.basis import Basis
 from degense.engine.semantics.masks import FrameSemantics
@@ -77,7 +77,7 @@ def latent_kinds() -> dict[str, np.ndarray]:
     }
 
 
-def loss_finding(latent: np.ndarray, device: str) -> Finding:
+def loss_finding(latent: np.ndarray, device: str) -> StressFinding:
     """The angular loss and its gradient against a constant target."""
     here = torch.from_numpy(latent.reshape(-1, RANK)).to(device).requires_grad_()
     target = torch.ones(HEIGHT * WIDTH, RANK)
@@ -92,7 +92,7 @@ def loss_finding(latent: np.ndarray, device: str) -> Finding:
     distance = (here.grad.cpu().double() - there.grad).norm(dim=1) * (there.detach().square().sum(1) + 1e-8).sqrt()
     coarse = 2e3 if latent.dtype == np.float16 else 1.0  # the steps of float16 are wider
     error, gradient = float((mine.detach().cpu().double() - true.detach()).abs().max()), float(distance.max())
-    return Finding(
+    return StressFinding(
         non_finite([mine, here.grad]),
         verdict(value=(error, coarse * TOLERANCE), gradient=(gradient, coarse * GRADIENT_TOLERANCE)),
         error,
@@ -100,7 +100,7 @@ def loss_finding(latent: np.ndarray, device: str) -> Finding:
     )
 
 
-def mask_finding(latent: np.ndarray) -> Finding:
+def mask_finding(latent: np.ndarray) -> StressFinding:
     """Similarities and masks of a frame of one colour."""
     basis = Basis(np.eye(DIMENSION, RANK, dtype=np.float32), 1.0)
     vectors = np.random.default_rng(2).normal(size=(3, DIMENSION)).astype(np.float32)
@@ -118,7 +118,7 @@ def mask_finding(latent: np.ndarray) -> Finding:
     spoken = np.abs(wide).max(-1) > SHORTEST
     true = np.where(spoken, wide @ prompt[:RANK] / np.where(spoken, length, 1) / np.linalg.norm(prompt), 0)
     error = float(np.abs(out[0] - true).max())
-    return Finding(non_finite(out), verdict(value=(error, TOLERANCE)), error)
+    return StressFinding(non_finite(out), verdict(value=(error, TOLERANCE)), error)
 
 
 def teacher_kinds() -> dict[str, Callable[[np.ndarray], np.ndarray]]:
@@ -155,7 +155,7 @@ class SpoiltTeacher:
         return self._vectors, self._index
 
 
-def teacher_finding(change: Callable[[np.ndarray], np.ndarray], folder: Path, device: str) -> Finding:
+def teacher_finding(change: Callable[[np.ndarray], np.ndarray], folder: Path, device: str) -> StressFinding:
     """Targets from such a teacher, and the loss of latents that are zero or random. `folder` is made and taken away again."""
     try:
         write_pictures(folder, 4, WIDTH, HEIGHT)
@@ -170,6 +170,6 @@ def teacher_finding(change: Callable[[np.ndarray], np.ndarray], folder: Path, de
                 loss.backward()
                 assert latent.grad is not None
                 out += [loss.detach(), latent.grad]
-        return Finding(non_finite(out))
+        return StressFinding(non_finite(out))
     finally:
         shutil.rmtree(folder, ignore_errors=True)

@@ -13,13 +13,12 @@ from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.events import Event, Rollback, TrainingProgress
 from degense.engine.progress import Progress, silent
-from degense.engine.research.bench.child import peak_memory
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.child import call_in_child, peak_memory
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Table
-from degense.engine.research.stress.child import in_child
 from degense.engine.research.stress.clip_cases import clip_cases
 from degense.engine.research.stress.long_clips import PICTURES, write_pictures, write_video
-from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row
+from degense.engine.research.stress.outcome import COLUMNS, StressFinding, non_finite, row
 from degense.engine.store.files import read_tensors
 from degense.engine.training import TrainConfig, train
 
@@ -71,11 +70,11 @@ def _words(frames: int, size: tuple[int, int]) -> str:
     return f"{frames:,} frames of {size[0]} × {size[1]}"
 
 
-def opening_finding(path: Path, size: tuple[int, int]) -> Finding:
+def opening_finding(path: Path, size: tuple[int, int]) -> StressFinding:
     """Open a long clip."""
     (write_video if path.suffix else write_pictures)(path, FRAMES, *size)
-    seconds, memory, bad = in_child(open_and_read, path)
-    return Finding(bad, within(memory, OPENING_MB), memory=memory, seconds=seconds)
+    seconds, memory, bad = call_in_child(open_and_read, path)
+    return StressFinding(bad, within(memory, OPENING_MB), memory=memory, seconds=seconds)
 
 
 def within(memory: float | None, limit: float) -> str:
@@ -94,11 +93,11 @@ def open_and_read(path: Path) -> tuple[float, float | None, int]:
     return seconds, peak_memory(), bad
 
 
-def steps_finding(folder: Path, size: tuple[int, int], frames: int, device: str) -> Finding:
+def steps_finding(folder: Path, size: tuple[int, int], frames: int, device: str) -> StressFinding:
     """A few steps on a long clip."""
     write_pictures(folder / "clip", frames, *size)
-    seconds, memory, bad = in_child(few_steps, folder, device)
-    return Finding(bad, within(memory, STEPS_MB), memory=memory, seconds=seconds)
+    seconds, memory, bad = call_in_child(few_steps, folder, device)
+    return StressFinding(bad, within(memory, STEPS_MB), memory=memory, seconds=seconds)
 
 
 def few_steps(folder: Path, device: str) -> tuple[float, float | None, int]:
@@ -130,7 +129,7 @@ def tiny(iterations: int, device: str) -> TrainConfig:
     return TrainConfig.preset_of("quick", iterations=iterations, device=device, **values)
 
 
-def long_finding(folder: Path, iterations: int, device: str) -> Finding:
+def long_finding(folder: Path, iterations: int, device: str) -> StressFinding:
     """A training far beyond any preset."""
     clip = open_clip(clip_cases()[0].make(folder / "clip"))
     events: list[Event] = []
@@ -139,10 +138,10 @@ def long_finding(folder: Path, iterations: int, device: str) -> Finding:
     told = [event for event in events if isinstance(event, TrainingProgress)]
     rollbacks = sum(isinstance(event, Rollback) for event in events)
     words = f"ok: PSNR of training frames {told[0].psnr:.1f} → {told[-1].psnr:.1f} dB, {rollbacks} rollbacks"
-    return Finding(non_finite([read_tensors(run.path / "model.safetensors"), told]), words)
+    return StressFinding(non_finite([read_tensors(run.path / "model.safetensors"), told]), words)
 
 
-def twice_finding(folder: Path, size: tuple[int, int], device: str) -> Finding:
+def twice_finding(folder: Path, size: tuple[int, int], device: str) -> StressFinding:
     """Two trainings from one seed."""
     make_phantom(folder / "clip", PhantomOptions(TWICE_FRAMES, *size))
     config = TrainConfig.preset_of("quick", iterations=TWICE_STEPS, device=device)
@@ -150,17 +149,19 @@ def twice_finding(folder: Path, size: tuple[int, int], device: str) -> Finding:
     return difference(one, two, device)
 
 
-def resumed_finding(folder: Path, device: str, steps: int = 300) -> Finding:
+def resumed_finding(folder: Path, device: str, steps: int = 300) -> StressFinding:
     """A training, and one that was stopped half way."""
     clip_cases()[0].make(folder / "clip")
     whole = trained(folder, folder / "one", tiny(steps, device))
     return difference(whole, trained(folder, folder / "two", tiny(steps, device), halt=steps // 2), device)
 
 
-def difference(one: dict[str, torch.Tensor], two: dict[str, torch.Tensor], device: str) -> Finding:
+def difference(one: dict[str, torch.Tensor], two: dict[str, torch.Tensor], device: str) -> StressFinding:
     """How far two models are from each other: not a bit on the CPU."""
     if {name: tensor.shape for name, tensor in one.items()} != {name: tensor.shape for name, tensor in two.items()}:
-        return Finding(non_finite([one, two]), "ok: another number of Gaussians" if device == "cuda" else "ANOTHER NUMBER OF GAUSSIANS")
+        return StressFinding(
+            non_finite([one, two]), "ok: another number of Gaussians" if device == "cuda" else "ANOTHER NUMBER OF GAUSSIANS"
+        )
     most = max(float((one[name] - two[name]).abs().max()) for name in one if one[name].numel())
     same = all(torch.equal(one[name], two[name]) for name in one)
-    return Finding(non_finite([one, two]), "ok" if same else "ok: not bit for bit" if device == "cuda" else "NOT THE SAME RUN", most)
+    return StressFinding(non_finite([one, two]), "ok" if same else "ok: not bit for bit" if device == "cuda" else "NOT THE SAME RUN", most)

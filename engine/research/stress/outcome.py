@@ -24,7 +24,7 @@ COLUMNS = [
 
 
 @dataclass
-class Finding:
+class StressFinding:
     """What a case gave.
 
     Attributes
@@ -49,15 +49,15 @@ class Finding:
     seconds: float | None = None
 
 
-def row(case: str, work: Callable[[], Finding], hidden: str = "") -> dict[str, Cell]:
+def row(case: str, work: Callable[[], StressFinding], hidden: str = "") -> dict[str, Cell]:
     """Do one case. A DegenseError is an answer, in its own words without `hidden` (a scratch path); any other exception is a defect."""
     begin = time.perf_counter()
     try:
         finding = work()
     except DegenseError as error:
-        finding = Finding(outcome=f"refused: {str(error).replace(hidden, '…') if hidden else error}")
+        finding = StressFinding(outcome=f"refused: {str(error).replace(hidden, '…') if hidden else error}")
     except Exception as error:
-        finding = Finding(outcome=f"CRASHED: {type(error).__name__}: {error}")
+        finding = StressFinding(outcome=f"CRASHED: {type(error).__name__}: {error}")
     if finding.outcome == "ok" and finding.bad:
         finding.outcome = "NOT FINITE"
     if finding.seconds is None:

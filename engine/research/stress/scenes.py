@@ -15,11 +15,10 @@ from degense.engine.progress import Progress, silent
 from degense.engine.raster.check import GRADIENT_TOLERANCE, OUTLIER_TOLERANCE, Case, compare, hostile_cases
 from degense.engine.raster.reference import rasterize_reference
 from degense.engine.raster.scenes import draw_scene, random_scene
-from degense.engine.research.bench.child import peak_memory
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.child import call_in_child, peak_memory
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Table
-from degense.engine.research.stress.child import in_child
-from degense.engine.research.stress.outcome import COLUMNS, Finding, non_finite, row, verdict
+from degense.engine.research.stress.outcome import COLUMNS, StressFinding, non_finite, row, verdict
 from degense.engine.splats import Splats
 
 WINDOW = (48, 32)  # pixels in the middle of a large picture that the reference draws too
@@ -55,21 +54,21 @@ def table(options: BenchOptions, progress: Progress = silent) -> Table:
     )
 
 
-def small_finding(case: Case, device: str) -> Finding:
+def small_finding(case: Case, device: str) -> StressFinding:
     """A scene that the reference draws whole."""
     result = compare(case, device)
     features = case.splats.semantics
     size = max(1.0, float(features[features.isfinite()].abs().max())) if features.isfinite().any() else 1.0
     image, gradient = max(result.image / size, result.alpha), max(result.gradients.values(), default=0.0)
-    return Finding(
+    return StressFinding(
         0 if result.finite else 1, verdict(image=(image, OUTLIER_TOLERANCE), gradient=(gradient, GRADIENT_TOLERANCE)), image, gradient
     )
 
 
-def large_finding(count: int, width: int, height: int, footprint: float, device: str) -> Finding:
+def large_finding(count: int, width: int, height: int, footprint: float, device: str) -> StressFinding:
     """A scene that the reference draws a window of."""
-    seconds, memory, image, gradient, bad = in_child(draw_large, count, width, height, footprint, device)
-    return Finding(
+    seconds, memory, image, gradient, bad = call_in_child(draw_large, count, width, height, footprint, device)
+    return StressFinding(
         bad, verdict(image=(image, OUTLIER_TOLERANCE), gradient=(gradient, GRADIENT_TOLERANCE)), image, gradient, memory, seconds
     )
 

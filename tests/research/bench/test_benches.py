@@ -13,8 +13,7 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.errors import DegenseError
 from degense.engine.metrics.image import psnr
 from degense.engine.progress import silent
-from degense.engine.research.bench.options import BenchOptions
-from degense.engine.research.bench.run import BENCHES, command_line, run
+from degense.engine.research.bench.run import BENCHES, BenchOptions, command_line, run
 from degense.engine.research.bench.scenes import with_count
 from degense.engine.research.bench.timing import measure, measure_in_turn, percentile, thread_counts, threads, throughput
 from degense.engine.research.bench.trainings import noise_floor

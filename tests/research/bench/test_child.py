@@ -11,9 +11,8 @@ import pytest
 
 from degense.engine.errors import Cancelled, DegenseError
 from degense.engine.progress import silent
-from degense.engine.research.bench.child import in_child, peak_memory
+from degense.engine.research.bench.child import call_in_child, in_child, peak_memory
 from degense.engine.research.bench.workers import run_jobs
-from degense.engine.research.stress.child import in_child as under_stress
 
 
 def add(a, b, progress):
@@ -60,8 +59,8 @@ def a_worker(place):
     list(run_jobs(beat, [place], 1, silent, "jobs"))
 
 
-def a_child_under_stress(place):
-    under_stress(beat, place)
+def a_child_call_in_child(place):
+    call_in_child(beat, place)
 
 
 def hold(megabytes, progress):
@@ -96,7 +95,7 @@ def test_a_cancelled_child_is_gone():
     assert not multiprocessing.active_children()
 
 
-@pytest.mark.parametrize("start", [a_child, a_worker, a_child_under_stress])
+@pytest.mark.parametrize("start", [a_child, a_worker, a_child_call_in_child])
 def test_nothing_outlives_a_killed_benchmark(tmp_path, start):
     place = tmp_path / "beats"
     bench = multiprocessing.get_context("spawn").Process(target=start, args=(place,))

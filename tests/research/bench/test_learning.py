@@ -4,7 +4,7 @@ import pytest
 
 from degense.engine.progress import silent
 from degense.engine.research.bench import trainings
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.workers import run_jobs
 from degense.engine.research.benchmarks import ablation, latent, motion
 from degense.engine.semantics.prompts import DECODERS

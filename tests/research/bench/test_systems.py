@@ -4,7 +4,7 @@ import pytest
 
 from degense.engine.progress import silent
 from degense.engine.research.bench import trainings
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.benchmarks import systems
 from degense.engine.research.systems import SYSTEMS
 from degense.engine.semantics.prompts import DECODERS

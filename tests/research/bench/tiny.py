@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from degense.engine.progress import Progress
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Column, Table
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from degense.engine.research.report import Entry, Picture, write_report
+from degense.engine.research.report import MethodScores, ReportPicture, write_report
 from degense.engine.research.report.charts import Line, chart
-from degense.engine.research.report.entry import Figure
+from degense.engine.research.report.method_scores import Figure
 from degense.engine.research.report.tables import tables_of
 from degense.engine.semantics.prompts import DECODERS
 
@@ -48,8 +48,8 @@ def scores(miou: float, best: str = "rnse", name: str = "liver", seconds: float 
 
 @pytest.fixture
 def entries():
-    ours = Entry("ours", "Ours.", [scores(0.8), scores(0.9)])
-    return [Entry("theirs", "Theirs.", [scores(0.6, "argmax"), scores(0.7, "argmax")]), ours]
+    ours = MethodScores("ours", "Ours.", [scores(0.8), scores(0.9)])
+    return [MethodScores("theirs", "Theirs.", [scores(0.6, "argmax"), scores(0.7, "argmax")]), ours]
 
 
 def test_a_figure_over_seeds():
@@ -82,8 +82,8 @@ def test_tables_by_hand(entries):
 
 
 def test_names_from_a_clip_are_words_only(tmp_path):
-    entry = Entry("run", HOSTILE, [scores(0.5, name=HOSTILE)])
-    pictures = [Picture(1, HOSTILE + '" onload="x', np.zeros((4, 6, 3), np.uint8))]
+    entry = MethodScores("run", HOSTILE, [scores(0.5, name=HOSTILE)])
+    pictures = [ReportPicture(1, HOSTILE + '" onload="x', np.zeros((4, 6, 3), np.uint8))]
     _, markdown, page = write_report(tmp_path, HOSTILE, {HOSTILE: HOSTILE}, [entry], [HOSTILE, "hook"], pictures)
     text = page.read_text(encoding="utf-8")
     assert "<script" not in text

@@ -8,12 +8,11 @@ import torch
 
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import ClipError
-from degense.engine.research.bench.child import peak_memory
-from degense.engine.research.bench.options import BenchOptions
+from degense.engine.research.bench.child import call_in_child, peak_memory
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.stress import features, long_clips
-from degense.engine.research.stress.child import in_child
 from degense.engine.research.stress.long import difference
-from degense.engine.research.stress.outcome import Finding, non_finite, row, sound, verdict
+from degense.engine.research.stress.outcome import StressFinding, non_finite, row, sound, verdict
 
 
 def fail(error):
@@ -21,8 +20,8 @@ def fail(error):
 
 
 def test_a_row_says_what_became_of_a_case():
-    assert sound(row("fine", Finding))
-    assert not sound(row("numbers", lambda: Finding(bad=2)))
+    assert sound(row("fine", StressFinding))
+    assert not sound(row("numbers", lambda: StressFinding(bad=2)))
     refused = row("refused", lambda: fail(ClipError("/where/clip is empty")), "/where")
     assert sound(refused)
     assert refused["outcome"] == "refused: …/clip is empty"
@@ -49,7 +48,7 @@ def grown(megabytes):
 
 
 def test_memory_is_that_of_the_work():
-    before, after = in_child(grown, 200)
+    before, after = call_in_child(grown, 200)
     if before is not None:  # Linux
         assert 150 < after - before < 260
         assert before < 1024

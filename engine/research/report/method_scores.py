@@ -10,7 +10,7 @@ from degense.engine.metrics.averages import t_interval
 
 
 @dataclass(frozen=True)
-class Entry:
+class MethodScores:
     """One method or run.
 
     Attributes
