@@ -108,7 +108,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("--report", type=Path, metavar="FOLDER", help="write report.json, report.md and report.html there, with pictures")
     _clip_options(sub)
 
-    sub = command("compare", "compare:compare", "train and score the systems that the paper compares on one clip")
+    sub = command("compare", "research:compare", "train and score the systems that the paper compares on one clip")
     sub.add_argument("clip", type=Path, metavar="CLIP", help="with label maps")
     sub.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for runs, scores and the report; goes on where it stopped"
@@ -185,7 +185,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
     sub.add_argument("file", type=Path, metavar="FILE", help="file or folder to read")
     sub.add_argument("--format", required=True, metavar="NAME", help=LABEL_FORMAT_WORDS)
 
-    sub = command("bench", "bench:bench", "measure run time against error on this machine")
+    sub = command("bench", "research:bench", "measure run time against error on this machine")
     sub.add_argument(
         "names", nargs="*", metavar="NAME", help="benchmarks, or all; none lists them; `report FOLDER` makes a page of saved tables"
     )

@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from degense.app.cli.compare import report_run
+from degense.app.cli.research import research
 from degense.app.cli.terminal import Bar, table
 from degense.app.cli.train import clip_options
 from degense.engine.errors import ClipError
@@ -35,7 +35,7 @@ def evaluate(options: argparse.Namespace) -> None:
         write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
     print(table(_printable(scores)))
     if options.report:
-        report_run(scene, clip, scores, options.report)
+        print(research().report_run(scene, clip, scores, options.report))
 
 
 def _printable(scores: dict[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import signal
@@ -68,7 +69,7 @@ def train(options: argparse.Namespace) -> None:
 def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
     if not options.resume:
         _refuse_non_empty(options.out)
-    import degense.engine.research  # noqa: F401  # the teacher "degraded"
+    importlib.import_module("degense.engine.research")  # adds the teacher "degraded"
     from degense.app.features.train.job import parse_settings
     from degense.engine.data.readers import open_clip
     from degense.engine.training import TrainConfig

@@ -23,10 +23,11 @@ def texts() -> list[Path]:
     return sorted(path for path in files if path.is_file() and path.suffix in TEXT_SUFFIXES and "__pycache__" not in path.parts)
 
 
-def imports(path: Path) -> Iterator[tuple[int, str]]:
+def imports(path: Path, by_name: bool = True) -> Iterator[tuple[int, str]]:
     """(line, absolute name) of everything that a file of the project imports, wherever in it the import stands.
 
-    `from a import b` gives `a.b`, for b may be a module. A string that `import_module` is called with counts as an import.
+    `from a import b` gives `a.b`, for b may be a module. A string that `import_module` is called with counts as an import, unless
+    `by_name` is false.
     """
     for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"), str(path))):
         match node:
@@ -36,7 +37,7 @@ def imports(path: Path) -> Iterator[tuple[int, str]]:
                 package = list(path.parent.parts)
                 start = package[: len(package) - level + 1] if level else []
                 yield from ((node.lineno, ".".join([*start, *filter(None, [module]), name.name])) for name in names)
-            case ast.Call(func=ast.Attribute(attr="import_module"), args=[ast.Constant(str(name)), *_]):
+            case ast.Call(func=ast.Attribute(attr="import_module"), args=[ast.Constant(str(name)), *_]) if by_name:
                 yield node.lineno, name
 
 
