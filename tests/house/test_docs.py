@@ -51,3 +51,10 @@ def test_the_index_lists_every_decision_by_its_title():
     for page in (ROOT / "docs" / "decisions").glob("0*.md"):
         number, title = page.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ").split(". ", 1)
         assert f"| [{number}]({page.name}) | {title} |" in index
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_the_paths_named_exist(page):
+    """In code marks; what a decision says was measured or tried before keeps the words of its time, but not in code marks."""
+    paths = re.findall(r"`((?:app|engine|widgets|tests|docs|scripts)/[\w./-]+)`", page.read_text(encoding="utf-8"))
+    assert not [path for path in paths if not (ROOT / path).exists()]
