@@ -140,7 +140,7 @@ def test_a_program_that_is_not_there(qtbot, qapp, tmp_path):
 
 
 def test_the_job_is_the_command_line():
-    from degense.app.cli.main import build_parser
+    from degense.app.cli.parser import build_parser
 
     job = TrainingJob(Path("a clip"), Path("run"), "quick", "paper", "none", 7, 99, "cpu", 5, True, "frames", "keep", 321.5)
     job = replace(

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
-from degense.app.cli.main import build_parser, main
+from degense.app.cli.main import main
+from degense.app.cli.parser import build_parser
 from degense.app.features.cameras.state import Stop, save_path
 from degense.widgets.splats.camera_moves import orbit
 from tests.app.conftest import RUN_ARGUMENTS

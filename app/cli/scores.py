@@ -1,15 +1,47 @@
-"""`degense bench` and `degense compare`. No module of the product imports research: it is loaded by name when a command needs it."""
+"""`degense eval`, `compare` and `bench`. No module of the product imports research: it is loaded by name when it is needed."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import json
 import sys
 from typing import Any
 
-from degense.app.cli.terminal import Bar
-from degense.app.cli.train import StopFlag, clip_options
-from degense.engine.errors import Cancelled
+from degense.app.cli.options import clip_options
+from degense.app.cli.terminal import Bar, table
+from degense.app.cli.training import StopFlag
+from degense.engine.errors import Cancelled, ClipError
+from degense.engine.files import write_text
+
+#: Long lists, which are for files.
+NOT_PRINTED = {"iou_frames", "curve", "reliability"}
+
+
+def evaluate(options: argparse.Namespace) -> None:
+    from degense.engine.data.readers import open_clip
+    from degense.engine.metrics.evaluate import evaluate as score
+    from degense.engine.scene import Scene
+
+    scene = Scene.open(options.run_folder)
+    clip = open_clip(options.clip, clip_options(options)) if options.clip else scene.clip
+    if clip is None:
+        raise ClipError(f"The clip that {options.run_folder} was made from is not there any more; say where it is with --clip.")
+    bar = Bar()
+    try:
+        scores = score(scene, clip, bar)
+    finally:
+        bar.close()
+    if options.json:
+        write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
+    print(table(_printable(scores)))
+    if options.report:
+        print(research().report_run(scene, clip, scores, options.report))
+
+
+def _printable(scores: dict[str, Any]) -> dict[str, Any]:
+    return {key: _printable(value) if isinstance(value, dict) else value for key, value in scores.items() if key not in NOT_PRINTED}
+
 
 #: Needs a display, so it is not one of "all".
 OF_THE_WINDOW = {

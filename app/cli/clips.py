@@ -1,45 +1,36 @@
-"""`degense eval`, `degense info`, `degense datasets` and `degense doctor`."""
+"""`degense phantom`, `degense info` and `degense datasets`."""
 
 from __future__ import annotations
 
 import argparse
 import json
 from dataclasses import asdict
-from typing import Any
 
-from degense.app.cli.research import research
-from degense.app.cli.terminal import Bar, table
-from degense.app.cli.train import clip_options
-from degense.engine.errors import ClipError
+from degense.app.cli.options import clip_options, refuse_non_empty
+from degense.app.cli.terminal import Bar
 from degense.engine.files import write_text
 
-#: Long lists, which are for files.
-NOT_PRINTED = {"iou_frames", "curve", "reliability"}
 
+def phantom(options: argparse.Namespace) -> None:
+    from degense.engine.data.synthetic import PhantomOptions, make_phantom
 
-def evaluate(options: argparse.Namespace) -> None:
-    from degense.engine.data.readers import open_clip
-    from degense.engine.metrics.evaluate import evaluate as score
-    from degense.engine.scene import Scene
-
-    scene = Scene.open(options.run_folder)
-    clip = open_clip(options.clip, clip_options(options)) if options.clip else scene.clip
-    if clip is None:
-        raise ClipError(f"The clip that {options.run_folder} was made from is not there any more; say where it is with --clip.")
+    given = {
+        "frames": options.frames,
+        "width": options.size[0] if options.size else None,
+        "height": options.size[1] if options.size else None,
+        "seed": options.seed,
+        "camera_motion": options.camera_motion,
+        "noise": options.noise,
+        "kind": options.kind,
+        "tool_masks": options.tool_masks,
+    }
+    refuse_non_empty(options.out)
     bar = Bar()
     try:
-        scores = score(scene, clip, bar)
+        make_phantom(options.out, PhantomOptions(**{name: value for name, value in given.items() if value is not None}), bar)
     finally:
         bar.close()
-    if options.json:
-        write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
-    print(table(_printable(scores)))
-    if options.report:
-        print(research().report_run(scene, clip, scores, options.report))
-
-
-def _printable(scores: dict[str, Any]) -> dict[str, Any]:
-    return {key: _printable(value) if isinstance(value, dict) else value for key, value in scores.items() if key not in NOT_PRINTED}
+    print(f"{options.out}: a synthetic clip with its truth; reconstruct it with: degense train {options.out} --out RUN")
 
 
 def info(options: argparse.Namespace) -> None:
@@ -75,11 +66,3 @@ def datasets(options: argparse.Namespace) -> None:
     print(f"{len(entries)} clips, {frames} frames" + (f"; {wrong} cannot be opened" if wrong else ""))
     if options.json:
         write_text(options.json, json.dumps([{**asdict(entry), "path": str(entry.path)} for entry in entries], indent=1))
-
-
-def doctor(options: argparse.Namespace) -> int:
-    from degense.app.diagnostics import report
-
-    text, ok = report()
-    print(text)
-    return 0 if ok else 1

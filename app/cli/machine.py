@@ -1,4 +1,4 @@
-"""`degense cache`."""
+"""`degense cache` and `degense doctor`."""
 
 from __future__ import annotations
 
@@ -19,3 +19,11 @@ def cache(options: argparse.Namespace) -> None:
         print(f"Removed the answers to {gone.entries} askings, {gone.bytes / 2**20:,.0f} MB.")
     use = store.cache_use()
     print(f"{store.cache_folder()}: answers to {use.entries} askings, {use.bytes / 2**20:,.0f} MB of at most {use.limit / 2**30:g} GB")
+
+
+def doctor(options: argparse.Namespace) -> int:
+    from degense.app.diagnostics import report
+
+    text, ok = report()
+    print(text)
+    return 0 if ok else 1

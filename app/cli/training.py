@@ -1,4 +1,4 @@
-"""`degense phantom` and `degense train`."""
+"""`degense train`."""
 
 from __future__ import annotations
 
@@ -9,41 +9,16 @@ import os
 import signal
 import threading
 import traceback
-from dataclasses import fields
-from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from degense.app.cli.encoding import chosen_encoder
-from degense.app.cli.terminal import Bar
+from degense.app.cli.options import chosen_encoder, clip_options, refuse_non_empty
 from degense.app.cli.training_events import JsonEvents, TensorBoardEvents, TerminalEvents
 from degense.engine.errors import DegenseError
 from degense.engine.events import Event, Events, Failed, Stopped
 
 if TYPE_CHECKING:
-    from degense.engine.data.readers import ClipOptions
-
-
-def phantom(options: argparse.Namespace) -> None:
-    from degense.engine.data.synthetic import PhantomOptions, make_phantom
-
-    given = {
-        "frames": options.frames,
-        "width": options.size[0] if options.size else None,
-        "height": options.size[1] if options.size else None,
-        "seed": options.seed,
-        "camera_motion": options.camera_motion,
-        "noise": options.noise,
-        "kind": options.kind,
-        "tool_masks": options.tool_masks,
-    }
-    _refuse_non_empty(options.out)
-    bar = Bar()
-    try:
-        make_phantom(options.out, PhantomOptions(**{name: value for name, value in given.items() if value is not None}), bar)
-    finally:
-        bar.close()
-    print(f"{options.out}: a synthetic clip with its truth; reconstruct it with: degense train {options.out} --out RUN")
+    pass
 
 
 def train(options: argparse.Namespace) -> None:
@@ -68,7 +43,7 @@ def train(options: argparse.Namespace) -> None:
 
 def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
     if not options.resume:
-        _refuse_non_empty(options.out)
+        refuse_non_empty(options.out)
     importlib.import_module("degense.engine.research")  # adds the teacher "degraded"
     from degense.app.features.train.job import parse_settings
     from degense.engine.data.readers import open_clip
@@ -119,17 +94,6 @@ def list_settings(preset: str) -> None:
         for setting in (settings[name] for name in names if name in settings):
             value = list(setting.value) if isinstance(setting.value, tuple) else setting.value
             print(f"{setting.name}={json.dumps(value)}\n    {setting.words}")
-
-
-def clip_options(options: argparse.Namespace) -> ClipOptions:
-    from degense.engine.data.readers import ClipOptions
-
-    return ClipOptions(**{item.name: getattr(options, item.name) for item in fields(ClipOptions)})
-
-
-def _refuse_non_empty(folder: Path) -> None:
-    if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
-        raise DegenseError(f"{folder} is not empty; choose another folder, or remove it first (a run goes on with --resume).")
 
 
 class StopFlag:

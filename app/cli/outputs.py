@@ -1,4 +1,4 @@
-"""`degense render` and `degense segment`."""
+"""`degense render`, `degense segment` and `degense export`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.cli.encoding import chosen_encoder
+from degense.app.cli.options import asked_prompts, chosen_encoder
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.cameras.movie import camera_movie
 from degense.app.features.cameras.state import Stop, load_path
-from degense.app.features.export.formats import ExportOptions, write_movie
+from degense.app.features.export.formats import ExportOptions, get_format, write_movie
 from degense.app.features.prompts.segment import write_clip_masks
 from degense.app.features.viewer.pictures import check_frame, get_layer, layer_picture, write_npy, write_png
 from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
@@ -44,13 +44,6 @@ def render(options: argparse.Namespace) -> None:
         if not frames:
             raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
         run_steps(_render_frames(scene, layer, frames, options.out, wanted), Bar())
-
-
-def asked_prompts(options: argparse.Namespace) -> PromptSet:
-    """What the command line asks. PromptError for a decoder that there is not."""
-    from degense.engine.semantics.prompts import PromptSet
-
-    return PromptSet.chosen(options.prompts, options.decoder, options.threshold)
 
 
 def _look(options: argparse.Namespace) -> ViewState:
@@ -145,3 +138,12 @@ def _segment_clip(scene: Scene, prompts: PromptSet, options: argparse.Namespace)
     print(f"{options.out}: masks of {len(frames)} frames")
     for text, values in areas.items():
         print(f"{text}: {values.mean():.1%} of the picture on average, from {values.min():.1%} to {values.max():.1%}")
+
+
+def export(options: argparse.Namespace) -> None:
+    chosen, prompts = get_format(options.format), asked_prompts(options)
+    from degense.engine.scene import Scene
+
+    scene = Scene.open(options.run_folder)
+    wanted = ExportOptions(prompts, options.frame, options.layer, source=options.source)
+    print(run_steps(chosen.export(scene, options.out, wanted), Bar()))

@@ -1,0 +1,271 @@
+"""The parser of the command line. It knows names and types only, so that it is made at once; commands import what they need."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+LABEL_FORMATS = "masks-png, coco, cvat, yolo, nifti, cholecseg8k or endovis18"
+#: Adds a command: its name, "MODULE:FUNCTION" in this package, and what it does.
+Command = Callable[[str, str, str], argparse.ArgumentParser]
+
+
+def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
+    """The parser and the names of its commands."""
+    parser = argparse.ArgumentParser(
+        prog="degense",
+        description="Reconstruct a surgical video as a 4D Gaussian scene, prompt it in words, and inspect how tissue moved.",
+        epilog="Without a command, `degense [PATH]` opens the window, with a clip or a run in it. For research; not a medical device.",
+    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def command(name: str, run: str, text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        sub.set_defaults(run=f"degense.app.cli.{run}", parser=sub)
+        return sub
+
+    for group in (_window, _clips, _training, _scores, _outputs, _labels, _machine):
+        group(command)
+    return parser, set(commands.choices)
+
+
+def _window(command: Command) -> None:
+    """The window, and the sample."""
+    sub = command("open", "window:window", "open the window (the default)")
+    sub.add_argument("path", nargs="?", type=Path, metavar="PATH", help="a clip (folder or video file) or a run folder")
+
+    sub = command("demo", "window:demo", "show the embedded sample: no data, no GPU")
+    sub.add_argument("--headless", type=Path, metavar="OUT", help="no window: write its pictures into the folder OUT")
+
+
+def _clips(command: Command) -> None:
+    """Clips: making, describing and listing them."""
+    sub = command("phantom", "clips:phantom", "make a synthetic clip with exact truth")
+    sub.add_argument("out", type=Path, metavar="OUT", help="folder to write")
+    sub.add_argument("--frames", type=_positive, metavar="N", help="number of frames")
+    sub.add_argument("--size", type=_size, metavar="WxH", help="picture size, such as 320x256")
+    sub.add_argument("--seed", type=int, metavar="S", help="another seed, another scene")
+    sub.add_argument("--camera-motion", type=float, metavar="A", help="amplitude of the camera's motion; 0 stands still")
+    sub.add_argument("--noise", type=float, metavar="S", help="standard deviation of the sensor noise, in grey levels")
+    sub.add_argument("--kind", metavar="NAME", help="cautery (default) or bleeding: what happens in it")
+    sub.add_argument("--tool-masks", action="store_true", help="write masks/ too (255 = tool): instruments are then left out of everything")
+
+    sub = command("info", "clips:info", "say what is found in a clip")
+    sub.add_argument("clip", type=Path, metavar="CLIP")
+    _clip_options(sub)
+
+    sub = command("datasets", "clips:datasets", "list the clips of a data set")
+    sub.add_argument("folder", type=Path, metavar="FOLDER", help="CholecSeg8k or EndoVis 2018 as downloaded, or any folder of clips")
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the list there too")
+
+
+def _training(command: Command) -> None:
+    """Training."""
+    sub = command("train", "training:train", "reconstruct a clip")
+    sub.add_argument("clip", type=Path, metavar="CLIP")
+    sub.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to write")
+    sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
+    sub.add_argument("--routing", metavar="NAME", help="how semantic gradients travel: paper, isolated or coupled")
+    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from: labels, strokes, precomputed[:FOLDER], vlm:MODEL or none")
+    _encoder(sub, "gives a teacher's classes their vectors: a CLIP's or sentence model's folder, or a file of text vectors (.safetensors)")
+    sub.add_argument("--iterations", type=_positive, metavar="N")
+    sub.add_argument("--max-gaussians", type=_positive, metavar="N")
+    sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
+    sub.add_argument("--seed", type=int, metavar="S")
+    sub.add_argument(
+        "--set",
+        type=_setting,
+        action="append",
+        default=[],
+        dest="settings",
+        metavar="NAME=VALUE",
+        help="any other setting, repeatable; --set help explains them all",
+    )
+    sub.add_argument("--no-fit", dest="fit", action="store_false", help="the preset's full budget, even where the clip needs less")
+    sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
+    sub.add_argument("--logger", choices=("tensorboard",), help="also write every term of the loss to RUN/tensorboard (extra tensorboard)")
+    sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")
+    _clip_options(sub)
+
+
+def _scores(command: Command) -> None:
+    """Scores and benchmarks."""
+    sub = command("eval", "scores:evaluate", "score a run against its clip")
+    _run_folder(sub)
+    sub.add_argument("--clip", type=Path, metavar="CLIP", help="where the clip is, when it has moved")
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the scores there too")
+    sub.add_argument("--report", type=Path, metavar="FOLDER", help="write report.json, report.md and report.html there, with pictures")
+    _clip_options(sub)
+
+    sub = command("compare", "scores:compare", "train and score the systems that the paper compares on one clip")
+    sub.add_argument("clip", type=Path, metavar="CLIP", help="with label maps")
+    sub.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for runs, scores and the report; goes on where it stopped"
+    )
+    sub.add_argument("--methods", metavar="NAME,...", help="langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degense (default: all)")
+    sub.add_argument("--seeds", type=_positive, default=1, metavar="N", help="trainings of each (default 1; intervals take 2 or more)")
+    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from, the same for all: as for train")
+    sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
+    sub.add_argument("--iterations", type=_positive, metavar="N")
+    sub.add_argument("--max-gaussians", type=_positive, metavar="N")
+    sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
+    _clip_options(sub)
+
+    sub = command("bench", "scores:bench", "measure run time against error on this machine")
+    sub.add_argument(
+        "names", nargs="*", metavar="NAME", help="benchmarks, or all; none lists them; `report FOLDER` makes a page of saved tables"
+    )
+    sub.add_argument("--device", default="auto", metavar="NAME", help="auto (default), cpu or cuda")
+    sub.add_argument("--seeds", type=_positive, metavar="N", help="trainings and random scenes of each kind (default 3; with --quick 1)")
+    sub.add_argument("--repeats", type=_positive, metavar="N", help="of each timing (default 15; with --quick 5)")
+    sub.add_argument("--quick", action="store_true", help="small scenes, short trainings: to see that it runs, not to quote")
+    sub.add_argument("--clip", type=Path, action="append", default=[], metavar="CLIP", help="a real clip to measure on too; repeatable")
+    sub.add_argument("--out", type=Path, metavar="PATH", help="folder for tables (.json) and plots (.png); of a report, the file")
+
+
+def _outputs(command: Command) -> None:
+    """What is written of a run."""
+    sub = command("render", "outputs:render", "draw a layer of a run")
+    _run_folder(sub)
+    which = sub.add_mutually_exclusive_group(required=True)
+    which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
+    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
+    which.add_argument("--cameras", type=Path, metavar="PATH", help="a camera path that the window saved (.json): a flight along it, .mp4")
+    sub.add_argument("--layer", default="rgb", metavar="NAME", help="rgb (default), or a name from the README")
+    sub.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help=".png, or .npy for raw values; with --frames a folder, .npy or .mp4"
+    )
+    sub.add_argument("--range", type=_range, metavar="LOW:HIGH", help="values of the first and last colour (default: from the frames)")
+    _prompts(sub, required=False)
+    _encoder(sub, "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other")
+
+    sub = command("segment", "outputs:segment", "write the masks of prompts")
+    _run_folder(sub)
+    which = sub.add_mutually_exclusive_group(required=True)
+    which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
+    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
+    sub.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help=".png: 255 in the mask (several prompts: 1, 2 …); .npy: bool [H, W] or [n, H, W]; "
+        "with --frames a folder for label maps, masks and areas, in which what is there already is kept",
+    )
+    _prompts(sub, required=True)
+    _encoder(sub, "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other")
+
+    sub = command("export", "outputs:export", "write a run in formats that other tools read")
+    _run_folder(sub)
+    sub.add_argument("--format", required=True, metavar="NAME", help=f"ply, ply-sequence, movie, {LABEL_FORMATS}")
+    sub.add_argument("--out", type=Path, required=True, metavar="PATH", help="file, or folder for ply-sequence and masks-png")
+    sub.add_argument("--frame", type=float, metavar="I", help="frame of a single ply (default: the reference frame)")
+    sub.add_argument("--layer", default="rgb", metavar="NAME", help="layer of a movie")
+    sub.add_argument(
+        "--source",
+        choices=("masks", "annotations"),
+        help="label maps of what the run answers or of what was annotated (default: annotations, if there are any and no prompts)",
+    )
+    _prompts(sub, required=False)
+
+
+def _labels(command: Command) -> None:
+    """Label maps made by hand."""
+    sub = command("annotate", "labels:annotate", "carry label maps of some frames to all others")
+    sub.add_argument("path", type=Path, metavar="PATH", help="a run, or a clip: then along its motion alone")
+    sub.add_argument(
+        "--labels",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="indexed or grey PNG with class numbers, 255 unlabelled; repeatable (default: what was annotated by hand, else the clip's)",
+    )
+    sub.add_argument("--frame", type=int, action="append", default=[], metavar="I", help="the frame of each --labels, from 0")
+    sub.add_argument("--out", type=Path, metavar="PATH", help="folder or file to write")
+    sub.add_argument("--format", default="masks-png", metavar="NAME", help=f"{LABEL_FORMATS} (default masks-png)")
+    sub.add_argument("--review", action="store_true", help="keep them with the run or clip as proposals, to accept or reject in the window")
+
+    sub = command("import", "labels:import_labels", "take label maps of another tool as annotations of a run or clip")
+    sub.add_argument("path", type=Path, metavar="PATH", help="a run or a clip")
+    sub.add_argument("file", type=Path, metavar="FILE", help="file or folder to read")
+    sub.add_argument("--format", required=True, metavar="NAME", help=LABEL_FORMATS)
+
+
+def _machine(command: Command) -> None:
+    """The machine."""
+    sub = command("cache", "machine:cache", "say what teachers' answers take on disk, and make room")
+    sub.add_argument("--clear", action="store_true", help="remove them all; they are made again when needed")
+    sub.add_argument("--limit", type=float, metavar="GB", help="the most they may take from now on")
+
+    command("doctor", "machine:doctor", "say what this machine can do, and what is missing")
+
+
+def _run_folder(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
+
+
+def _clip_options(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--layout", metavar="NAME", help="endonerf, cholecseg8k, endovis18, frames or video (default: detected)")
+    sub.add_argument("--mask-means", choices=("tool", "keep"), help="what white means in the clip's masks (default: detected)")
+    sub.add_argument(
+        "--poses",
+        choices=("auto", "still", "estimate"),
+        default="auto",
+        help="whether the camera moves: as the clip says, else decided from its frames (auto, default); no; yes, and find out how",
+    )
+    sub.add_argument("--pose-axes", choices=("llff", "opencv"), default="llff", help="axes of a moving camera's poses (default: llff)")
+    sub.add_argument("--labels", metavar="FOLDER", help="read label maps from its labels/ and classes.json instead of the clip's own")
+    sub.add_argument("--start", type=int, default=0, metavar="N", help="first frame used of a video file")
+    sub.add_argument("--stride", type=_positive, default=1, metavar="N", help="use each Nth frame of a video file")
+    sub.add_argument("--max-frames", type=_positive, default=2000, metavar="N", help="most frames used of a video file (default 2000)")
+    sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
+
+
+def _encoder(sub: argparse.ArgumentParser, text: str) -> None:
+    sub.add_argument("--encoder", metavar="PLACE", help=text)
+
+
+def _prompts(sub: argparse.ArgumentParser, required: bool) -> None:
+    sub.add_argument("--prompt", action="append", default=[], required=required, metavar="TEXT", dest="prompts", help="repeatable")
+    sub.add_argument("--decoder", metavar="NAME", help="rnse (default), threshold, argmax or rnse+argmax")
+    sub.add_argument("--threshold", type=float, metavar="X", help="cosine from which a pixel belongs to a mask")
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("must be at least 1")
+    return value
+
+
+def _setting(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals and name != "help":
+        raise argparse.ArgumentTypeError(f"{text!r} is no setting such as flow=10")
+    return name, value
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, cross, height = text.lower().partition("x")
+    if not (cross and width.isdigit() and height.isdigit() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 320x256")
+    return int(width), int(height)
+
+
+def _frame_range(text: str) -> tuple[int | None, int | None]:
+    if text == "all":
+        return None, None
+    first, colon, last = text.partition(":")
+    if not colon or not all(part == "" or part.isdigit() for part in (first, last)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no range such as 0:40")
+    return (int(first) if first else None), (int(last) if last else None)
+
+
+def _range(text: str) -> tuple[float, float]:
+    low, _, high = text.partition(":")
+    try:
+        return float(low), float(high)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no range such as 0:2.5") from None
