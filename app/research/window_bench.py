@@ -10,16 +10,17 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QEvent, QEventLoop, QObject, QPointF, Qt, QTimer
+from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication
 
+from degense.app.research.event_loop import BEAT_MS, Painted, beats, painted, rest, timed, viewer, wait
 from degense.app.session.view_state import Prompt
 from degense.app.shell.settings import SettingsFile
 from degense.engine.errors import DegenseError
@@ -29,11 +30,10 @@ from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import percentile
 
 if TYPE_CHECKING:
-    from degense.app.features.viewer.controller import Viewer
     from degense.app.shell.shell import Shell
 
 GAUSSIANS, QUICK_GAUSSIANS = 30_000, 2_000
-WARM, STARTS, STALL_SECONDS, BEAT_MS, PATIENCE = 4, 5, 12.0, 4, 60.0
+WARM, STARTS, STALL_SECONDS = 4, 5, 12.0
 #: What is measured: title and bar, milliseconds.
 BARS = {
     "start": ("from the start of the program to the first frame", 5000.0),
@@ -224,92 +224,6 @@ def dabs(window: Shell, repeats: int) -> list[float]:
         registry.run("annotate.mode")
     rest(window)
     return times[WARM:]
-
-
-class Painted(QObject):
-    """Counts the paintings of a widget that show what is awaited."""
-
-    def __init__(self, widget: QWidget, there: Callable[[], bool]) -> None:
-        super().__init__(widget)
-        self.there, self.count = there, 0
-        widget.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        if event.type() == QEvent.Type.Paint and self.there():
-            QTimer.singleShot(0, self, self._painted)  # after the painting itself
-        return False
-
-    def _painted(self) -> None:
-        self.count += 1
-
-
-def timed(window: Shell, act: Callable[[], object]) -> float:
-    """Milliseconds from `act` until the complete view that answers it is painted."""
-    drawing = viewer(window)
-    before = drawing.view
-    start = time.perf_counter()
-    act()
-    painted(window, lambda: drawing.view is not None and drawing.view is not before and drawing.view.complete)
-    return 1000 * (time.perf_counter() - start)
-
-
-def viewer(window: Shell) -> Viewer:
-    """The views of the window."""
-    from degense.app.features.viewer.controller import Viewer
-
-    found = window.service(Viewer)
-    assert found is not None
-    return found
-
-
-def painted(window: Shell, there: Callable[[], bool]) -> None:
-    """Wait until the picture has been painted with something there."""
-    watch = Painted(viewer(window).panel, there)
-    wait(lambda: watch.count > 0)
-    watch.deleteLater()
-
-
-def rest(window: Shell) -> None:
-    """Wait until the worker has nothing to do and all is painted."""
-    wait(window.worker.idle)
-    run_events(0.03)
-
-
-def wait(until: Callable[[], bool]) -> None:
-    """Run the event loop until something is so; DegenseError when it is not within a minute."""
-    end = time.perf_counter() + PATIENCE
-    while not until():
-        if time.perf_counter() > end:
-            raise DegenseError("The window did not answer within a minute, so it cannot be measured.")
-        QApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 5)
-        time.sleep(0.0005)
-
-
-def run_events(seconds: float) -> None:
-    """Run the event loop as the program does. `QTest.qWait` would keep the interpreter to itself, and the worker from working."""
-    loop = QEventLoop()
-    QTimer.singleShot(round(1000 * seconds), loop.quit)
-    loop.exec()
-
-
-def beats(seconds: float) -> list[float]:
-    """Gaps between the beats of a timer, less its interval, milliseconds."""
-    gaps: list[float] = []
-    last = time.perf_counter()
-
-    def beat() -> None:
-        nonlocal last
-        now = time.perf_counter()
-        gaps.append(max(0.0, 1000 * (now - last) - BEAT_MS))
-        last = now
-
-    timer = QTimer()
-    timer.setTimerType(Qt.TimerType.PreciseTimer)
-    timer.timeout.connect(beat)
-    timer.start(BEAT_MS)
-    run_events(seconds)
-    timer.stop()
-    return gaps
 
 
 @contextmanager

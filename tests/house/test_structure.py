@@ -47,7 +47,6 @@ KNOWN: set[str] = {
     "app/shell",
     "app/features/annotate/controller.py",
     "app/features/annotate/state.py",
-    "app/research/window_bench.py",
     "app/session/session.py",
     "engine/scene/scene.py",
     "engine/training/semantic/targets.py",

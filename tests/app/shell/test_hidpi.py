@@ -19,7 +19,7 @@ from pathlib import Path
 from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
-from degense.app.research.window_bench import rest, wait
+from degense.app.research.event_loop import rest, wait
 from degense.app.shell.settings import SettingsFile
 from degense.app.application import FEATURES
 from degense.app.shell.shell import Shell
