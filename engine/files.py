@@ -15,10 +15,7 @@ from degense.engine.errors import DegenseError
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path` (same suffix) that replaces it when the block ends well and is removed when it does not.
 
-    Raises
-    ------
-    DegenseError
-        When the folder cannot be made or written.
+    DegenseError when the folder cannot be made or written.
     """
     path = Path(path)
     try:

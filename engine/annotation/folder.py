@@ -62,10 +62,7 @@ class StoredMap:
 def save(annotations: Annotations, folder: Path) -> None:
     """Write everything that the folder does not hold yet.
 
-    Raises
-    ------
-    DegenseError
-        When the folder cannot be written; what was there before still opens.
+    DegenseError when the folder cannot be written; what was there before still opens.
     """
     entries = {}
     for frame, record in sorted(annotations.records.items()):
@@ -90,10 +87,7 @@ def save(annotations: Annotations, folder: Path) -> None:
 def load(folder: Path, shape: tuple[int, int], count: int, original: Callable[[int], np.ndarray | None]) -> Annotations | None:
     """What `save` wrote; None when there is nothing. Label maps are read when they are looked at.
 
-    Raises
-    ------
-    RunError
-        When something in the folder is damaged, missing, or belongs to another clip.
+    RunError when something in the folder is damaged, missing, or belongs to another clip.
     """
     path = folder / INDEX
     try:

@@ -15,6 +15,8 @@ LAYOUTS = ("endonerf", "cholecseg8k", "endovis18", "frames", "video")
 class ClipOptions:
     """Answers that overrule what the reader would decide by itself. What was decided stands in `Clip.provenance`.
 
+    ClipError when a value is not allowed.
+
     Attributes
     ----------
     layout : str, optional
@@ -33,11 +35,6 @@ class ClipOptions:
         A folder with `labels/` and `classes.json` that is read instead of the clip's own label maps.
     start, stride, max_frames : int
         Which frames of a video file are used: from `start` on, each `stride`-th one, at most `max_frames`.
-
-    Raises
-    ------
-    ClipError
-        When a value is not allowed.
     """
 
     layout: str | None = None

@@ -76,10 +76,7 @@ def check_picture_size(found: tuple[int, int], shape: tuple[int, int], path: Pat
 def mask_of_runs(counts: Any, shape: tuple[int, int]) -> np.ndarray:
     """bool [H, W] of run lengths down the columns, zeros first: a list of whole numbers, or a string compressed as COCO does.
 
-    Raises
-    ------
-    ValueError
-        When they are neither, or do not add up to the pixels.
+    ValueError when they are neither, or do not add up to the pixels.
     """
     pixels = shape[0] * shape[1]
     if isinstance(counts, list) and counts and all(type(count) is int and 0 <= count <= pixels for count in counts):

@@ -38,7 +38,7 @@ ROUNDS = 4  # of dropping: a dropped island may make another
 def propagate(
     clip: Clip, corrected: Mapping[int, np.ndarray], scene: Scene | None = None, frames: Sequence[int] | None = None
 ) -> Generator[tuple[float, str], None, dict[int, Proposal]]:
-    """Carry label maps to other frames.
+    """Carry label maps to other frames. DegenseError when nothing is corrected, or a map has another size than the clip.
 
     Parameters
     ----------
@@ -58,11 +58,6 @@ def propagate(
     -------
     dict of frame to Proposal
         For all `frames` but the corrected ones.
-
-    Raises
-    ------
-    DegenseError
-        When nothing is corrected, or a map has another size than the clip.
     """
     wanted = list(frames if frames is not None else range(len(clip)))
     values, indices = _indexed(clip, corrected)

@@ -54,10 +54,7 @@ def calibrated_cameras(path: Path, count: int, size: tuple[int, int], made_for: 
     """Cameras from the `camera_calibration.txt` of a da Vinci recording: `Camera-0-F: fx fy` and `Camera-0-C: cx cy`, the left view.
 
     Scaled from pictures of `made_for` (width, height). Distortion, which is below a pixel there, is not read.
-
-    Raises
-    ------
-    ClipError
+    ClipError for a file that does not fit.
     """
     if path.stat().st_size > 2**16:
         raise ClipError(f"{shown(path)} is larger than 64 KB; that is no camera calibration.")
@@ -115,10 +112,7 @@ def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
     """Cameras from `poses_bounds.npy`: [N, 17] rows of 3 × 5 [R | t | (height, width, focal)] and near, far.
 
     Rows that agree mean a camera that stands still. Focal lengths are scaled when the pictures are smaller or larger than the file says.
-
-    Raises
-    ------
-    ClipError
+    ClipError for a file that does not fit.
     """
     rows = open_npy(path)
     if rows.ndim != 2 or rows.shape[1] != 17:
@@ -156,11 +150,7 @@ def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
 def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> ClipCameras:
     """Cameras from `camera.json`: `width`, `height`, `fx`, `fy`, `cx`, `cy` and at will `viewmats` [frames][4][4].
 
-    Without `viewmats` the clip says nothing of its poses.
-
-    Raises
-    ------
-    ClipError
+    Without `viewmats` the clip says nothing of its poses. ClipError for a file that does not fit.
     """
     data = read_json(path)
     numbers = {}

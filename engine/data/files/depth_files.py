@@ -28,12 +28,7 @@ class DepthFiles:
         self.files, self.size, self.limits = files, size, limits
 
     def read(self, index: int) -> np.ndarray:
-        """float32 [H, W], 0 where unknown.
-
-        Raises
-        ------
-        ClipError
-        """
+        """float32 [H, W], 0 where unknown. ClipError for a damaged file."""
         depth = read_depth(self.files[index], self.size)
         return np.where(depth > 0, np.clip(depth, *self.limits), 0.0).astype(np.float32) if self.limits else depth
 
@@ -50,10 +45,7 @@ class DepthFiles:
 def read_depth(path: Path, size: tuple[int, int]) -> np.ndarray:
     """One depth map, float32 [H, W]; 0 where the file has 0, a negative value, NaN, infinity or what float32 cannot hold.
 
-    Raises
-    ------
-    ClipError
-        For a wrong size or type.
+    ClipError for a wrong size or type.
     """
     if path.suffix.lower() == ".npy":
         raw = open_npy(path)

@@ -40,9 +40,7 @@ def _open(path: Path) -> Image.Image:
 def read_raw(path: Path) -> np.ndarray:
     """The picture as stored: [H, W] or [H, W, C], its own integer or float type; palette pictures give their indices.
 
-    Raises
-    ------
-    ClipError
+    ClipError for a damaged file.
     """
     with _open(path) as image:
         try:
@@ -52,12 +50,7 @@ def read_raw(path: Path) -> np.ndarray:
 
 
 def read_rgb(path: Path) -> np.ndarray:
-    """RGB, uint8 [H, W, 3].
-
-    Raises
-    ------
-    ClipError
-    """
+    """RGB, uint8 [H, W, 3]. ClipError for a damaged file."""
     with _open(path) as image:
         try:
             return np.array(image.convert("RGB"))
@@ -68,10 +61,7 @@ def read_rgb(path: Path) -> np.ndarray:
 def read_index(path: Path) -> np.ndarray:
     """One 8-bit channel, uint8 [H, W]: palette and grey pictures as they are, colour pictures whose channels agree as one of them.
 
-    Raises
-    ------
-    ClipError
-        Also when the channels differ: a colour picture says nothing about indices.
+    ClipError also when the channels differ: a colour picture says nothing about indices.
     """
     raw = read_raw(path)
     if raw.ndim == 3 and raw.shape[2] == 2:  # grey and alpha
@@ -90,9 +80,7 @@ def read_index(path: Path) -> np.ndarray:
 def picture_size(path: Path) -> tuple[int, int]:
     """(width, height) from the header. A file that does not end as its format does is decoded, to find out now and not amid training.
 
-    Raises
-    ------
-    ClipError
+    ClipError for a damaged file.
     """
     with _open(path) as image:
         size, kind = image.size, image.format
@@ -106,12 +94,7 @@ def picture_size(path: Path) -> tuple[int, int]:
 
 
 def check_sizes(files: Iterable[Path], size: tuple[int, int] | None = None) -> tuple[int, int]:
-    """The common (width, height) of pictures, which must be `size` when that is given.
-
-    Raises
-    ------
-    ClipError
-    """
+    """The common (width, height) of pictures, which must be `size` when that is given. ClipError otherwise."""
     others = "the frames are"
     for file in files:
         found = picture_size(file)
@@ -147,12 +130,7 @@ class ImageFiles:
 
 
 def checked(image: np.ndarray, path: Path, size: tuple[int, int]) -> np.ndarray:
-    """`image`, which must still have the size found when the clip was opened.
-
-    Raises
-    ------
-    ClipError
-    """
+    """`image`, which must still have the size found when the clip was opened. ClipError otherwise."""
     if image.shape[1::-1] != size:
         found = f"{image.shape[1]} × {image.shape[0]}"
         raise ClipError(

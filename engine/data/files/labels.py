@@ -36,13 +36,7 @@ class IndexMaps:
         self.files, self.classes, self.size = files, classes, size
 
     def read(self, index: int) -> np.ndarray:
-        """uint8 [H, W].
-
-        Raises
-        ------
-        ClipError
-            For a value that is neither a class nor `UNLABELLED`.
-        """
+        """uint8 [H, W]. ClipError for a value that is neither a class nor `UNLABELLED`."""
         path = self.files[index]
         labels = checked(read_index(path), path, self.size)
         beyond = labels[(labels >= len(self.classes)) & (labels != UNLABELLED)]
@@ -54,12 +48,7 @@ class IndexMaps:
 
 
 def read_classes(path: Path) -> tuple[str, ...]:
-    """The names in `classes.json`, `{"classes": ["background", …]}`.
-
-    Raises
-    ------
-    ClipError
-    """
+    """The names in `classes.json`, `{"classes": ["background", …]}`. ClipError otherwise."""
     data = read_json(path)
     names = data.get("classes") if isinstance(data, dict) else None
     if not isinstance(names, list) or not all(isinstance(n, str) and n.strip() for n in names):
@@ -76,6 +65,8 @@ def index_maps(
 ) -> IndexMaps | None:
     """The label maps in a folder of a clip, None when it has none. A few maps are read at once, so that a wrong one is noticed on opening.
 
+    ClipError when they do not fit the frames.
+
     Parameters
     ----------
     root : Path
@@ -86,10 +77,6 @@ def index_maps(
         "labels" or "strokes".
     classes : tuple of str
         Those of the layout; where it has none, `classes.json` names them.
-
-    Raises
-    ------
-    ClipError
     """
     files = list_files(root / folder, root, (".png",))
     if not files:

@@ -33,9 +33,7 @@ class Polarity:
 def read_mask(path: Path, size: tuple[int, int]) -> tuple[np.ndarray, int]:
     """High pixels of a mask, bool [H, W], and its largest value: 0/255 masks (possibly with soft edges) and 0/1 masks alike.
 
-    Raises
-    ------
-    ClipError
+    ClipError for a damaged file.
     """
     mask = checked(read_index(path), path, size)
     top = int(mask.max())

@@ -26,12 +26,7 @@ def natural_key(path: Path) -> tuple:
 
 
 def regular_file(path: Path, root: Path) -> Path:
-    """`path`, when it is a regular file inside `root`; a pipe would block, and a link may lead to anything.
-
-    Raises
-    ------
-    ClipError
-    """
+    """`path`, when it is a regular file inside `root`; a pipe would block, and a link may lead to anything. ClipError otherwise."""
     if not path.resolve().is_relative_to(root.resolve()):
         raise ClipError(f"{shown(path)} is a link that leads out of the clip; put the file itself there.")
     if not path.is_file():
@@ -45,11 +40,7 @@ def list_files(folder: Path, root: Path, suffixes: Sequence[str] = PICTURES) -> 
     """Regular files of a folder with one of the suffixes, in natural order; empty when there is no such folder.
 
     Hidden files are no part of a clip.
-
-    Raises
-    ------
-    ClipError
-        For links out of the clip, for what is no file, and for two files that would be the same frame.
+    ClipError for links out of the clip, for what is no file, and for two files that would be the same frame.
     """
     if not folder.is_dir():
         return []
@@ -75,10 +66,7 @@ def pair(frames: Sequence[Path], others: Sequence[Path], what: str) -> None:
     """Check that sorted companion files (masks, depth) belong to the sorted frames one by one.
 
     Names need not agree, but their numbers must, up to a constant offset: an equal count alone hides two different gaps.
-
-    Raises
-    ------
-    ClipError
+    ClipError otherwise.
     """
     if len(frames) != len(others):
         raise ClipError(f"{shown(others[0].parent)} holds {len(others)} {what}, but there are {len(frames)} frames; each frame needs one.")
@@ -93,12 +81,7 @@ def pair(frames: Sequence[Path], others: Sequence[Path], what: str) -> None:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file of modest size holds.
-
-    Raises
-    ------
-    ClipError
-    """
+    """What a JSON file of modest size holds. ClipError otherwise."""
     if path.stat().st_size > MAX_JSON:
         raise ClipError(f"{shown(path)} is larger than {MAX_JSON // 2**20} MB; that is no file of a clip.")
     try:

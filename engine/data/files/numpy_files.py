@@ -21,13 +21,7 @@ _BROKEN_ZIP = (*_BROKEN, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
 
 
 def open_npy(path: Path) -> np.ndarray:
-    """A .npy file, mapped, not read.
-
-    Raises
-    ------
-    ClipError
-        When it is damaged, cut short, holds objects, or anything but real numbers.
-    """
+    """A .npy file, mapped, not read. ClipError when it is damaged, cut short, holds objects, or anything but real numbers."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except _BROKEN as error:
@@ -48,12 +42,7 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
 
 
 def npz_headers(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
-    """Shape and type of each array of a .npz archive, read from the headers alone.
-
-    Raises
-    ------
-    ClipError
-    """
+    """Shape and type of each array of a .npz archive, read from the headers alone. ClipError for a damaged file."""
     headers = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -67,12 +56,7 @@ def npz_headers(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
 
 
 def read_npz(path: Path, name: str) -> np.ndarray:
-    """One array of a .npz archive whose header was found acceptable.
-
-    Raises
-    ------
-    ClipError
-    """
+    """One array of a .npz archive whose header was found acceptable. ClipError for a damaged file."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             return archive[name]
@@ -83,10 +67,7 @@ def read_npz(path: Path, name: str) -> np.ndarray:
 class TruthFile:
     """`gt.npz` of a clip; its headers are checked at once, its arrays are read when asked for.
 
-    Raises
-    ------
-    ClipError
-        When an array is missing or has the wrong shape or type.
+    ClipError when an array is missing or has the wrong shape or type.
     """
 
     def __init__(self, path: Path, count: int, size: tuple[int, int]):
@@ -103,11 +84,6 @@ class TruthFile:
                 )
 
     def read(self) -> Truth:
-        """The arrays.
-
-        Raises
-        ------
-        ClipError
-        """
+        """The arrays. ClipError for a damaged file."""
         displacement = np.asarray(read_npz(self.path, "displacement"), np.float32)
         return Truth(displacement, read_npz(self.path, "cautery"))

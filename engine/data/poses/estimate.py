@@ -69,12 +69,7 @@ def estimate_poses(clip: Clip, progress: Progress = silent) -> PoseEstimate:
 
     What it cannot tell apart: motion of the camera from motion that all tissue shares. Breathing that lifts nearly everything alike is
     taken for the camera's, and what stands still meanwhile is then seen to move against it. Where tissue is flat and the view narrow, a
-    turn of the camera hardly differs from a shift.
-
-    Raises
-    ------
-    Lost
-        When the frames do not say; in words.
+    turn of the camera hardly differs from a shift. Lost when the frames do not say; in words.
     """
     frames = clip.train_frames
     if len(frames) < 2:

@@ -71,10 +71,7 @@ def follow_tissue(views: Views, frames: list[int], progress: Progress) -> tuple[
     """Follow the tissue of key frames through the clip: a new key frame begins where too little of the last one is left.
 
     Frames that show nothing (dark, blurred, covered) get no track; what comes after them is matched with what came before.
-
-    Raises
-    ------
-    Lost
+    Lost when it cannot be followed.
     """
     first, *later = frames
     keys, tracks = [Key(views, first)], list[Track]()

@@ -55,10 +55,7 @@ class ClipEntry:
 def list_clips(folder: Path) -> Iterator[ClipEntry]:
     """Every clip in a folder, opened and looked at, one after the other; a folder that is a clip lists itself.
 
-    Raises
-    ------
-    ClipError
-        When there is none.
+    ClipError when there is none.
     """
     if not folder.is_dir():
         raise ClipError(f"{shown(folder)} is no folder; give the folder of a data set.")

@@ -34,10 +34,7 @@ OPENERS: dict[str, Callable[[Path, ClipOptions], Clip]] = {
 def detect(path: str | Path) -> str:
     """The layout of a clip: "endonerf", "cholecseg8k", "endovis18", "frames" or "video".
 
-    Raises
-    ------
-    ClipError
-        When there is nothing, nothing that is a clip, or several clips.
+    ClipError when there is nothing, nothing that is a clip, or several clips.
     """
     path = Path(path)
     try:
@@ -81,16 +78,13 @@ def _detect_folder(path: Path) -> str:
 def open_clip(path: str | Path, options: ClipOptions | None = None) -> Clip:
     """Open a clip. What was decided on the way stands in its `provenance`, in words.
 
+    ClipError: one sentence, which file, what is wrong, what to do.
+
     Parameters
     ----------
     path : str or Path
         A folder in a known layout, a folder of frames, or a video file.
     options : ClipOptions, optional
-
-    Raises
-    ------
-    ClipError
-        One sentence: which file, what is wrong, what to do.
     """
     options = options or ClipOptions()
     path = Path(path)
@@ -135,11 +129,7 @@ def with_labels(clip: Clip, folder: Path) -> Clip:
     """The clip with the label maps of a folder (`labels/NAME.png` and `classes.json`) instead of its own.
 
     They are its strokes too: what was only scribbled is for the teacher `strokes` to spread.
-
-    Raises
-    ------
-    ClipError
-        When there are none, or they do not fit the clip.
+    ClipError when there are none, or they do not fit the clip.
     """
     if not isinstance(clip, StoredClip):
         raise ClipError(f"Clip '{clip.name}' lies in no files, so it takes no label maps from a folder.")

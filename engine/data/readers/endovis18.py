@@ -68,13 +68,7 @@ def open_endovis18(path: Path, options: ClipOptions) -> Clip:
 
 
 def class_table(path: Path) -> tuple[list[tuple[str, tuple[int, int, int]]], str]:
-    """Names and colours in the order of their `classid`, and where they come from.
-
-    Raises
-    ------
-    ClipError
-        For a `labels.json` that is no such table.
-    """
+    """Names and colours in the order of their `classid`, and where they come from. ClipError for a `labels.json` that is no such table."""
     for folder in (path, path.parent):
         file = folder / "labels.json"
         if file.exists():

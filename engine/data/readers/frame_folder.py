@@ -119,13 +119,7 @@ def _classes(path: Path) -> tuple[str, ...]:
 
 
 def frame_files(path: Path) -> list[Path]:
-    """The frames of a folder: in `images/`, else in the folder itself.
-
-    Raises
-    ------
-    ClipError
-        When there are none.
-    """
+    """The frames of a folder: in `images/`, else in the folder itself. ClipError when there are none."""
     folder = path / "images" if (path / "images").is_dir() else path
     files = list_files(folder, path)
     if not files:
@@ -136,9 +130,7 @@ def frame_files(path: Path) -> list[Path]:
 def mask_files(path: Path, frames: list[Path], size: tuple[int, int]) -> list[Path]:
     """The masks of a folder, one a frame; empty when it has none. `gt_masks/` is SurgicalGaussian's name for them.
 
-    Raises
-    ------
-    ClipError
+    ClipError when they do not fit the frames.
     """
     files = list_files(path / "masks", path) or list_files(path / "gt_masks", path)
     if files:

@@ -44,7 +44,7 @@ def _checksum(image: np.ndarray) -> int:
 
 
 class VideoFrames:
-    """Frames of a video file, read when asked for, exact to the frame.
+    """Frames of a video file, read when asked for, exact to the frame. ClipError for a file that cannot be decoded.
 
     Attributes
     ----------
@@ -57,10 +57,6 @@ class VideoFrames:
         Frames the container claims to have; not to be relied on.
     rate : float
         Frames a second that the container claims; 0 where it claims none, or none between 1 and 240.
-
-    Raises
-    ------
-    ClipError
     """
 
     def __init__(self, path: Path, start: int = 0, stride: int = 1, max_frames: int = 2000):
@@ -124,13 +120,7 @@ class VideoFrames:
         return len(self._sums)
 
     def read(self, index: int) -> np.ndarray:
-        """RGB, uint8 [H, W, 3].
-
-        Raises
-        ------
-        ClipError
-            When the file no longer decodes as it did on opening.
-        """
+        """RGB, uint8 [H, W, 3]. ClipError when the file no longer decodes as it did on opening."""
         target = self.start + index * self.stride
         with self._lock:
             if self._next > target or target - self._next > READ_ON:

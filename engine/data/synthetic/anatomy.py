@@ -7,6 +7,7 @@ of it is seen at frame 0.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -18,12 +19,13 @@ from degense.engine.data.synthetic.paint import (
     SLOPE_Y,
     WETNESS,
     distance_to_path,
+    dome_depth,
     finer_grid,
     linear,
     shade_creases,
     smoothstep,
 )
-from degense.engine.data.synthetic.texture import Sheet, fractal, noise, slope, vessels
+from degense.engine.data.synthetic.texture import Sheet, fractal, mesh_and_texture, noise, slope, vessels
 
 REFERENCE_DEPTH = 90.0  # mm: there, one unit of material coordinates is one mm across the view
 
@@ -105,11 +107,7 @@ def build_anatomy(rng: np.random.Generator, half: tuple[float, float], cells: in
     burning : (float, float)
         Clip times in [0, 1] at which the hook begins and ends its path.
     """
-    step = 2 * half[0] / cells
-    rows = int(np.ceil(half[1] / step))
-    mesh = Sheet(np.linspace(-half[0], half[0], cells + 1), step * np.arange(-rows, rows + 1))
-    fine = step / finer
-    sheet = Sheet(mesh.x[0] + fine * np.arange(cells * finer + 1), mesh.y[0] + fine * np.arange(2 * rows * finer + 1))
+    mesh, sheet = mesh_and_texture(half, cells, finer)
 
     jitter = rng.uniform(-2.5, 2.5, (6, 2))
     fundus, neck = np.array([15.0, -13.0]) + jitter[0], np.array([-19.0, 15.0]) + 0.6 * jitter[1]
@@ -139,13 +137,7 @@ def _organ_depths(mesh: Sheet, axis: np.ndarray, warp: list[np.ndarray], swell: 
     x, y = mesh.points
     wx, wy = x + warp[0], y + warp[1]
     wall = 113 - 0.10 * (wx + wy) + 1.5 * swell
-
-    def dome(centre: np.ndarray, radii: tuple[float, float], angle: float, base: float, height: float) -> np.ndarray:
-        cos, sin = np.cos(angle), np.sin(angle)
-        dx, dy = wx - centre[0], wy - centre[1]
-        r2 = ((dx * cos + dy * sin) / radii[0]) ** 2 + ((dy * cos - dx * sin) / radii[1]) ** 2
-        return base - height * (1 - r2)
-
+    dome = partial(dome_depth, wx, wy)
     liver = np.minimum(
         dome(np.array([-34, -20]) + jitter[3], (46, 34), 0.45, 112, 25),
         dome(np.array([40, 16]) + jitter[4], (24, 34), -0.35, 112, 26),

@@ -81,7 +81,7 @@ def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress
     [T, H, W], see `engine.clip.Truth`. Displacement is a property of the tissue: it is in the axes of the camera at frame 0, which are
     the world's, even when the camera moves. `cautery` marks tissue from its first visible change of
     colour on: charred tissue stands still, bled tissue moves as it would without the blood. What a cut lays open was hidden at frame 0;
-    its place there is exact too.
+    its place there is exact too. DegenseError when `out` is in use or cannot be written.
 
     Parameters
     ----------
@@ -89,11 +89,6 @@ def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress
         A folder that does not exist yet or is empty. It appears when everything is written, so a stopped run leaves nothing behind.
     options : PhantomOptions
     progress : Progress
-
-    Raises
-    ------
-    DegenseError
-        When `out` is in use or cannot be written.
     """
     out = Path(out).absolute()
     if out.exists() and (not out.is_dir() or any(out.iterdir())):

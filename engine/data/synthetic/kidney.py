@@ -6,6 +6,7 @@ Material coordinates are as in `anatomy`. One row of the mesh follows the line o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -19,13 +20,14 @@ from degense.engine.data.synthetic.paint import (
     WETNESS,
     WIPED,
     distance_to_path,
+    dome_depth,
     finer_grid,
     linear,
     shade_creases,
     smoothstep,
 )
 from degense.engine.data.synthetic.stage import Patch
-from degense.engine.data.synthetic.texture import Sheet, fractal, noise, slope, vessels
+from degense.engine.data.synthetic.texture import Sheet, fractal, mesh_and_texture, noise, slope, vessels
 
 CLASSES = (
     "covered kidney",
@@ -95,11 +97,8 @@ def build_kidney(
     bleeding, sucking : (float, float)
         Clip times in [0, 1] from the first to the last place that blood reaches, and between which suction takes it away.
     """
-    step = 2 * half[0] / cells
-    rows = int(np.ceil(half[1] / step))
-    mesh = Sheet(np.linspace(-half[0], half[0], cells + 1), step * np.arange(-rows, rows + 1))
-    fine = step / finer
-    sheet = Sheet(mesh.x[0] + fine * np.arange(cells * finer + 1), mesh.y[0] + fine * np.arange(2 * rows * finer + 1))
+    mesh, sheet = mesh_and_texture(half, cells, finer)
+    step, rows = 2 * half[0] / cells, len(mesh.y) // 2
     jitter = rng.uniform(-2.5, 2.5, (6, 2))
     bowel = np.array([(-64, 28), (-44, 19), (-27, 30), (-8, 37), (18, 34), (40, 42), (64, 38)], float) + jitter[0]
     heights = _organ_depths(mesh, rng, bowel, jitter)
@@ -139,13 +138,7 @@ def _organ_depths(mesh: Sheet, rng: np.random.Generator, bowel: np.ndarray, jitt
     warp = [2.6 * noise(mesh, rng, 22.0) for _ in range(2)]
     swell = fractal(mesh, rng, 26.0, 3)
     wx, wy = x + warp[0], y + warp[1]
-
-    def dome(centre: np.ndarray, radii: tuple[float, float], angle: float, base: float, height: float) -> np.ndarray:
-        cos, sin = np.cos(angle), np.sin(angle)
-        dx, dy = wx - centre[0], wy - centre[1]
-        r2 = ((dx * cos + dy * sin) / radii[0]) ** 2 + ((dy * cos - dx * sin) / radii[1]) ** 2
-        return base - height * (1 - r2)
-
+    dome = partial(dome_depth, wx, wy)
     covered = dome(np.array([0, 0]) + 0.4 * jitter[2], (42, 27), -0.16, 106, 23) + 0.4 * swell
     parenchyma = dome(np.array([38, -9]) + jitter[3], (20, 25), 0.25, 106, 22)
     distance, along = distance_to_path(x + 0.5 * warp[0], y + 0.5 * warp[1], bowel)

@@ -33,6 +33,16 @@ def shade_creases(texture: np.ndarray, depth: np.ndarray, step: float) -> None:
     texture[..., :3] *= 1 - hollow * np.array([0.45, 0.68, 0.66], np.float32)
 
 
+def dome_depth(
+    x: np.ndarray, y: np.ndarray, centre: np.ndarray, radii: tuple[float, float], angle: float, base: float, height: float
+) -> np.ndarray:
+    """Depth of a dome at (x, y): `base` at its elliptic rim, turned by `angle` radians, and `height` nearer in its middle; all mm."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    dx, dy = x - centre[0], y - centre[1]
+    r2 = ((dx * cos + dy * sin) / radii[0]) ** 2 + ((dy * cos - dx * sin) / radii[1]) ** 2
+    return base - height * (1 - r2)
+
+
 def distance_to_path(x: np.ndarray, y: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distance to a polyline [k, 2] and the place of the nearest point along it in [0, 1]; both shaped like `x`."""
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)

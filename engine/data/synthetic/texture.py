@@ -37,6 +37,15 @@ class Sheet:
         return tuple(np.meshgrid(self.x, self.y))
 
 
+def mesh_and_texture(half: tuple[float, float], cells: int, finer: int) -> tuple[Sheet, Sheet]:
+    """Grids of the vertices and of the texture, `finer` times finer, over ±`half` mm, with `cells` mesh cells across the width."""
+    step = 2 * half[0] / cells
+    rows = int(np.ceil(half[1] / step))
+    mesh = Sheet(np.linspace(-half[0], half[0], cells + 1), step * np.arange(-rows, rows + 1))
+    fine = step / finer
+    return mesh, Sheet(mesh.x[0] + fine * np.arange(cells * finer + 1), mesh.y[0] + fine * np.arange(2 * rows * finer + 1))
+
+
 EXTENT = 100.0  # noise is defined on ±EXTENT mm, whatever part of it a sheet covers
 
 
