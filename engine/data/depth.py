@@ -10,17 +10,17 @@ import numpy as np
 
 from degense.engine.camera import Camera
 
-ALBEDO = 0.9  # share of the brightness foretold by colour that is taken for albedo, not distance
-RIDGE = 0.15  # spread of log colour ratios below which they are not trusted
-STRENGTH = 0.5  # what is left is still half albedo
+ALBEDO = 0.9  # share of the brightness predicted from colour that is attributed to albedo, not to distance
+RIDGE = 0.15  # ridge regularisation: spread of log colour ratios below which they explain little
+STRENGTH = 0.5  # factor on the remaining log depth, half of which is albedo too
 GAMMA = 2.2  # of the display: back to linear light
-REACH = 2.5  # the prior stays within this factor of its median depth: beyond it, albedo speaks, not distance
+REACH = 2.5  # the prior stays within this factor of its median depth
 WORKING_WIDTH = 320  # the prior is smooth, so it is computed on small frames
 
 
 @dataclass(frozen=True)
 class Shading:
-    """What one frame says about distance, at most `WORKING_WIDTH` wide.
+    """Depth cues of one frame, at most `WORKING_WIDTH` wide.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Shading:
     tint : float32 [h, w, 5]
         Colour without brightness: log R/G and log G/B, their squares and their product.
     seen : bool [h, w]
-        The witnesses: no highlights, and no colourless or dark pixels (instruments, shadows, the vignette).
+        Pixels used: no highlights, and no colourless or dark pixels (instruments, shadows, the vignette).
     """
 
     log_depth: np.ndarray
@@ -39,7 +39,7 @@ class Shading:
 
 
 def shading(rgb: np.ndarray, usable: np.ndarray, camera: Camera) -> Shading | None:
-    """Read a frame's shading.
+    """Depth cues from the shading of a frame.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def shading(rgb: np.ndarray, usable: np.ndarray, camera: Camera) -> Shading | No
     Returns
     -------
     Shading or None
-        None when less than 5 % of the usable pixels are witnesses, or their brightness varies by less than 3 %.
+        None when less than 5 % of the usable pixels can be used, or their brightness varies by less than 3 %.
     """
     height, width = usable.shape
     factor = min(1.0, WORKING_WIDTH / width)
@@ -86,7 +86,7 @@ def _tint(rgb: np.ndarray) -> np.ndarray:
 
 
 def _spread(values: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """`values` smoothed over the seen pixels and carried into the others: fine where there are witnesses near by, coarser where not."""
+    """`values` smoothed over the seen pixels and extrapolated to the others: fine near seen pixels, coarser elsewhere."""
     mean = float(values[seen].mean())
     result = np.full(values.shape, mean, np.float32)
     weight = seen.astype(np.float32)
@@ -95,19 +95,18 @@ def _spread(values: np.ndarray, seen: np.ndarray) -> np.ndarray:
         sigma = share * diagonal
         near = cv2.GaussianBlur(weight, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
         blurred = cv2.GaussianBlur((values - mean) * weight, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
-        trust = np.clip(near / 0.3, 0, 1)
-        result += trust * (mean + blurred / np.maximum(near, 1e-6) - result)
+        confidence = np.clip(near / 0.3, 0, 1)
+        result += confidence * (mean + blurred / np.maximum(near, 1e-6) - result)
     return result
 
 
 class DepthPrior:
-    """Relative depth, median 1, when nothing was measured: from light falloff, else flat.
+    """Relative depth, median 1, when none was measured: from light falloff, else flat.
 
-    Brightness tells distance only as far as albedo is even, and it is not: on synthetic surgeries with known depth the bare formula
-    has a mean error of .29 in log depth, where a flat guess has .08. So what colour foretells of the brightness is mostly taken for
-    albedo, and the rest is halved, which brings the error to .06. It is smoothed too: albedo changes at edges, distance mostly not.
-
-    Colour is learnt, and the scale set, once for all frames: depth does not jump when a tool enters.
+    On synthetic surgeries with known depth the bare formula has a mean error of .29 in log depth, a flat guess .08: albedo is not even.
+    The part of the brightness that colour predicts (by ridge regression) is therefore attributed to albedo, the rest is halved and
+    smoothed, which brings the error to .06. The regression and the scale are fitted once for all frames, so depth does not jump when a
+    tool enters.
 
     Parameters
     ----------

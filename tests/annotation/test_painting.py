@@ -23,8 +23,8 @@ def full(region) -> np.ndarray:
 def test_a_brush_covers_what_lies_within_its_radius(ax, ay, bx, by, radius):
     mask = full(brush((ax, ay), (bx, by), radius, SHAPE))
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] + 0.5
-    way = np.linspace([ax, ay], [bx, by], 400)
-    distance = np.sqrt(((np.stack([x, y], -1)[:, :, None] - way) ** 2).sum(-1)).min(-1)
+    line = np.linspace([ax, ay], [bx, by], 400)
+    distance = np.sqrt(((np.stack([x, y], -1)[:, :, None] - line) ** 2).sum(-1)).min(-1)
     assert mask[distance < radius - 0.1].all()
     assert not mask[distance > max(radius, 0.75) + 0.1].any()  # the pixel under the pointer always counts
 

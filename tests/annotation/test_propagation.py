@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from degense.engine.annotation.propagation.field_votes import FieldVotes
-from degense.engine.annotation.propagation.flow_votes import nearness, ways
+from degense.engine.annotation.propagation.flow_votes import nearness, spans
 from degense.engine.annotation.propagation.propagate import expected_iou, propagate, without_islands
 from degense.engine.camera import Camera
 from degense.engine.clip import UNLABELLED
@@ -123,8 +123,8 @@ def test_gaussians_take_their_labels_along():
 
 
 def test_ways_end_before_the_next_corrected_frame():
-    assert list(ways([2, 5], 0, 7)) == [[2, 3, 4], [2, 1, 0], [5, 6, 7], [5, 4, 3]]
-    assert list(ways([0], 0, 0)) == []
+    assert list(spans([2, 5], 0, 7)) == [[2, 3, 4], [2, 1, 0], [5, 6, 7], [5, 4, 3]]
+    assert list(spans([0], 0, 0)) == []
     assert nearness(3, [1, 4]).tolist() == pytest.approx([0.2, 0.8])
 
 

@@ -1,4 +1,4 @@
-"""What each class looks like in the corrected frames, learned anew for every propagation: colour and texture around a pixel."""
+"""Votes of appearance: colour and texture around a pixel of each class, learned anew from the corrected frames for every propagation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAMPLES = 1500
 WIDTH, STEPS, BATCH, RATE, SMOOTHING = 32, 300, 2048, 1e-2, 0.1
 
 
-class Looks:
+class AppearanceVotes:
     """A small network from the surroundings of a pixel to its class.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Labels through the 4D field: what corrected pixels say of each Gaussian, and what the Gaussians then say of other frames."""
+"""Votes of the 4D field: corrected labels are back-projected to the Gaussians, which are then drawn at other times."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from degense.engine.annotation.propagation.flow_votes import nearness
 from degense.engine.raster import backproject, rasterize
 from degense.engine.scene import Scene
 
-#: Share of a pixel below which what was seen of a Gaussian counts little.
+#: Total share of pixels below which a Gaussian counts little.
 LEAST_SEEN = 0.1
-#: Mean difference in colour (0 to 1) between the drawn and the recorded pixel at which a vote counts 1/e: there the scene shows
-#: something else than the recording, and its labels are of something else too.
+#: Mean difference in colour (0 to 1) between the rendered and the recorded pixel at which a vote counts 1/e.
 UNLIKE = 0.15
 
 
 class FieldVotes:
-    """The Gaussians' votes.
+    """Votes of the Gaussians.
 
     Parameters
     ----------
@@ -54,9 +53,9 @@ class FieldVotes:
             The recorded frame.
         """
         weights = nearness(frame, list(self._seen))
-        said = sum(weight * seen for weight, seen in zip(weights, self._seen.values(), strict=True))
-        assert isinstance(said, Tensor)
-        shares = said / (said.sum(1, keepdim=True) + LEAST_SEEN)
+        total = sum(weight * seen for weight, seen in zip(weights, self._seen.values(), strict=True))
+        assert isinstance(total, Tensor)
+        shares = total / (total.sum(1, keepdim=True) + LEAST_SEEN)
         splats = self._scene.splats(frame)
         features = torch.cat([shares, splats.colors], 1)
         drawn = rasterize(splats, features, self._scene.camera(frame), clean=True)

@@ -1,4 +1,4 @@
-"""Labels along the optical flow of the recording: for thin and fast things that the 4D field does not hold."""
+"""Votes of optical flow: labels warped along the recording, for thin and fast things that the 4D field does not hold."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from degense.engine.annotation.packed import pack, unpack
 from degense.engine.clip import Clip
 from degense.engine.motion import consistent, follow
 
-#: What a label counts that flow brought along a way that does not lead back.
-DOUBTED = 0.2
+#: Weight of a label that was warped where forward and backward flow disagree.
+INCONSISTENT = 0.2
 
 
 def nearness(frame: int, sources: Sequence[int]) -> np.ndarray:
@@ -22,7 +22,7 @@ def nearness(frame: int, sources: Sequence[int]) -> np.ndarray:
 
 
 class FlowVotes:
-    """Label maps of the corrected frames, moved to every frame up to the next corrected one.
+    """Label maps of the corrected frames, warped to every frame up to the next corrected one.
 
     Call `measure` to the end before asking.
 
@@ -39,47 +39,47 @@ class FlowVotes:
     def __init__(self, clip: Clip, labels: Mapping[int, np.ndarray], count: int, frames: Sequence[int]):
         self._clip, self._labels, self._count = clip, labels, count
         self._shape = clip.size[1], clip.size[0]
-        self._ways = list(ways(sorted(labels), frames[0], frames[-1]))
+        self._spans = list(spans(sorted(labels), frames[0], frames[-1]))
         self._moved: dict[int, dict[int, tuple[bytes, bytes]]] = {}
 
     @property
     def steps(self) -> int:
         """How many pairs of frames `measure` compares."""
-        return sum(len(way) - 1 for way in self._ways)
+        return sum(len(span) - 1 for span in self._spans)
 
     def measure(self) -> Iterator[int]:
         """Follow the flow; yields after each step the frame that was reached."""
-        for way in self._ways:
-            labels = self._labels[way[0]].astype(np.uint8)
-            reached = follow(self._clip.frame(i) for i in way)
-            for frame, (out, back) in zip(way[1:], reached, strict=True):
-                moved, inside = moved_labels(labels, back)
-                trusted = consistent(back, out) & inside
-                self._moved.setdefault(frame, {})[way[0]] = pack(moved), pack(trusted)
+        for span in self._spans:
+            labels = self._labels[span[0]].astype(np.uint8)
+            reached = follow(self._clip.frame(i) for i in span)
+            for frame, (out, back) in zip(span[1:], reached, strict=True):
+                moved, inside = warped_labels(labels, back)
+                agrees = consistent(back, out) & inside
+                self._moved.setdefault(frame, {})[span[0]] = pack(moved), pack(agrees)
                 yield frame
 
     def at(self, frame: int) -> np.ndarray:
         """Weights of the labels in each pixel, float32 [H, W, count], at most 1."""
         found = self._moved.get(frame, {})
         votes = np.zeros((*self._shape, self._count), np.float32)
-        for weight, (moved, trusted) in zip(nearness(frame, list(found)) if found else (), found.values(), strict=True):
-            certain = np.where(unpack(trusted, self._shape), 1.0, DOUBTED).astype(np.float32) * weight
+        for weight, (moved, agrees) in zip(nearness(frame, list(found)) if found else (), found.values(), strict=True):
+            certain = np.where(unpack(agrees, self._shape), 1.0, INCONSISTENT).astype(np.float32) * weight
             index = unpack(moved, self._shape)[..., None].astype(np.int64)
             np.put_along_axis(votes, index, np.take_along_axis(votes, index, -1) + certain[..., None], -1)
         return votes
 
 
-def ways(sources: Sequence[int], first: int, last: int) -> Iterator[list[int]]:
+def spans(sources: Sequence[int], first: int, last: int) -> Iterator[list[int]]:
     """From each corrected frame forwards and backwards, up to but not including the next corrected frame or beyond the ends."""
     for before, here, after in zip([None, *sources[:-1]], sources, [*sources[1:], None], strict=True):
         forwards = list(range(here, min(last, after - 1 if after is not None else last) + 1))
         backwards = list(range(here, max(first, before + 1 if before is not None else first) - 1, -1))
-        for way in (forwards, backwards):
-            if len(way) > 1:
-                yield way
+        for span in (forwards, backwards):
+            if len(span) > 1:
+                yield span
 
 
-def moved_labels(labels: np.ndarray, back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def warped_labels(labels: np.ndarray, back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Labels uint8 [H, W] seen where a flow float32 [H, W, 2] from the other frame leads (nearest pixel), and where it stays inside."""
     height, width = labels.shape
     x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))

@@ -1,13 +1,13 @@
-"""Corrected label maps of a few frames, carried through time to all others.
+"""Propagation of corrected label maps of a few frames to all others.
 
-Three witnesses speak in every pixel: the Gaussians, labelled by the corrected pixels that they show and drawn at the other instant
-(`FieldVotes`; needs a run); the optical flow of the recording (`FlowVotes`); and the looks of the classes (`Looks`). With F, B and A
-their shares of class k,
+A pixel's class is decided by three sources: the Gaussians, labelled by back-projection of the corrected frames and drawn at the other
+time (`FieldVotes`; needs a run), the optical flow of the recording (`FlowVotes`), and the appearance of the classes (`AppearanceVotes`).
+With F, B and A their shares of class k,
 
-    s_k(p) = log(F_k + ε) + log(B_k + ε) + 2 log(A_k + ε)
+    s_k(p) = log(F_k + ε) + log(B_k + ε) + 2 log(A_k + ε),
 
-The greatest wins. The field keeps large tissue where it is, hidden or not; flow follows what is thin and fast; looks decide where a thing
-enters, leaves, or changes in place. Islands too small to be any of the class's parts go to the next best class.
+and the class of greatest score wins. The field holds large tissue, also where it is hidden; flow follows thin and fast things; appearance
+decides where something enters, leaves or changes in place. Islands that are too small for their class go to the next best class.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from degense.engine.annotation.packed import Proposal, pack
-from degense.engine.annotation.propagation.appearance import Looks
+from degense.engine.annotation.propagation.appearance import AppearanceVotes
 from degense.engine.annotation.propagation.field_votes import FieldVotes
 from degense.engine.annotation.propagation.flow_votes import FlowVotes
 from degense.engine.clip import UNLABELLED, Clip
@@ -26,8 +26,8 @@ from degense.engine.errors import DegenseError
 from degense.engine.scene import Scene
 
 FLOOR = 0.02  # ε
-LOOKS_COUNT = 2.0
-#: Scores are divided by this before they are taken for log-probabilities: the witnesses do not err independently.
+APPEARANCE_WEIGHT = 2.0
+#: Scores are divided by this before they are taken for log-probabilities: the errors of the three sources are not independent.
 SOFTENED = 2.0
 #: An island is dropped below this share of what the class covers in the corrected frames, and of the picture; a class that covers less
 #: than the first in a frame altogether is not there.
@@ -38,15 +38,15 @@ ROUNDS = 4  # of dropping: a dropped island may make another
 def propagate(
     clip: Clip, corrected: Mapping[int, np.ndarray], scene: Scene | None = None, frames: Sequence[int] | None = None
 ) -> Generator[tuple[float, str], None, dict[int, Proposal]]:
-    """Carry label maps to other frames. DegenseError when nothing is corrected, or a map has another size than the clip.
+    """Propagate label maps to other frames. DegenseError when nothing is corrected, or a map has another size than the clip.
 
     Parameters
     ----------
     clip : Clip
     corrected : mapping of frame to uint8 [H, W]
-        `UNLABELLED` is carried like a class: what belongs to nothing in a corrected frame belongs to nothing elsewhere.
+        `UNLABELLED` is propagated like a class.
     scene : Scene, optional
-        A run of the clip. Without one, flow and looks have to do.
+        A run of the clip; without one, flow and appearance decide.
     frames : sequence of int, optional
         Where to, ascending without gaps; default: the whole clip.
 
@@ -62,8 +62,8 @@ def propagate(
     wanted = list(frames if frames is not None else range(len(clip)))
     values, indices = _indexed(clip, corrected)
     count = len(values)
-    yield 0.0, "learning what the classes look like"
-    looks = Looks([clip.frame(i) for i in indices], list(indices.values()), count)
+    yield 0.0, "learning the appearance of the classes"
+    appearance = AppearanceVotes([clip.frame(i) for i in indices], list(indices.values()), count)
     field = None
     if scene is not None:
         yield 0.01, "labelling the Gaussians"
@@ -76,9 +76,9 @@ def propagate(
     for done, frame in enumerate(wanted):
         if frame in indices:
             continue
-        yield 0.5 + 0.5 * done / len(wanted), f"carrying labels to frame {frame}"
+        yield 0.5 + 0.5 * done / len(wanted), f"propagating labels to frame {frame}"
         rgb = clip.frame(frame)
-        scores = np.log(flow.at(frame) + FLOOR) + LOOKS_COUNT * np.log(looks.at(rgb) + FLOOR)
+        scores = np.log(flow.at(frame) + FLOOR) + APPEARANCE_WEIGHT * np.log(appearance.at(rgb) + FLOOR)
         if field is not None:
             scores += np.log(field.at(frame, rgb) * clip.valid(frame)[..., None] + FLOOR)
         winners = without_islands(scores, usual)
@@ -89,7 +89,7 @@ def propagate(
 def _indexed(clip: Clip, corrected: Mapping[int, np.ndarray]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     """The values that occur, uint8 [count], and for each corrected frame which of them each pixel has, int64 [H, W]."""
     if not corrected:
-        raise DegenseError("No frame is labelled yet; label one, and its labels can be carried to the others.")
+        raise DegenseError("No frame is labelled yet; label one, and its labels can be propagated to the others.")
     width, height = clip.size
     for frame, labels in corrected.items():
         if labels.shape != (height, width):
@@ -97,7 +97,7 @@ def _indexed(clip: Clip, corrected: Mapping[int, np.ndarray]) -> tuple[np.ndarra
             raise DegenseError(f"The label map of frame {frame} is {found} pixels, but the clip is {width} × {height}; scale it first.")
     values = np.unique(np.concatenate([np.unique(labels) for labels in corrected.values()]))
     if values.tolist() == [UNLABELLED]:
-        raise DegenseError("The corrected frames hold no label; paint one, and it can be carried to the others.")
+        raise DegenseError("The corrected frames hold no label; paint one, and it can be propagated to the others.")
     return values, {frame: np.searchsorted(values, corrected[frame]).astype(np.int64) for frame in sorted(corrected)}
 
 

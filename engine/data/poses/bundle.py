@@ -1,11 +1,11 @@
-"""All cameras of a clip at once: the rigid motion that most of the tracked tissue agrees on.
+"""Bundle adjustment: all cameras of a clip at once, from the rigid motion of most of the tracked tissue.
 
 For a point X of key frame a (from its pixel and depth, in a's camera), camera b sees π(R_b R_aᵀ (X − t_a) + t_b). The poses minimise
 
     Σ ρ(‖π(…) − seen‖) + λ² Σ ‖second differences of the poses‖²
 
-by Gauss–Newton with iterated weights. ρ is Geman and McClure's, which stops listening to points that do not fit, and a point that moves by
-itself in some frames loses its vote in the others. λ is far below one point: it only decides where a frame has no points of its own.
+by Gauss–Newton with iterated weights. ρ is the robust loss of Geman and McClure, and the weight of a point is multiplied by its mean weight
+over all frames, so that points that deform count little. λ is far below the weight of one point: it decides only where a frame has none.
 """
 
 from __future__ import annotations

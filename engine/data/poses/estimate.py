@@ -1,4 +1,4 @@
-"""Camera poses from the frames of a clip, and whether they are to be believed."""
+"""Camera poses from the frames of a clip, and whether they explain the motion well enough to be used."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from degense.engine.data.poses.tracks import Lost, Track, close_loops, follow_ti
 from degense.engine.data.poses.views import SIDE, Views
 from degense.engine.progress import Progress, silent
 
-NOTICED = 1.5  # pixels of a reduced frame: tracks whose median motion is smaller say nothing of the camera
+NOTICED = 1.5  # pixels of a reduced frame: tracks whose median motion is smaller are not used to judge the poses
 STAYS = 0.7  # pixels: a point that is never farther from its place stands still
 EXPLAINS = 0.75  # share of the motion seen that a moving camera must explain
-STILL_AREA = 0.03  # share of the tissue that may stand still all the while although the camera moves
+STATIC_AREA = 0.03  # share of the tissue that may stand still all the while although the camera moves
 
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """What the frames say of the camera.
+    """Estimated poses and how well they explain the frames.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class PoseEstimate:
     explained : float
         Share of the motion seen that these poses explain: 1 − Σ r / Σ f over the tracks in which something moves, f being the median length
         of the way that points went, r the median distance between where they are seen and where the poses put them. Pixels.
-    still_area : float
+    static_area : float
         Share of the tissue that never leaves its place in the picture by more than a pixel, though something moves. A camera that moves
         leaves no such area.
     """
@@ -43,15 +43,15 @@ class PoseEstimate:
     travel: float
     turn: float
     explained: float
-    still_area: float
+    static_area: float
 
     @property
     def doubt(self) -> str:
         """Why the camera is rather taken to stand still; empty when it moves."""
         if self.explained == 0:
             return "hardly anything moves"
-        if self.still_area > STILL_AREA:
-            return f"{100 * self.still_area:.0f} % of the tissue never leaves its place in the picture"
+        if self.static_area > STATIC_AREA:
+            return f"{100 * self.static_area:.0f} % of the tissue never leaves its place in the picture"
         if self.explained < EXPLAINS:
             return f"a moving one would explain only {100 * self.explained:.0f} % of the motion seen"
         return ""
@@ -82,15 +82,15 @@ def estimate_poses(clip: Clip, progress: Progress = silent) -> PoseEstimate:
     if closing := close_loops(keys, viewmats, progress):
         tracks = tracks + closing
         viewmats = refine(viewmats, tracks, views.camera)
-    explained, still_area = _judge(tracks, viewmats, views.camera)
+    explained, static_area = _judge(tracks, viewmats, views.camera)
     centres = -np.einsum("tji,tj->ti", viewmats[:, :3, :3], viewmats[:, :3, 3]) / views.unit
     turn = float(np.degrees(Rotation.from_matrix(viewmats[:, :3, :3]).magnitude().max()))
     viewmats[:, :3, 3] /= views.unit
-    return PoseEstimate(viewmats, float(np.linalg.norm(centres, axis=1).max()), turn, explained, still_area)
+    return PoseEstimate(viewmats, float(np.linalg.norm(centres, axis=1).max()), turn, explained, static_area)
 
 
 def _judge(tracks: list[Track], viewmats: np.ndarray, camera: Camera) -> tuple[float, float]:
-    """`explained` and `still_area`; both 0 when hardly anything moves."""
+    """`explained` and `static_area`; both 0 when hardly anything moves."""
     way = residual = 0.0
     stays: dict[int, list[np.ndarray]] = {}
     for track in tracks:

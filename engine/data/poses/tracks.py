@@ -12,7 +12,7 @@ from degense.engine.data.poses.views import Views
 from degense.engine.motion import consistent, flow_between, follow, sample, steps_between
 from degense.engine.progress import Progress
 
-FEWEST = 40  # points without which a frame says nothing of its camera
+FEWEST = 40  # points that a frame needs for its pose
 LEFT = 0.4  # share of a key frame's points below which the next key frame takes over
 OVERLAP = 0.5  # share of a key frame's points that another must see to be matched with it
 PATIENCE = 8  # frames in a row that may show nothing before the camera counts as lost

@@ -1,4 +1,4 @@
-"""A clip as pose estimation sees it: small pictures, tissue without instruments, depth in units of its own."""
+"""The input of pose estimation: reduced frames, tissue without instruments, depth scaled to a median of 1."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class Views:
 
     def usable(self, index: int) -> np.ndarray:
         """Tissue whose texture pins its motion down, without reflections, which travel with the light; bool [h, w]."""
-        return self._trusted(index) > TEXTURE
+        return self._texture(index) > TEXTURE
 
     def points(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Usable points of known depth on a loose grid: rows and columns, int [n] each."""
-        wanted = np.where(self.depth(index) > 0, self._trusted(index), 0)
+        wanted = np.where(self.depth(index) > 0, self._texture(index), 0)
         height, width = wanted.shape
         rows, columns = height // CELL, width // CELL
         cells = wanted[: rows * CELL, : columns * CELL].reshape(rows, CELL, columns, CELL).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
@@ -74,6 +74,6 @@ class Views:
         chosen = cells.max(axis=1) > TEXTURE
         return row[chosen], column[chosen]
 
-    def _trusted(self, index: int) -> np.ndarray:
+    def _texture(self, index: int) -> np.ndarray:
         picture = self.picture(index)
         return np.where(self.tissue(index) & (picture.max(axis=2) < HIGHLIGHT), confidence(picture), 0)

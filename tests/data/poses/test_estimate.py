@@ -122,7 +122,7 @@ def test_tiny_pictures():
     ("explained", "still_area", "doubt"),
     [(0.9, 0.0, ""), (0.0, 0.0, "hardly anything moves"), (0.9, 0.2, "20 % of the tissue"), (0.5, 0.0, "only 50 %")],
 )
-def test_when_a_camera_is_said_to_move(explained, still_area, doubt):
-    found = PoseEstimate(np.eye(4)[None], 1.0, 1.0, explained, still_area)
+def test_when_a_camera_is_said_to_move(explained, static_area, doubt):
+    found = PoseEstimate(np.eye(4)[None], 1.0, 1.0, explained, static_area)
     assert doubt in found.doubt
     assert bool(found.doubt) is bool(doubt)
