@@ -91,7 +91,7 @@ class ViewEditor:
             raise PromptError("Type what to look for, such as gallbladder.")
         if any(prompt.text.casefold() == text.casefold() for prompt in self.state.prompts):
             raise PromptError(f"“{text}” is already in the list.")
-        scene.meanings(text)
+        scene.included(text)
         prompt = Prompt(text, colour or self.state.next_colour(), negative=negative)
         self.edit(f"Prompt {text}", replace(self.state, prompts=(*self.state.prompts, prompt)))
         return prompt

@@ -50,8 +50,8 @@ def layer_range(scene: Scene, layer: Layer, request: LayerRequest, mode: RangeMo
     frames = [request.frame] if mode == "frame" else np.unique(np.linspace(0, scene.frames - 1, SEQUENCE_SAMPLES).round())
     values = []
     for frame in frames:
-        picture = layer.picture(scene, replace(request, frame=float(frame)))
-        values.append(picture[np.isfinite(picture)])
+        pixels = layer.pixels(scene, replace(request, frame=float(frame)))
+        values.append(pixels[np.isfinite(pixels)])
     known = np.concatenate(values)
     if known.size == 0:
         return 0.0, 1.0

@@ -80,7 +80,7 @@ def guessed_splats_since(scene: Scene, request: LayerRequest) -> np.ndarray | No
 def moving(name: str, title: str, description: str, measure: Measure, unit: Callable[[Scene], str], signed: bool = False) -> Layer:
     """A layer of one number a Gaussian. All but the speed are measured from the reference frame."""
 
-    def picture(scene: Scene, request: LayerRequest) -> np.ndarray:
+    def pixels(scene: Scene, request: LayerRequest) -> np.ndarray:
         return scene.renderer.blend(name, request.frame, lambda: measure(scene, float(request.frame)), request.camera)
 
     def per_splat(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -91,7 +91,7 @@ def moving(name: str, title: str, description: str, measure: Measure, unit: Call
         title,
         "scalar",
         description,
-        picture,
+        pixels,
         per_splat,
         unit,
         "vik" if signed else "viridis",

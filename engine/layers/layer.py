@@ -39,7 +39,7 @@ class LayerRequest:
 
 @dataclass(frozen=True)
 class LayerImage:
-    """A layer's picture.
+    """A layer drawn from a camera.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Layer:
         The range that it always has; None where the values decide.
     of_motion : bool
         Whether large values are findings about motion, whose worst frames and places are worth a list.
-    picture : callable (scene, request) -> ndarray
+    pixels : callable (scene, request) -> ndarray
     per_splat : callable (scene, request) -> ndarray [N] or [N, 3]
     unit_of : callable (scene) -> str
     uncertain, uncertain_splats : callable (scene, request) -> bool [H, W] or [N], or None
@@ -96,7 +96,7 @@ class Layer:
     title: str
     kind: Kind
     description: str
-    picture: Callable[[Scene, LayerRequest], np.ndarray]
+    pixels: Callable[[Scene, LayerRequest], np.ndarray]
     per_splat: Callable[[Scene, LayerRequest], np.ndarray]
     unit_of: Callable[[Scene], str]
     cmap: str = "viridis"
@@ -117,7 +117,7 @@ class Layer:
 
     def image(self, scene: Scene, request: LayerRequest) -> LayerImage:
         """Draw the layer. DegenseError when the scene cannot show it."""
-        return LayerImage(self.picture(scene, request), self.unit(scene), self.kind, self.uncertain(scene, request))
+        return LayerImage(self.pixels(scene, request), self.unit(scene), self.kind, self.uncertain(scene, request))
 
     def splats(self, scene: Scene, request: LayerRequest) -> np.ndarray:
         """Values of every Gaussian: [N, 3] colours, or [N] scalars (NaN unknown) or mask indices."""

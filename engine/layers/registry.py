@@ -33,7 +33,9 @@ def _depth_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
-    together = request.camera is None and scene.observability is not None  # the surgeon's pictures are kept: both of MOVED take one drawing
+    together = (
+        request.camera is None and scene.observability is not None
+    )  # frames of the surgeon's camera are cached: one drawing for both of MOVED
     return scene.render(request.frame, request.camera, MOVED if together else MOVED[:1])["displacement"]
 
 
@@ -66,7 +68,7 @@ def _warp(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 def _warp_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     """Each Gaussian takes the warp of the pixel it falls on, when it lies on the visible surface there."""
-    picture = _warp(scene, LayerRequest(round(request.frame)))
+    warp = _warp(scene, LayerRequest(round(request.frame)))
     camera = scene.camera(request.frame)
     position, z = camera.project(scene.splats(request.frame).means.cpu().numpy())
     depth = scene.render(round(request.frame), None, ("depth",))["depth"]
@@ -74,7 +76,7 @@ def _warp_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     column, row = np.where(inside, column, 0), np.where(inside, row, 0)
     on_surface = inside & (np.abs(z - depth[row, column]) < 0.05 * np.abs(z))
-    return np.where(on_surface, picture[row, column], np.nan).astype(np.float32)
+    return np.where(on_surface, warp[row, column], np.nan).astype(np.float32)
 
 
 def _length(scene: Scene) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from degense.engine.errors import DegenseError
 from degense.engine.layers.layer import Layer, LayerRequest
 from degense.engine.scene import Scene
-from degense.engine.scene.clip_query import decode_frame, decode_splats
+from degense.engine.scene.clip_query import decode_frame, decode_splats, splat_semantics
 from degense.engine.semantics.prompts import PromptSet
 
 
@@ -33,7 +33,7 @@ def _prompted(request: LayerRequest) -> PromptSet:
 
 
 def _included(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return np.concatenate([scene.meanings(text) for text in _prompted(request).prompts])
+    return np.concatenate([scene.included(text) for text in _prompted(request).prompts])
 
 
 def _similarity(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -42,10 +42,7 @@ def _similarity(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 def _similarity_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     included = _included(scene, request)
-    assert scene.basis is not None
-    latents = scene.splats(request.frame, semantics=True).semantics.cpu().numpy()
-    latents = latents / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-6)
-    return (latents @ scene.basis.project(included).T).max(1).astype(np.float32)
+    return splat_semantics(scene, request.frame).similarity(included)[0]
 
 
 def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:

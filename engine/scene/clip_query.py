@@ -33,9 +33,9 @@ def encode_prompts(scene: Scene, prompts: PromptSet) -> PromptVectors:
     """
     if not prompts.prompts:
         raise PromptError("There is nothing to look for; give at least one prompt.")
-    included = tuple(scene.meanings(text) for text in prompts.prompts)
-    negatives = [scene.meanings(text) for text in prompts.negatives]
-    excluded = tuple(np.concatenate([scene.exclusions(text), *negatives]) for text in prompts.prompts)
+    included = tuple(scene.included(text) for text in prompts.prompts)
+    negatives = [scene.included(text) for text in prompts.negatives]
+    excluded = tuple(np.concatenate([scene.excluded(text), *negatives]) for text in prompts.prompts)
     classes = scene.vectors(scene.classes) if scene.classes else None
     return PromptVectors(included, excluded, classes, prompts.decoder, prompts.threshold)
 
@@ -54,10 +54,15 @@ def decode_splats(scene: Scene, prompts: PromptSet, frame: float) -> Decoded:
     Raises as `encode_prompts` does.
     """
     asked = encode_prompts(scene, prompts)
+    found = splat_semantics(scene, frame).decode(asked)
+    return Decoded(found.masks[:, 0], found.labels[0])
+
+
+def splat_semantics(scene: Scene, frame: float) -> FrameSemantics:
+    """The latents of the Gaussians at one instant as one line of N pixels without a picture. The scene must have semantics."""
     assert scene.basis is not None
     latents = scene.splats(frame, semantics=True).semantics
-    found = FrameSemantics(None, (latents if latents.is_cuda else latents.numpy())[None], scene.basis).decode(asked)
-    return Decoded(found.masks[:, 0], found.labels[0])
+    return FrameSemantics(None, (latents if latents.is_cuda else latents.numpy())[None], scene.basis)
 
 
 def query_clip(scene: Scene, prompts: PromptSet, frames: Sequence[int] | None = None) -> Iterator[tuple[int, Decoded]]:

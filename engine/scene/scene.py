@@ -172,16 +172,16 @@ class Scene:
             self._vectors = {prompts: self.encoder.encode(list(prompts))}
         return self._vectors[prompts]
 
-    def meanings(self, prompt: str) -> np.ndarray:
-        """Unit vectors [m, D] of what a prompt covers: one row, or one for each class of a kind ("tool"). Raises as `vectors` does."""
+    def included(self, prompt: str) -> np.ndarray:
+        """Unit vectors [m, D] of what a prompt includes: one row, or one for each class of a kind ("tool"). Raises as `vectors` does."""
         return self._read(prompt)[0]
 
-    def exclusions(self, prompt: str) -> np.ndarray:
-        """Unit vectors [k, D], k ≥ 0, of what a prompt says it does not mean ("tool, not grasper"). Raises as `vectors` does."""
+    def excluded(self, prompt: str) -> np.ndarray:
+        """Unit vectors [k, D], k ≥ 0, of what a prompt excludes ("tool, not grasper"). Raises as `vectors` does."""
         return self._read(prompt)[1]
 
     def _read(self, prompt: str) -> tuple[np.ndarray, np.ndarray]:
-        """What a prompt means and what not; read once."""
+        """What a prompt includes and excludes; cached."""
         if prompt not in self._asked:
             self.vectors(())
             assert self.encoder is not None

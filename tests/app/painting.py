@@ -27,7 +27,7 @@ class FakeScene:
     def labels(self, frame: int) -> None:
         return None
 
-    def meanings(self, prompt: str) -> None:
+    def included(self, prompt: str) -> None:
         if prompt == "xyzzy":
             raise PromptError("'xyzzy' is not in the vocabulary.")
 

@@ -213,7 +213,7 @@ def test_masks_name_their_prompt(scene, clip, decoder):
 def test_a_kind_of_thing_is_a_prompt_too(scene):
     """ "Tool" covers grasper and hook; its similarity is that of the better one."""
     values = LAYERS["similarity"].image(scene, request(prompts=("tool",))).values
-    vectors = scene.meanings("tool")
+    vectors = scene.included("tool")
     assert len(vectors) > 1
     np.testing.assert_allclose(values, scene.query(SIDE).similarity(vectors), atol=1e-6)
 

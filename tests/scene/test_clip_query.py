@@ -46,7 +46,7 @@ def test_label_maps_hold_the_most_similar_of_overlapping_masks_and_then_the_narr
     [(_, found)] = query_clip(scene, PromptSet(texts), [5])
     assert (found.labels[~found.masks.any(0)] == UNLABELLED).all()
     narrow_first = [1, 2, 0]
-    similarity = np.stack([scene.query(5).refined(scene.meanings(texts[k])) for k in narrow_first])
+    similarity = np.stack([scene.query(5).refined(scene.included(texts[k])) for k in narrow_first])
     expected = np.array(narrow_first)[np.where(found.masks[narrow_first], similarity, -np.inf).argmax(0)]
     np.testing.assert_array_equal(found.labels[found.masks.any(0)], expected[found.masks.any(0)])
 

@@ -244,7 +244,7 @@ def test_prompts_need_semantics_and_known_words(scene, speechless):
         scene.vectors(("xyzzyqq",))
     for ask in (
         lambda: speechless.vectors(("liver",)),
-        lambda: speechless.meanings("liver"),
+        lambda: speechless.included("liver"),
         lambda: speechless.query(0),
         lambda: speechless.render(0, what=("latent",)),
     ):

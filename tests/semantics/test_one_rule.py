@@ -45,10 +45,10 @@ def by_hand(scene, prompts: PromptSet, frame: float, similarity) -> tuple[np.nda
     classes = scene.vectors(scene.classes)
     masks, own = [], []
     for text in prompts.prompts:
-        covered = scene.meanings(text)
+        covered = scene.included(text)
         s = best(covered)
         r = best([row for row in classes if (covered @ row).max() < 0.6])
-        x = best(np.concatenate([scene.exclusions(text), *map(scene.meanings, prompts.negatives)]))
+        x = best(np.concatenate([scene.excluded(text), *map(scene.included, prompts.negatives)]))
         mask = s > prompts.threshold * (0.5 if "argmax" in prompts.decoder else 1.0)
         if "argmax" in prompts.decoder:
             mask &= s >= r
@@ -65,7 +65,7 @@ def by_hand(scene, prompts: PromptSet, frame: float, similarity) -> tuple[np.nda
     for place in np.ndindex(owner.shape):
         holding = [k for k, mask in enumerate(masks) if mask[place]]
         if holding:
-            owner[place] = min(holding, key=lambda k: (-own[k][place], len(scene.meanings(prompts.prompts[k])), k))
+            owner[place] = min(holding, key=lambda k: (-own[k][place], len(scene.included(prompts.prompts[k])), k))
     return np.stack(masks), owner
 
 

@@ -100,14 +100,14 @@ Measure = Callable[["LayerRequest", "list[Layer]"], "dict[str, tuple[np.ndarray,
 
 def _gaussians(scene: Scene, indices: np.ndarray, weights: np.ndarray, curves: Curves) -> Measure:
     assert not curves.similarity or scene.basis is not None
-    meanings = {text: scene.basis.project(scene.meanings(text)) for text in curves.similarity} if scene.basis is not None else {}
+    included = {text: scene.basis.project(scene.included(text)) for text in curves.similarity} if scene.basis is not None else {}
 
     def measure(request: LayerRequest, layers: list[Layer]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        if meanings:
+        if included:
             latent = weights @ scene.splats(request.frame, semantics=True).semantics[indices].cpu().numpy()
             latent /= max(1e-12, float(np.linalg.norm(latent)))
-            for text, meaning in meanings.items():
-                curves.similarity[text][int(request.frame)] = (meaning @ latent).max()
+            for text, rows in included.items():
+                curves.similarity[text][int(request.frame)] = (rows @ latent).max()
         return {layer.name: (layer.splats(scene, request)[indices], weights) for layer in layers}
 
     return measure
@@ -120,7 +120,7 @@ def _pixels(scene: Scene, place: Found, curves: Curves) -> Measure:
         [mask] = decode_frame(scene, replace(request.prompt_set, prompts=(place.prompt,)), request.frame).masks
         assert curves.area is not None
         curves.area[int(request.frame)] = mask.mean()
-        return {layer.name: (layer.picture(scene, request)[mask], np.ones(int(mask.sum()))) for layer in layers}
+        return {layer.name: (layer.pixels(scene, request)[mask], np.ones(int(mask.sum()))) for layer in layers}
 
     return measure
 

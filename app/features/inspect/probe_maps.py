@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.features.prompts.statistics import Meanings
+from degense.app.features.prompts.statistics import ClassDirections
 from degense.app.features.viewer.pictures import get_layer
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class ProbeMaps:
         Where one of them is a guess.
     latent : float32 [H, W, d] or None
         The semantic latents.
-    meanings : Meanings or None
+    directions : ClassDirections or None
         The classes that they are compared with.
     """
 
@@ -40,7 +40,7 @@ class ProbeMaps:
     scalars: dict[str, np.ndarray] = field(default_factory=dict)
     uncertain: dict[str, np.ndarray] = field(default_factory=dict)
     latent: np.ndarray | None = None
-    meanings: Meanings | None = None
+    directions: ClassDirections | None = None
 
     def colour(self, x: int, y: int) -> tuple[int, int, int]:
         red, green, blue = (int(channel) for channel in self.rgb[y, x])
@@ -59,9 +59,9 @@ class ProbeMaps:
 
     def why(self, x: int, y: int) -> list[tuple[str, float]]:
         """The classes of the scene and its vocabulary that a pixel is most similar to, with their cosines, the best first."""
-        if self.latent is None or self.meanings is None:
+        if self.latent is None or self.directions is None:
             return []
-        return self.meanings.best(self.latent[y, x])
+        return self.directions.best(self.latent[y, x])
 
 
 def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps]:
@@ -80,5 +80,5 @@ def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps
             maps = replace(maps, uncertain=maps.uncertain | {name: image.uncertain})
         yield maps
     if scene.has_semantics:
-        maps = replace(maps, latent=scene.render(frame, what=("latent",))["latent"], meanings=Meanings(scene))
+        maps = replace(maps, latent=scene.render(frame, what=("latent",))["latent"], directions=ClassDirections(scene))
     return maps

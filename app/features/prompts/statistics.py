@@ -49,15 +49,15 @@ def answers(scene: Scene, frame: int, view_state: ViewState) -> Generator[tuple[
     similarity = query.refined if reads_regions(prompts.decoder) else query.similarity
     known: tuple[Answer, ...] = ()
     for text in prompts.prompts:
-        meaning = scene.meanings(text)
+        included = scene.included(text)
         [mask] = decode_frame(scene, replace(prompts, prompts=(text,)), frame).masks
-        counts, _ = np.histogram(np.clip(similarity(meaning), 0.0, 1.0), BINS, (0.0, 1.0))
-        known = (*known, Answer(text, float(mask.mean()), query.confidence(meaning, mask, classes), counts))
+        counts, _ = np.histogram(np.clip(similarity(included), 0.0, 1.0), BINS, (0.0, 1.0))
+        known = (*known, Answer(text, float(mask.mean()), query.confidence(included, mask, classes), counts))
         yield known
     return known
 
 
-class Meanings:
+class ClassDirections:
     """Every class of a scene and of its vocabulary, as directions of the latent."""
 
     def __init__(self, scene: Scene) -> None:

@@ -85,7 +85,7 @@ def test_the_mask_of_a_prompt_is_followed(qtbot, opened, idle):
     qtbot.keyClick(panel, Qt.Key.Key_K)
     idle()
     assert session.probe == Found("gallbladder")
-    mask = session.scene.query(4).similarity(session.scene.meanings("gallbladder")) > 0.5
+    mask = session.scene.query(4).similarity(session.scene.included("gallbladder")) > 0.5
     assert on.probe(opened).curves.area[4] == pytest.approx(mask.mean())
     session.view.set_threshold(0.9)
     idle()

@@ -44,7 +44,7 @@ def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
     assert np.array_equal(changed, mask)
     before = scene.splats(3).colors.numpy()
     tinted = np.abs(on.viewer(opened).view.splats.colours / 255 - before.clip(0, 1)).max(1) > 0.01
-    cosine = scene.splats(3, semantics=True).semantics.numpy() @ scene.basis.project(scene.meanings("gallbladder")).T
+    cosine = scene.splats(3, semantics=True).semantics.numpy() @ scene.basis.project(scene.included("gallbladder")).T
     found = (cosine / np.linalg.norm(scene.splats(3, semantics=True).semantics.numpy(), axis=1, keepdims=True)).max(1) >= 0.5
     assert (tinted == found).mean() > 0.99  # the 3D view highlights what the picture does
     screenshot(opened, "prompt")
@@ -166,7 +166,7 @@ def test_coarse_or_refined_masks(qtbot, opened, idle):
     idle()
     assert session.view_state.decoder == "threshold"
     coarse = on.viewer(opened).view.masks[..., 3] > 0
-    assert np.array_equal(coarse, session.scene.query(0).similarity(session.scene.meanings("liver")) > 0.5)
+    assert np.array_equal(coarse, session.scene.query(0).similarity(session.scene.included("liver")) > 0.5)
     assert not np.array_equal(coarse, refined)
     session.undo.undo()
     assert box.isChecked()

@@ -116,7 +116,7 @@ def test_a_range_fixes_the_colours(run, tmp_path):
 def test_segment_writes_what_the_engine_says(run, scene, tmp_path, capsys):
     base = ["segment", str(run), "--frame", "3", "--decoder", "threshold", "--threshold", "0.4", "--prompt", "gallbladder"]
     assert main([*base, "--out", str(tmp_path / "m.png")]) == 0
-    mask = scene.query(3).similarity(scene.meanings("gallbladder")) > 0.4
+    mask = scene.query(3).similarity(scene.included("gallbladder")) > 0.4
     assert mask.any()
     assert np.array_equal(cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED), mask * np.uint8(255))
     assert f"{mask.mean():.1%}" in capsys.readouterr().out
@@ -127,7 +127,7 @@ def test_segment_writes_what_the_engine_says(run, scene, tmp_path, capsys):
     assert main([*base, "--prompt", "liver", "--out", str(tmp_path / "both.png")]) == 0
     values = cv2.imread(str(tmp_path / "both.png"), cv2.IMREAD_UNCHANGED)
     assert np.array_equal(values > 0, both.any(0))
-    nearer = scene.query(3).similarity(scene.meanings("liver")) > scene.query(3).similarity(scene.meanings("gallbladder"))
+    nearer = scene.query(3).similarity(scene.included("liver")) > scene.query(3).similarity(scene.included("gallbladder"))
     assert np.array_equal(values == 2, both[1] & (nearer | ~both[0]))  # a pixel of both masks is the more similar prompt's, not the last's
 
 

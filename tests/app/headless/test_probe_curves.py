@@ -12,7 +12,7 @@ from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.inspect.curves import follow, summary, to_csv
 from degense.app.features.inspect.probe_maps import probe_maps
 from degense.app.features.prompts.area_curves import AreaBook
-from degense.app.features.prompts.statistics import Meanings, answers
+from degense.app.features.prompts.statistics import ClassDirections, answers
 from degense.app.features.viewer.view import ViewRequest, draw_view
 from degense.app.session.targets import Found, Region, Spot, inside_of, material
 from degense.app.session.view_state import Prompt, ViewState
@@ -37,7 +37,7 @@ def test_the_curve_is_the_motion_of_the_gaussians_there(scene):
     assert ((low <= mean) & (mean <= high)).all()
     assert set(curves.layers) == {"displacement", "speed", "rotation", "scale"}
     assert set(curves.similarity) == {"gallbladder", "liver"}
-    rendered = scene.query(4).similarity(scene.meanings("gallbladder"))[int(place.y), int(place.x)]
+    rendered = scene.query(4).similarity(scene.included("gallbladder"))[int(place.y), int(place.x)]
     assert curves.similarity["gallbladder"][4] == pytest.approx(rendered, abs=0.15)
 
 
@@ -67,7 +67,7 @@ def test_inside_of_an_outline_by_its_pixel_middles():
 def test_what_a_prompt_finds_is_looked_for_in_each_frame(scene):
     view_state = replace(LOOK, decoder="threshold", layer="depth")
     curves = curves_of(scene, Found("gallbladder"), view_state)
-    mask = scene.query(6).similarity(scene.meanings("gallbladder")) > view_state.threshold
+    mask = scene.query(6).similarity(scene.included("gallbladder")) > view_state.threshold
     assert curves.area[6] == pytest.approx(mask.mean())
     assert curves.layers["depth"][0, 6] == pytest.approx(np.nanmean(scene.render(6, what=("depth",))["depth"][mask]), rel=1e-4)
     assert curves.similarity == {}
@@ -115,7 +115,7 @@ def test_a_view_comes_first_without_and_then_with_masks(scene):
     with pytest.raises(StopIteration) as end:
         next(steps)
     view = end.value.value
-    mask = scene.query(3).similarity(scene.meanings("gallbladder")) > view_state.threshold
+    mask = scene.query(3).similarity(scene.included("gallbladder")) > view_state.threshold
     assert np.array_equal(view.masks[..., 3] > 0, mask)
     assert np.array_equal(view.rgb, scene.render_rgb(3))
     assert len(view.splats.colours) == len(scene.splats(3))
@@ -156,14 +156,14 @@ def test_why_a_pixel_is_what_it_is(scene):
     assert [cosine for _, cosine in best] == sorted((cosine for _, cosine in best), reverse=True)
     assert best[0][0] == "gallbladder"
     assert best[0][1] == pytest.approx(similarity[y, x], abs=0.03)
-    assert Meanings(scene).best(np.zeros(scene.basis.rank)) == []
+    assert ClassDirections(scene).best(np.zeros(scene.basis.rank)) == []
 
 
 def test_answers_know_area_confidence_and_similarities(scene):
     view_state = replace(LOOK, decoder="threshold")
     known = result_of(answers(scene, 3, view_state))
     assert [answer.text for answer in known] == ["gallbladder", "liver"]
-    query, meaning = scene.query(3), scene.meanings("gallbladder")
+    query, meaning = scene.query(3), scene.included("gallbladder")
     mask = query.similarity(meaning) > view_state.threshold
     assert known[0].area == pytest.approx(mask.mean())
     assert known[0].confidence == pytest.approx(query.confidence(meaning, mask, scene.vectors(scene.classes)))
@@ -181,8 +181,8 @@ def test_a_negative_takes_its_pixels(scene):
         LAYERS["mask"].image(scene, LayerRequest(3, prompt_set=prompts)).values > 0
         for prompts in (plain, replace(plain, negatives=("hook",)))
     )
-    hook = scene.query(3).similarity(scene.meanings("hook"))
-    other = scene.query(3).similarity(scene.meanings("tool")) > hook
+    hook = scene.query(3).similarity(scene.included("hook"))
+    other = scene.query(3).similarity(scene.included("tool")) > hook
     assert np.array_equal(rest, tool & other)
     assert rest.sum() < tool.sum()
 

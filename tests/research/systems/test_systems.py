@@ -84,8 +84,8 @@ def test_no_gaussian_of_a_peer_comes_or_goes(scenes):
 
 
 def test_opengaussian_has_no_more_meanings_than_codes(scenes):
-    meanings = {name: len(torch.unique(scenes[name].model.canonical["semantics"], dim=0)) for name in ("opengaussian", "langsplat")}
-    assert meanings["opengaussian"] <= 6 * 3 < meanings["langsplat"]
+    directions = {name: len(torch.unique(scenes[name].model.canonical["semantics"], dim=0)) for name in ("opengaussian", "langsplat")}
+    assert directions["opengaussian"] <= 6 * 3 < directions["langsplat"]
 
 
 @pytest.mark.parametrize(
