@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from dataclasses import fields
 
 import pytest
 
+from degense.app.cli.parser import build_parser
 from degense.engine.layers import LAYERS
 from degense.engine.training import TrainConfig
 from tests.house.source import ROOT
@@ -26,6 +28,15 @@ def test_the_switches_named_are_settings():
     named = {*re.findall(r"`(\w+)=\w+`", text)} - {"name"}
     assert len(named) > 8
     assert not named - SETTINGS
+
+
+def test_the_commands_and_options_named_are_those_there_are():
+    [commands] = [action.choices for action in build_parser()[0]._actions if isinstance(action, argparse._SubParsersAction)]
+    rows = re.findall(r"^\| `degense (\w+)([^`]*)` \|(.*)\|$", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {name for name, *_ in rows} == {*commands} - {"open"}
+    for name, usage, text in rows:
+        known = {option for action in commands[name]._actions for option in action.option_strings}
+        assert {*re.findall(r"--[a-z][a-z-]+", usage + text)} <= known, name
 
 
 def test_the_layers_named_are_those_there_are():
