@@ -119,7 +119,7 @@ def test_tiny_pictures():
 
 
 @pytest.mark.parametrize(
-    ("explained", "still_area", "doubt"),
+    ("explained", "static_area", "doubt"),
     [(0.9, 0.0, ""), (0.0, 0.0, "hardly anything moves"), (0.9, 0.2, "20 % of the tissue"), (0.5, 0.0, "only 50 %")],
 )
 def test_when_a_camera_is_said_to_move(explained, static_area, doubt):
