@@ -1,4 +1,4 @@
-"""The field at any time, ready to be drawn: recorded as one CUDA graph where there is a GPU."""
+"""The field at any time, ready to be drawn: one CUDA graph where there is a GPU."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from degense.engine.cuda_graphs import capture, warm_up
 from degense.engine.field.model import SceneModel
 from degense.engine.splats import Splats
 
@@ -25,15 +26,16 @@ class LiveField:
     def __init__(self, model: SceneModel, unit: float = 1.0):
         self.model, self.unit = model, unit
         self._time = torch.zeros((), device=model.bounds.device)
-        self._recorded: dict[bool, tuple[torch.cuda.CUDAGraph, Splats]] = {}
+        self._graphs: dict[bool, tuple[torch.cuda.CUDAGraph, Splats]] = {}
 
     def __call__(self, t: float, *, semantics: bool) -> Splats:
         """All Gaussians at time `t` ∈ [-1, 1], with latents or, sooner, with none. On CUDA the next such call overwrites them."""
         if not self._time.is_cuda:
             return self._evaluate(torch.tensor(t), semantics)
-        if semantics not in self._recorded:
-            self._recorded[semantics] = self._record(semantics)
-        graph, splats = self._recorded[semantics]
+        if semantics not in self._graphs:
+            warm_up(lambda: self._evaluate(self._time, semantics))
+            self._graphs[semantics] = capture(lambda: self._evaluate(self._time, semantics))
+        graph, splats = self._graphs[semantics]
         self._time.fill_(t)
         graph.replay()
         return splats
@@ -47,14 +49,3 @@ class LiveField:
 
             splats = cleaned(splats, torch.cat([splats.colors, splats.semantics], 1))
         return splats
-
-    def _record(self, semantics: bool) -> tuple[torch.cuda.CUDAGraph, Splats]:
-        stream = torch.cuda.Stream()
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
-            self._evaluate(self._time, semantics)
-        torch.cuda.current_stream().wait_stream(stream)
-        graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph):
-            splats = self._evaluate(self._time, semantics)
-        return graph, splats

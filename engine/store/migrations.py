@@ -29,6 +29,8 @@ TENSORS = {
 #: Layers, and files of a run folder, that have other names now.
 LAYERS = {"support": "observability"}
 FILES = {"observability.safetensors": "support.safetensors"}
+#: What a checkpoint says of a trainer's progress.
+PROGRESS = {"caution": "rate_scale"}
 #: Settings of trainings that no longer exist.
 REMOVED = {"flow_final"}
 
@@ -57,3 +59,8 @@ def existing_file(folder: Path, name: str) -> Path:
     """A file of a run folder, by the name of an earlier version where only that is there."""
     path, earlier = folder / name, folder / FILES.get(name, name)
     return earlier if earlier.exists() and not path.exists() else path
+
+
+def current_progress(progress: dict[str, Any]) -> dict[str, Any]:
+    """What a checkpoint says of a trainer's progress, by the names of today."""
+    return {PROGRESS.get(name, name): value for name, value in progress.items()}

@@ -7,7 +7,7 @@ from typing import Any
 
 from degense.engine.errors import RunError
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from degense.engine.store.migrations import current_tensors
+from degense.engine.store.migrations import current_progress, current_tensors
 
 PARTS = ("model", "moments", "density", "neighbours")
 
@@ -34,7 +34,7 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
         raise RunError(f"{folder / 'last.json'} is not a checkpoint of ours")
     path = folder / f"step-{plain['iteration']:07d}.safetensors"
     tensors = finite(read_tensors(path), path)
-    state: dict[str, Any] = {part: {} for part in PARTS} | {"plain": plain, "generator": tensors.pop("generator", None)}
+    state: dict[str, Any] = {part: {} for part in PARTS} | {"plain": current_progress(plain), "generator": tensors.pop("generator", None)}
     if state["generator"] is None:
         raise RunError(f"{path} is not a checkpoint of ours")
     for name, value in tensors.items():

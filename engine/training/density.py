@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor
 
@@ -35,6 +37,15 @@ class Density:
         self.seen = torch.zeros_like(self.gradient)
         self.opacity = torch.zeros_like(self.gradient)
         self.radius = torch.zeros_like(self.gradient)
+
+    def state(self) -> dict[str, Tensor]:
+        """Copies of the evidence."""
+        return {name: getattr(self, name).clone() for name in ("gradient", "seen", "opacity", "radius")}
+
+    def restore(self, state: Mapping[str, Tensor]) -> None:
+        """Go back to what `state` returned."""
+        for name, value in state.items():
+            setattr(self, name, value.to(self.gradient.device).clone())
 
     @torch.no_grad()
     def observe(self, screen_gradient: Tensor, radii: Tensor, opacities: Tensor, half_width: float) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -14,6 +16,7 @@ from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.errors import ClipError
 
+Item = TypeVar("Item")
 CACHE_BYTES = 3 << 29
 FARTHEST = 1e3  # times the median depth; what is farther, or nearer than its inverse, is a fault of the sensor and counts as unknown
 
@@ -91,6 +94,41 @@ class TrainingFrames:
         if len(self._cache) > self._capacity:
             self._cache.popitem(last=False)
         return frame
+
+
+class FrameOrder:
+    """Which training frame is drawn next: all of them in a new random order each round. Also the source of a trainer's other choices.
+
+    Parameters
+    ----------
+    frames : sequence of int
+    seed : int
+    """
+
+    def __init__(self, frames: Sequence[int], seed: int):
+        self.frames, self.random = list(frames), np.random.default_rng(seed)
+        self.left: list[int] = []
+
+    def next(self, held_out: Collection[int], wanted: Collection[int] = ()) -> int:
+        """The next frame; the next one of `wanted`, if this round has any left. A new round leaves out those that are held out."""
+        if not self.left:
+            self.left = [frame for frame in self.random.permutation(self.frames).tolist() if frame not in held_out]
+        for position in range(len(self.left) - 1, -1, -1):
+            if self.left[position] in wanted:
+                return self.left.pop(position)
+        return self.left.pop()
+
+    def any_of(self, items: Sequence[Item]) -> Item:
+        """One of the items, at random."""
+        return items[int(self.random.integers(len(items)))]
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint, as JSON values."""
+        return {"order": list(self.left), "random": self.random.bit_generator.state}
+
+    def restore(self, order: Sequence[int], random: Mapping[str, Any]) -> None:
+        """Go back to what `state` returned."""
+        self.left, self.random.bit_generator.state = list(order), random
 
 
 def _typical_depth(clip: Clip) -> float:

@@ -1,8 +1,7 @@
-"""From a clip to a run folder: find the cameras, load, ask the teacher, measure flow, train, save."""
+"""From a clip to a run folder: prepare, build, run the trainer, distil semantics, save."""
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Callable
@@ -15,36 +14,30 @@ import numpy as np
 import torch
 
 from degense.engine.clip import Clip
-from degense.engine.data.poses import find_cameras, with_cameras
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import Cancelled, DegenseError
-from degense.engine.events import Budget, Done, Events, Preview, Stage, Step, Stopped, TrainingProgress
-from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.events import Budget, Done, Events, Preview, Stage, Stopped, TrainingProgress
+from degense.engine.field import SceneModel
 from degense.engine.field.static_gaussians import find_moving
 from degense.engine.files import replacing
-from degense.engine.progress import Progress
 from degense.engine.semantics import TextEncoder, open_encoder, save_encoder
-from degense.engine.semantics.teachers import CostlyTeacher, Teacher, default_teacher, teacher_by_name, with_cached_targets
 from degense.engine.store import Run
 from degense.engine.store.migrations import current_settings
 from degense.engine.store.run import hardware
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from degense.engine.training.config import TrainConfig, choose_device
-from degense.engine.training.fitting.budget import fit_budget
-from degense.engine.training.fitting.estimate import estimate
+from degense.engine.training.fitting.budget import estimate, fit_budget
 from degense.engine.training.flow.observability import motion_observability
-from degense.engine.training.flow.supervision import FlowSupervision
-from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.initialise import initial_gaussians, persistent_only
+from degense.engine.training.passes import draw
+from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
 from degense.engine.training.semantic.codebook import fit_codebook
 from degense.engine.training.semantic.distillation import fit_meaning
-from degense.engine.training.semantic.targets import SemanticTargets
-from degense.engine.training.trainer import Diverged, Trainer, draw, run_steps
+from degense.engine.training.trainer import Diverged, Trainer
 
-REPORT_EVERY = 25
+REPORT_EVERY = 25  # steps
 PREVIEW_SECONDS = 5.0
-STILL_MOMENTS = 64  # at most, at which Gaussians are looked at for motion
-STILL_SHARE = 0.05  # still Gaussians that must be found before leaving them out is worth the bookkeeping
+STATIC_MOMENTS = 64  # at most, at which Gaussians are tested for motion
+STATIC_SHARE = 0.05  # static Gaussians that must be found before leaving them out is worth the bookkeeping
 
 
 def train(
@@ -73,195 +66,195 @@ def train(
     resume : bool
         Continue the training in `out` with the settings it started with.
     """
+    started, run = time.perf_counter(), None
     device = choose_device(config.device)
-    torch.manual_seed(config.seed)
-    started = time.perf_counter()
-
-    def progress(stage: str) -> Progress:
-        events(Stage(stage))
-
-        def tell(fraction: float, message: str) -> None:
-            events(Step(stage, round(fraction, 4), message))
-            if stop():
-                raise Cancelled
-
-        return tell
-
-    run = Run.open(out) if resume else None
-    checkpoint = None
-    if run is not None:
+    if resume:
+        run = Run.open(out)
         config = TrainConfig.from_json(current_settings(run.info["config"]) | {"device": config.device})
-        teacher = run.info["teacher"]["name"]
-        if teacher != "none" and teacher.partition(":")[0] not in ("precomputed", "vlm"):
-            encoder = open_encoder(run.info["encoder"], run.info["classes"], out, encoder)
-        if run.info["clip"]["fingerprint"] != fingerprint(clip):
-            raise DegenseError(f"{clip.path} is not the clip that {out} was trained on; resume with that clip or start a new run")
-        if run.info["state"] == "finished":
-            raise DegenseError(f"{out} has finished its {config.iterations} iterations; start a new run to train longer")
-        if (out / "checkpoints" / "last.json").exists():
-            checkpoint = load_checkpoint(out / "checkpoints")
+        teacher, encoder = _teacher_of(run, encoder)
+        _refuse_to_resume(run, clip, config)
     elif (out / "run.json").exists():
         raise DegenseError(f"{out} already holds a run; choose another folder or add --resume")
-
+    checkpoint = load_checkpoint(out / "checkpoints") if resume and (out / "checkpoints" / "last.json").exists() else None
+    torch.manual_seed(config.seed)
     try:
-        if clip.poses != "given":
-            clip = find_cameras(clip, progress("poses")) if run is None else _cameras_of(run, clip)
-        tell = progress("load")
-        teacher = teacher or default_teacher(clip)
-        frames = TrainingFrames(clip, config.max_pixels, device)
-        if encoder is not None and teacher == "none":
-            raise DegenseError("an encoder gives a teacher's classes their vectors, and there is no teacher; choose one, or no encoder")
-        chosen = None if teacher == "none" else teacher_by_name(teacher, clip, encoder)
-        tell(0.5, "reading the clip")
-        evidence = FlowSupervision(frames, progress("flow")) if config.flow > 0 and len(clip.train_frames) > 1 else None
-        semantics = None
-        if chosen is not None:
-            tell = progress("teacher")
-            chosen = with_cached_targets(chosen, tell)
-            semantics = SemanticTargets(chosen, frames, evidence, tell, guided=config.guided, max_rank=config.max_rank)
+        inputs = prepare(clip, run, config, teacher, encoder, device, events, stop)
     except Cancelled:
         return None
-
-    chosen_budget = None
+    record = None
     if run is None and config.fit:
-        budget = fit_budget(frames, config, evidence, semantics.basis if semantics is not None else None)
-        config, chosen_budget = budget.config, budget.to_json()
-        events(Budget([*budget.words, estimate(clip, replace(config, fit=False))["words"]]))
-    field = field_config(config, len(clip), semantics.basis.rank if semantics is not None else 0)
-    random = np.random.default_rng(config.seed)
-    canonical, bounds = initial_gaussians(frames, evidence, int(config.max_gaussians * 0.7), field.rank, random, field.color_knots)
-    if not config.velocities:
-        canonical["velocities"].zero_()
-    if config.persistent:
-        canonical = persistent_only(canonical)
-    model = SceneModel(field, bounds, canonical).to(device)
+        budget = fit_budget(inputs.frames, config, inputs.flow, inputs.semantics.basis if inputs.semantics is not None else None)
+        config, record = budget.config, budget.to_json()
+        events(Budget([*budget.words, estimate(inputs.clip, replace(config, fit=False))["words"]]))
+    model = build_model(inputs, config)
     if run is None:
-        info = {
-            "clip": {"path": portable(clip.path, out), "name": clip.name, "fingerprint": fingerprint(clip), "options": clip.options},
-            "config": config.to_json(),
-            "field": field.to_json(),
-            "unit": frames.unit,
-            "reference_frame": clip.train_frames[0],
-            "train_frames": clip.train_frames,
-            "test_frames": clip.test_frames,
-            "teacher": {"name": teacher, "provenance": semantic_provenance(chosen, semantics)},
-            "encoder": chosen.encoder.name if chosen is not None else None,
-            "train_seconds": 0.0,
-            "budget": chosen_budget,
-        }
-        run = Run.create(out, clip, info)
-        if chosen is not None and semantics is not None:
-            run.save_basis(semantics.basis)
-            save_encoder(chosen.encoder, out)
-    afterwards = semantics if config.routing == "isolated" else None  # there, no semantic gradient reaches geometry: it need not wait
-    trainer = Trainer(model, frames, None if afterwards is not None else semantics, evidence, config, events)
+        run = _create(out, inputs, config, model, record)
+    training = TrainingRun(run, inputs, model, config, events, stop, started)
     if checkpoint is not None:
-        trainer.restore(checkpoint)
-    run.info |= {"state": "training", "hardware": hardware()}
-    run.save()
-    return _loop(run, trainer, afterwards, events, stop, started)
+        training.trainer.restore(checkpoint)
+    return training()
 
 
-def field_config(config: TrainConfig, frames: int, rank: int) -> FieldConfig:
-    """The field for a clip of so many frames."""
-    return FieldConfig(
-        config.routing,
-        rank,
-        config.appearance,
-        max(2, math.ceil(frames / config.color_spacing)) if config.appearance else 0,
-        config.channels,
-        config.resolution,
-        config.time_resolution or max(2, (frames + 1) // 2),
-        config.levels,
-        config.static,
-        config.fixed_latents,
-    )
+def _teacher_of(run: Run, encoder: TextEncoder | None) -> tuple[str, TextEncoder | None]:
+    """The teacher that a run began with, and the encoder of its classes; an encoder that is given must be the same."""
+    teacher = run.info["teacher"]["name"]
+    if teacher == "none" or teacher.partition(":")[0] in ("precomputed", "vlm"):
+        return teacher, encoder
+    return teacher, open_encoder(run.info["encoder"], run.info["classes"], run.path, encoder)
 
 
-def _cameras_of(run: Run, clip: Clip) -> Clip:
-    """The clip with the cameras that a run began with: a resumed training must not find others."""
-    return with_cameras(clip, run.cameras, run.info.get("provenance", {}).get("poses", "as the run has them"))
+def _refuse_to_resume(run: Run, clip: Clip, config: TrainConfig) -> None:
+    """DegenseError when the run is of another clip, or finished."""
+    if run.info["clip"]["fingerprint"] != fingerprint(clip):
+        raise DegenseError(f"{clip.path} is not the clip that {run.path} was trained on; resume with that clip or start a new run")
+    if run.info["state"] == "finished":
+        raise DegenseError(f"{run.path} has finished its {config.iterations} iterations; start a new run to train longer")
 
 
-def semantic_provenance(teacher: Teacher | CostlyTeacher | None, semantics: SemanticTargets | None) -> str:
-    """Where the run's meaning comes from, for its user."""
-    if teacher is None or semantics is None:
-        return "no semantics"
-    carried = len(semantics.frames) - len(semantics.spoken)
-    return teacher.provenance + (f"; carried along the optical flow to {carried} other frames" if carried else "")
-
-
-def _loop(
-    run: Run, trainer: Trainer, afterwards: SemanticTargets | None, events: Events, stop: Callable[[], bool], started: float
-) -> Run | None:
-    spent = float(run.info["train_seconds"])
-    config = trainer.config
-    last_checkpoint = last_preview = time.perf_counter()
-    stage = ""
-
-    def after(values: TrainingProgress) -> None:
-        nonlocal last_checkpoint, last_preview, stage
-        current = "coarse" if values.iteration <= config.coarse_iterations else "joint"
-        if current != stage:
-            stage = current
-            events(Stage(stage))
-        run.log(asdict(values))
-        events(values)
-        now = time.perf_counter()
-        if now - last_preview > PREVIEW_SECONDS or values.iteration == trainer.total:
-            events(write_preview(run, trainer))
-            last_preview = now
-        if now - last_checkpoint > config.checkpoint_seconds:
-            save_checkpoint(run.path / "checkpoints", trainer.state())
-            last_checkpoint = time.perf_counter()
-
-    try:
-        finished = run_steps(trainer, stop, REPORT_EVERY, after)
-    except Diverged as error:
-        trainer.restore(trainer.good)
-        save_checkpoint(run.path / "checkpoints", trainer.state())
-        run.info |= {"state": "diverged"}
-        run.save()
-        raise DegenseError(f"{error}; {run.path} keeps it. Try a smaller preset or check the clip's depth and masks") from error
-    if finished and afterwards is not None:
-        events(Stage("meaning"))
-
-        def tell(fraction: float, message: str) -> None:
-            events(Step("meaning", round(fraction, 4), message))
-
-        fit = fit_codebook if config.codebook else fit_meaning
-        finished = fit(trainer.model, afterwards, trainer.frames, config, stop, tell)
-    if trainer.device.type == "cuda":
-        torch.cuda.synchronize()
-    run.info |= {"train_seconds": spent + time.perf_counter() - started, "iteration": trainer.iteration, "gaussians": len(trainer.model)}
-    if not finished:
-        save_checkpoint(run.path / "checkpoints", trainer.state())
-        run.info["state"] = "stopped"
-        run.save()
-        events(Stopped(trainer.iteration))
-        return None
-    still = keep_still_out(trainer)
-    if run.info.get("budget") is not None:
-        record = {"static Gaussians": still, **({"early stopping": trainer.early.to_json()} if config.early_stopping else {})}
-        run.info["budget"]["chosen"] |= record
-    run.save_model(trainer.model)
-    if trainer.evidence is not None:
-        run.save_observability(motion_observability(trainer.model, trainer.frames, trainer.evidence))
-    run.info["state"] = "finished"
-    run.save()
-    for file in (run.path / "checkpoints").iterdir():
-        file.unlink()
-    events(Done(str(run.path)))
+def _create(out: Path, inputs: Inputs, config: TrainConfig, model: SceneModel, budget: dict[str, Any] | None) -> Run:
+    """The folder of a new run, with all that is known before its first step."""
+    clip, teacher = inputs.clip, inputs.teacher
+    info = {
+        "clip": {"path": portable(clip.path, out), "name": clip.name, "fingerprint": fingerprint(clip), "options": clip.options},
+        "config": config.to_json(),
+        "field": model.config.to_json(),
+        "unit": inputs.frames.unit,
+        "reference_frame": clip.train_frames[0],
+        "train_frames": clip.train_frames,
+        "test_frames": clip.test_frames,
+        "teacher": {"name": inputs.teacher_name, "provenance": inputs.semantic_provenance},
+        "encoder": teacher.encoder.name if teacher is not None else None,
+        "train_seconds": 0.0,
+        "budget": budget,
+    }
+    run = Run.create(out, clip, info)
+    if teacher is not None and inputs.semantics is not None:
+        run.save_basis(inputs.semantics.basis)
+        save_encoder(teacher.encoder, out)
     return run
 
 
-def keep_still_out(trainer: Trainer) -> dict[str, Any]:
-    """Let Gaussians that the field never changes visibly stay out of it for good; the record of it, as `Choice` has them."""
+class TrainingRun:
+    """A training and its run folder: call it to train to the end.
+
+    Parameters
+    ----------
+    run : Run
+    inputs : Inputs
+    model : SceneModel
+        To start from.
+    config : TrainConfig
+    events, stop
+        See `train`.
+    started : float
+        `time.perf_counter()` when all of it began.
+    """
+
+    def __init__(
+        self, run: Run, inputs: Inputs, model: SceneModel, config: TrainConfig, events: Events, stop: Callable[[], bool], started: float
+    ):
+        self.run, self.inputs, self.config, self.events, self.stop, self.started = run, inputs, config, events, stop, started
+        # isolated: no semantic gradient reaches geometry, which need not wait for semantics
+        self.distils = config.routing == "isolated" and inputs.semantics is not None
+        self.trainer = Trainer(model, inputs.frames, None if self.distils else inputs.semantics, inputs.flow, config, events)
+        self._stage = ""
+        self._last_preview = self._last_checkpoint = started
+
+    def __call__(self) -> Run | None:
+        """Train; the finished run, or None when `stop()` asked to leave and a checkpoint is saved."""
+        run, spent = self.run, float(self.run.info["train_seconds"])
+        run.info |= {"state": "training", "hardware": hardware()}
+        run.save()
+        self._last_preview = self._last_checkpoint = time.perf_counter()
+        finished = self._steps() and self._distil()
+        if self.trainer.device.type == "cuda":
+            torch.cuda.synchronize()
+        seconds = spent + time.perf_counter() - self.started
+        run.info |= {"train_seconds": seconds, "iteration": self.trainer.iteration, "gaussians": len(self.trainer.model)}
+        if not finished:
+            self._leave("stopped")
+            self.events(Stopped(self.trainer.iteration))
+            return None
+        self._finish()
+        self.events(Done(str(run.path)))
+        return run
+
+    def _steps(self) -> bool:
+        """Run the trainer to its end; False when `stop()` asked to leave. DegenseError when it diverges again and again."""
+        trainer = self.trainer
+        first = last = trainer.iteration
+        begin = time.perf_counter()
+        try:
+            while trainer.iteration < trainer.total:
+                if self.stop():
+                    return False
+                trainer.step()
+                now, total = trainer.iteration, trainer.total
+                if now - last >= REPORT_EVERY or now == total:
+                    seconds = time.perf_counter() - begin
+                    eta = seconds / max(1, now - first) * (total - now)
+                    self._report(TrainingProgress(now, total, **trainer.report(now - last), seconds=seconds, eta=eta))
+                    last = now
+        except Diverged as error:
+            trainer.restore(trainer.last_finite)
+            self._leave("diverged")
+            raise DegenseError(f"{error}; {self.run.path} keeps it. Try a smaller preset or check the clip's depth and masks") from error
+        return True
+
+    def _report(self, progress: TrainingProgress) -> None:
+        """Log and send what a stretch of steps found; a preview and a checkpoint when it is time."""
+        stage = "coarse" if progress.iteration <= self.config.coarse_iterations else "joint"
+        if stage != self._stage:
+            self._stage = stage
+            self.events(Stage(stage))
+        self.run.log(asdict(progress))
+        self.events(progress)
+        now = time.perf_counter()
+        if now - self._last_preview > PREVIEW_SECONDS or progress.iteration == self.trainer.total:
+            self.events(write_preview(self.run, self.trainer))
+            self._last_preview = now
+        if now - self._last_checkpoint > self.config.checkpoint_seconds:
+            save_checkpoint(self.run.path / "checkpoints", self.trainer.state())
+            self._last_checkpoint = time.perf_counter()
+
+    def _distil(self) -> bool:
+        """Semantics for the finished geometry, where they were not trained with it; False when `stop()` asked to leave."""
+        if not self.distils or self.inputs.semantics is None:
+            return True
+        fit = fit_codebook if self.config.codebook else fit_meaning
+        tell = begin_stage("meaning", self.events)
+        return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell)
+
+    def _leave(self, state: str) -> None:
+        """Save what can be resumed."""
+        save_checkpoint(self.run.path / "checkpoints", self.trainer.state())
+        self.run.info["state"] = state
+        self.run.save()
+
+    def _finish(self) -> None:
+        """Save the model and what is known of its motion; checkpoints go."""
+        run, trainer = self.run, self.trainer
+        static = exclude_static(trainer)
+        if run.info.get("budget") is not None:
+            run.info["budget"]["chosen"]["static Gaussians"] = static
+            if self.config.early_stopping:
+                run.info["budget"]["chosen"]["early stopping"] = trainer.early.to_json()
+        run.save_model(trainer.model)
+        if trainer.flow is not None:
+            run.save_observability(motion_observability(trainer.model, trainer.frames, trainer.flow))
+        run.info["state"] = "finished"
+        run.save()
+        for file in (run.path / "checkpoints").iterdir():
+            file.unlink()
+
+
+def exclude_static(trainer: Trainer) -> dict[str, Any]:
+    """Let Gaussians that the field never changes visibly stay out of it for good; the record of it, as budget choices are written."""
     model, clip = trainer.model, trainer.frames.clip
-    watched = np.linspace(0, len(clip) - 1, min(len(clip), STILL_MOMENTS))
-    moving = find_moving(model, [clip.time(i) for i in watched], trainer.frames.cameras[0].fx)
+    moments = np.linspace(0, len(clip) - 1, min(len(clip), STATIC_MOMENTS))
+    moving = find_moving(model, [clip.time(i) for i in moments], trainer.frames.cameras[0].fx)
     left = len(model) - len(moving)
-    if left >= STILL_SHARE * len(model):
+    if left >= STATIC_SHARE * len(model):
         model.set_moving(moving)
     why = f"the field changes {len(moving):,} of {len(model):,} visibly"
     return {"preset": len(model), "chosen": len(model) if model.moving is None else len(moving), "why": why}
@@ -272,12 +265,12 @@ def write_preview(run: Run, trainer: Trainer) -> Preview:
     """Draw the first held-out frame (or the first frame) as `previews/last.png`."""
     clip = trainer.frames.clip
     frame = (clip.test_frames or [0])[0]
-    deform = trainer.iteration >= trainer.config.coarse_iterations
-    image = draw(trainer.model.at(clip.time(frame), deform=deform, semantics=False).splats, trainer.frames.cameras[frame]).image[..., :3]
-    picture = (image.clamp(0, 1) * 255).byte().cpu().numpy()
+    splats = trainer.model.at(clip.time(frame), deform=trainer.deforms, semantics=False).splats
+    image = draw(splats, trainer.frames.cameras[frame]).image[..., :3]
+    pixels = (image.clamp(0, 1) * 255).byte().cpu().numpy()
     path = run.path / "previews" / "last.png"
     with replacing(path) as temporary:
-        temporary.write_bytes(cv2.imencode(".png", picture[..., ::-1])[1].tobytes())
+        temporary.write_bytes(cv2.imencode(".png", pixels[..., ::-1])[1].tobytes())
     return Preview(str(path), frame)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 Scalar = Float[Tensor, ""]
@@ -78,8 +79,8 @@ def ssim_map(image: Channels, target: Channels) -> Channels:
     return (2 * mx * my + 1e-4) * (2 * cov + 9e-4) / ((mx * mx + my * my + 1e-4) * (vx + vy + 9e-4))
 
 
-def photometric(image: Picture, target: Picture, valid: Plane, ssim: float) -> Scalar:
-    """(1 − w)·L1 + w·(1 − SSIM), averaged over valid pixels.
+def photometric(image: Picture, target: Picture, valid: Plane, ssim: float) -> tuple[Scalar, Scalar]:
+    """(1 − w)·L1 and w·(1 − SSIM), each averaged over valid pixels; w is `ssim`.
 
     Invalid pixels are shown to the SSIM window as the target, so that they carry no error into their valid neighbours.
 
@@ -91,10 +92,9 @@ def photometric(image: Picture, target: Picture, valid: Plane, ssim: float) -> S
     weight = valid[..., None]
     count = weight.sum().clamp_min(1) * image.shape[-1]
     shown = image * weight + target * (1 - weight)
-    loss = (1 - ssim) * (shown - target).abs().sum() / count
-    if ssim > 0:
-        loss = loss + ssim * ((1 - ssim_map(shown, target)) * weight).sum() / count
-    return loss
+    l1 = (1 - ssim) * (shown - target).abs().sum() / count
+    structure = ssim * ((1 - ssim_map(shown, target)) * weight).sum() / count if ssim > 0 else torch.zeros_like(l1)
+    return l1, structure
 
 
 def inverse_depth(depth: Plane, alpha: Plane, target: Plane, valid: Plane) -> Scalar:
@@ -169,6 +169,31 @@ def rows_of(values: Float[Tensor, "n d"], index: Int[Tensor, "*shape"]) -> Float
     if values.is_cuda:
         return values[index]
     return values.index_select(0, index.reshape(-1)).reshape(*index.shape, values.shape[1])
+
+
+def nearest_neighbours(points: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    """The `count` nearest other points of every point, and how much each counts: exp(−½ (distance / σ)²), σ the median neighbour distance.
+
+    Parameters
+    ----------
+    points : float [N, 3]
+    count : int
+        Neighbours a point.
+
+    Returns
+    -------
+    index : int64 [N, K]
+    weight : float [N, K]
+        K = min(`count`, N − 1): a single point has no neighbours.
+    """
+    place = points.detach().cpu().double().numpy()
+    k = min(count, len(place) - 1)
+    if k < 1:
+        return torch.zeros(len(place), 0, dtype=torch.int64, device=points.device), torch.zeros(len(place), 0, device=points.device)
+    distance, index = cKDTree(place).query(place, k + 1, workers=-1)
+    distance, index = torch.from_numpy(distance[:, 1:]), torch.from_numpy(index[:, 1:])
+    typical = distance.median().clamp_min(1e-9)
+    return index.to(points.device), torch.exp(-0.5 * (distance / typical).square()).float().to(points.device)
 
 
 def rigidity(displacement: Float[Tensor, "n 3"], neighbours: Int[Tensor, "n k"], weights: Float[Tensor, "n k"]) -> Scalar:

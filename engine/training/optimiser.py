@@ -1,14 +1,18 @@
-"""Adam with one group a kind of parameter, and how the rates fall."""
+"""Adam with one group a kind of parameter, how the rates fall, and the state of a model with its optimiser."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
+from torch import Tensor
 
 from degense.engine.field import SceneModel
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.fitting.early_stopping import COOLDOWN
 
 DECAYING = {"means", "field", "planes", "semantic"}
+MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 SETTLED = 0.05  # of its rate is left of everything at the end
 
 
@@ -38,8 +42,8 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
     return torch.optim.Adam(groups, eps=1e-15, fused=True)
 
 
-def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, progress: float, caution: float) -> None:
-    """Rates at `progress` (0 … 1), everything times `caution`.
+def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, progress: float, scale: float) -> None:
+    """Rates at `progress` (0 … 1), everything times `scale`.
 
     Positions and field fall exponentially to `rate_final` of their start. In the cool-down all rates fall to `SETTLED` as well, in a
     straight line: Adam's steps are as long as its rate, and a model whose rates stay jitters around what it has learned.
@@ -47,4 +51,26 @@ def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, progress: f
     decay = config.rate_final**progress
     settle = 1 - (1 - SETTLED) * max(0.0, progress - (1 - COOLDOWN)) / COOLDOWN
     for group in optimizer.param_groups:
-        group["lr"] = group["base"] * caution * settle * (decay if group["name"] in DECAYING else 1.0)
+        group["lr"] = group["base"] * scale * settle * (decay if group["name"] in DECAYING else 1.0)
+
+
+def learned_state(model: SceneModel, optimizer: torch.optim.Optimizer) -> dict[str, dict[str, Tensor]]:
+    """Copies of the parameters of a model ("model") and of Adam's moments by parameter ("moments")."""
+    moments: dict[str, Tensor] = {}
+    for name, parameter in model.named_parameters():
+        if held := optimizer.state.get(parameter):
+            moments |= {f"{name}.{key}": torch.as_tensor(held[key]).detach().clone() for key in MOMENTS}
+    return {"model": {name: value.detach().clone() for name, value in model.state_dict().items()}, "moments": moments}
+
+
+def restore_learned(model: SceneModel, config: TrainConfig, state: Mapping[str, Mapping[str, Tensor]]) -> torch.optim.Adam:
+    """Give a model the parameters that `learned_state` copied, however many Gaussians it has; a new optimiser with their moments."""
+    device = model.bounds.device
+    for name, old in model.canonical.items():
+        model.canonical[name] = torch.nn.Parameter(state["model"][f"canonical.{name}"].to(device).clone(), old.requires_grad)
+    model.load_state_dict(state["model"])
+    optimizer, moments = make_optimiser(model, config), state["moments"]
+    for name, parameter in model.named_parameters():
+        if f"{name}.exp_avg" in moments:
+            optimizer.state[parameter] = {key: moments[f"{name}.{key}"].to(device).clone() for key in MOMENTS}
+    return optimizer

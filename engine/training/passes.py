@@ -1,20 +1,58 @@
-"""The parts of a training step that always do the same work: functions of tensors only, so that a GPU can run each as one recording."""
+"""The parts of a training step that always do the same work: functions of tensors only, so that a GPU can run each as a CUDA graph."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from degense.engine.camera import Camera
+from degense.engine.cuda_graphs import graphed
 from degense.engine.field import SceneModel
+from degense.engine.raster import Render, camera_depths, rasterize
+from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.flow.supervision import motion_error, surface_visibility
-from degense.engine.training.losses import inverse_depth, photometric, rigidity
+from degense.engine.training.loss_terms import Loss
+from degense.engine.training.losses import inverse_depth, nearest_neighbours, photometric, rigidity
 
+NEIGHBOURS = 6
 Neighbours = tuple[Tensor, Tensor]
 
 
+class FieldState(NamedTuple):
+    """What `FieldPass` finds: all Gaussians at a time, ready to be drawn.
+
+    Attributes
+    ----------
+    means, quats, scales, opacities
+        As of `Splats`.
+    features : float [N, 4]
+        Colour and camera z.
+    loss, terms
+        The `Loss` of the deformation.
+    other_means : float [N, 3] or None
+        Centres at the other time, where one was asked for.
+    """
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+    features: Tensor
+    loss: Tensor
+    terms: Tensor
+    other_means: Tensor | None = None
+
+    @property
+    def splats(self) -> Splats:
+        return Splats(self.means, self.quats, self.scales, self.opacities, self.features[:, :3], self.features[:, :0])
+
+
 class FieldPass:
-    """What a step asks of the scene: all Gaussians at the frame's time, their centres at another time, and the price of moving them.
+    """All Gaussians at a frame's time, their centres at another time, and the regularizers of their deformation.
 
     Parameters
     ----------
@@ -23,69 +61,69 @@ class FieldPass:
     neighbours : (index, weight) or None
         For local rigidity.
     deform : bool
-        False in the coarse stage: the Gaussians are drawn where they are, and the field learns from motion evidence alone.
+        False in the coarse stage: the Gaussians are drawn where they are, and the field learns from optical flow alone.
     """
 
     def __init__(self, model: SceneModel, config: TrainConfig, neighbours: Neighbours | None, *, deform: bool):
         self.model, self.config, self.neighbours, self.deform = model, config, neighbours, deform
 
     def __call__(self, t: Tensor, camera: Tensor, other: Tensor | None = None) -> tuple[Tensor, ...]:
-        """Means, quaternions, scales, opacities, features [N, 4] (colour and camera z), price of motion, and centres at `other`.
+        """The fields of a `FieldState`, the last of them only with `other`.
 
         Parameters
         ----------
         t, other : float []
-            `other` only where there is motion evidence.
+            `other` only where there is flow supervision.
         camera : float [5, 4]
             `view_and_lens`.
         """
         config, state = self.config, self.model.at(t, deform=self.deform, semantics=False, other=other)
-        splats, d = state.splats, state.deformation
-        regularizer = splats.means.new_zeros(())
+        splats, d, terms = state.splats, state.deformation, dict[str, Tensor]()
         if d is not None:
-            regularizer = regularizer + config.shape * (d.log_scales.abs().mean() + d.quats.abs().mean() + d.opacities.abs().mean())
+            terms["shape"] = config.shape * (d.log_scales.abs().mean() + d.quats.abs().mean() + d.opacities.abs().mean())
         shift = d.means if d is not None else None if state.means_at_other is None else state.means_at_other - splats.means
         if shift is not None:
-            regularizer = regularizer + config.displacement * (shift.square().sum(1) + 1e-8).sqrt().mean()
+            terms["displacement"] = config.displacement * (shift.square().sum(1) + 1e-8).sqrt().mean()
             if self.neighbours is not None:
-                regularizer = regularizer + config.rigidity * rigidity(shift, *self.neighbours)
+                terms["rigidity"] = config.rigidity * rigidity(shift, *self.neighbours)
         if state.delta_color is not None:
-            regularizer = regularizer + config.delta_color * state.delta_color.abs().mean()
+            terms["delta_color"] = config.delta_color * state.delta_color.abs().mean()
         z = splats.means @ camera[2, :3] + camera[2, 3]
         features = torch.cat([splats.colors, z[:, None]], 1)
-        drawn = (splats.means, splats.quats, splats.scales, splats.opacities, features)
-        return (*drawn, regularizer) if state.means_at_other is None else (*drawn, regularizer, state.means_at_other)
+        found = (splats.means, splats.quats, splats.scales, splats.opacities, features, *Loss.of("deformation", terms, z.new_zeros(())))
+        return found if state.means_at_other is None else (*found, state.means_at_other)
 
 
-class CurvePass:
-    """The price of what is kept over time: planes that are rough, in space or in time, and colours that differ."""
+class SmoothnessPass:
+    """Regularizers of what is stored over time: planes that are rough, in space or in time, and colours that change."""
 
     def __init__(self, model: SceneModel, config: TrainConfig):
         self.model, self.config = model, config
 
-    def __call__(self, weight: Tensor) -> tuple[Tensor]:
-        """The sum of the regularisers, times `weight`, float []."""
+    def __call__(self, weight: Tensor) -> tuple[Tensor, ...]:
+        """The fields of a `Loss`, times `weight`, float []."""
         config = self.config
-        space, curvature, stillness = self.model.planes.smoothness()
-        regularizer = config.plane_space * space + config.plane_time * curvature + config.plane_static * stillness
+        space, curvature, change = self.model.planes.smoothness()
+        terms = {
+            "plane_space": config.plane_space * space,
+            "plane_time": config.plane_time * curvature,
+            "plane_static": config.plane_static * change,
+        }
         if self.model.config.color_knots > 1:
-            color_residuals = self.model.canonical["color_residuals"]
-            regularizer = (
-                regularizer
-                + config.color_residual * color_residuals.abs().mean()
-                + config.color_residual_change * color_residuals.diff(dim=1).square().mean()
-            )
-        return (regularizer * weight,)
+            residuals = self.model.canonical["color_residuals"]
+            terms["color_residual"] = config.color_residual * residuals.abs().mean()
+            terms["color_residual_change"] = config.color_residual_change * residuals.diff(dim=1).square().mean()
+        return Loss.of("smoothness", terms, weight.new_zeros(())).times(weight)
 
 
-class PictureLoss:
+class FrameLoss:
     """How far a drawn frame is from the recorded one."""
 
     def __init__(self, config: TrainConfig, *, depth: bool):
         self.config, self.depth = config, depth
 
-    def __call__(self, image: Tensor, alpha: Tensor, recorded: Tensor, visible: Tensor, known: Tensor) -> tuple[Tensor, Tensor]:
-        """The loss, and the mean squared error of colour over valid pixels.
+    def __call__(self, image: Tensor, alpha: Tensor, recorded: Tensor, visible: Tensor, known: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The fields of a `Loss`, and the mean squared error of colour over valid pixels.
 
         Parameters
         ----------
@@ -96,19 +134,26 @@ class PictureLoss:
             `Frame.image`, `Frame.valid` and `Frame.depth`.
         """
         color, target, valid = image[..., :3], recorded.float() / 255, visible.float()
-        loss = photometric(color, target, valid, self.config.ssim)
+        terms = dict(zip(("l1", "ssim"), photometric(color, target, valid, self.config.ssim), strict=True))
         if self.depth:
-            loss = loss + self.config.depth * inverse_depth(image[..., 3], alpha, known, valid)
+            terms["depth"] = self.config.depth * inverse_depth(image[..., 3], alpha, known, valid)
         error = ((color.detach() - target).square() * valid[..., None]).sum() / (3 * valid.sum().clamp_min(1))
-        return loss, error
+        return *Loss.of("frame", terms, alpha.new_zeros(())), error
 
 
-def motion_loss(
-    here: Tensor, there: Tensor, opacities: Tensor, radii: Tensor, image: Tensor, alpha: Tensor, camera: Tensor, *pair: Tensor
-) -> tuple[Tensor]:
-    """`motion_error` of the Gaussians that a drawn frame [H, W, 4] shows on its surface; `pair` continues `MotionEvidence.inputs`."""
-    visible = surface_visibility(here, opacities, radii, image[..., 3], alpha, camera)
-    return (motion_error(here, there, visible, camera, *pair),)
+class FlowLoss:
+    """How far the Gaussians that a drawn frame shows on its surface move otherwise than the optical flow."""
+
+    def __init__(self, config: TrainConfig):
+        self.config = config
+
+    def __call__(
+        self, here: Tensor, there: Tensor, opacities: Tensor, radii: Tensor, image: Tensor, alpha: Tensor, camera: Tensor, *pair: Tensor
+    ) -> tuple[Tensor, ...]:
+        """The fields of a `Loss`; `image` is [H, W, 4], and `camera` and `pair` are `FlowSupervision.inputs`."""
+        visible = surface_visibility(here, opacities, radii, image[..., 3], alpha, camera)
+        error = motion_error(here, there, visible, camera, *pair)
+        return Loss.of("flow", {"flow": self.config.flow * error}, error.new_zeros(()))
 
 
 class SemanticPass:
@@ -118,9 +163,63 @@ class SemanticPass:
         self.model, self.config, self.deform = model, config, deform
 
     def __call__(self, t: Tensor) -> tuple[Tensor, ...]:
-        """Means, quaternions, scales, opacities, latents, and the price of changing them."""
+        """Means, quaternions, scales, opacities, latents, and the regularizer of their change."""
         state = self.model.at(t, deform=self.deform)
         place = state.splats.detach() if self.config.routing == "isolated" else state.splats
         change = state.delta_semantics
         regularizer = self.config.delta_semantics * change.abs().mean() if change is not None else state.splats.semantics.new_zeros(())
         return place.means, place.quats, place.scales, place.opacities, state.splats.semantics, regularizer
+
+
+class Passes:
+    """The passes of a trainer, as CUDA graphs where there is a GPU. `forget` them when the Gaussians or the stage have changed.
+
+    Attributes
+    ----------
+    neighbours : (index, weight) or None
+        Of the canonical centres, for local rigidity; found again when it is None.
+    """
+
+    def __init__(self, model: SceneModel, config: TrainConfig, *, depth: bool, semantics: bool):
+        self.model, self.config, self.semantics = model, config, semantics
+        self.neighbours: Neighbours | None = None
+        self._functions: dict[str, Callable[..., tuple[Tensor, ...]]] = {"frame": FrameLoss(config, depth=depth), "flow": FlowLoss(config)}
+        self._graphs: dict[str, Callable[..., tuple[Tensor, ...]]] = {}
+
+    @property
+    def ready(self) -> bool:
+        """Whether the passes that read the model have been made."""
+        return "field" in self._graphs
+
+    def make(self, asked: tuple[Tensor, ...], smoothness_weight: Tensor, *, deform: bool) -> None:
+        """Make the passes that read the model, for arguments of `FieldPass` like `asked`. No gradient may be on its way."""
+        if self.model.bounds.is_cuda:
+            torch.cuda.empty_cache()
+        if self.config.rigidity > 0 and self.neighbours is None:
+            self.neighbours = nearest_neighbours(self.model.canonical["means"].detach(), NEIGHBOURS)
+        parameters = list(self.model.parameters())
+        field = FieldPass(self.model, self.config, self.neighbours, deform=deform)
+        self._graphs["field"] = graphed(field, asked, parameters)
+        self._graphs["smoothness"] = graphed(SmoothnessPass(self.model, self.config), (smoothness_weight,), parameters)
+        if self.semantics:
+            self._graphs["semantic"] = graphed(SemanticPass(self.model, self.config, deform=deform), asked[:1], parameters)
+
+    def __call__(self, name: str, *arguments: Tensor) -> tuple[Tensor, ...]:
+        """Run a pass; those of a drawn frame are made at their first use."""
+        if name not in self._graphs:
+            self._graphs[name] = graphed(self._functions[name], arguments)
+        return self._graphs[name](*arguments)
+
+    def forget(self) -> None:
+        """Make all passes anew but that of the frame, whose shapes never change."""
+        self._graphs = {name: graph for name, graph in self._graphs.items() if name == "frame"}
+
+
+def draw(splats: Splats, camera: Camera) -> Render:
+    """Colour and z in one pass: image [H, W, 4]."""
+    return rasterize(splats, torch.cat([splats.colors, camera_depths(splats.means, camera)[:, None]], 1), camera)
+
+
+def draw_latents(splats: Splats, camera: Camera, *, detached: bool) -> Tensor:
+    """Latent map [H, W, d]. With `detached` geometry nothing but the latents receives a gradient."""
+    return rasterize(splats.detach() if detached else splats, splats.semantics, camera).image

@@ -8,7 +8,7 @@ from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
 from degense.engine.field.model import CANONICAL
 from degense.engine.field.static_gaussians import OPACITY, PIXELS, find_moving
 from degense.engine.raster import rasterize
-from degense.engine.training.trainer import draw_latents
+from degense.engine.training.passes import draw_latents
 
 CAMERA = Camera(24, 20, 20.0, 20.0, 12.0, 10.0)
 

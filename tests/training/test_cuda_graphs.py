@@ -1,9 +1,9 @@
-"""Recorded computation gives what the plain one gives, call after call."""
+"""A CUDA graph gives what the plain function gives, call after call."""
 
 import pytest
 import torch
 
-from degense.engine.training.cuda_graphs import recorded
+from degense.engine.cuda_graphs import graphed
 
 
 def chain(x, y, scale):
@@ -11,12 +11,12 @@ def chain(x, y, scale):
     return (hidden * scale).sum(1), hidden.detach().square()
 
 
-def test_on_the_cpu_nothing_is_recorded():
-    assert recorded(chain, (torch.zeros(2, 2),)) is chain
+def test_on_the_cpu_nothing_is_graphed():
+    assert graphed(chain, (torch.zeros(2, 2),)) is chain
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
-def test_a_recording_repeats_the_function_and_its_gradients_with_other_inputs_and_changed_parameters():
+def test_a_graph_repeats_the_function_and_its_gradients_with_other_inputs_and_changed_parameters():
     torch.manual_seed(0)
     weight, unused = (torch.randn(8, 8, device="cuda", requires_grad=True) for _ in range(2))
 
@@ -24,7 +24,7 @@ def test_a_recording_repeats_the_function_and_its_gradients_with_other_inputs_an
         return chain(x, weight, scale)
 
     example = torch.randn(5, 8, device="cuda", requires_grad=True), torch.ones((), device="cuda")
-    replay = recorded(function, example, [weight, unused])
+    replay = graphed(function, example, [weight, unused])
     for i in range(3):
         x, scale, pull = torch.randn(5, 8, device="cuda", requires_grad=True), torch.tensor(float(i + 1)).cuda(), torch.randn(5).cuda()
         expected = function(x, scale)
@@ -41,10 +41,10 @@ def test_a_recording_repeats_the_function_and_its_gradients_with_other_inputs_an
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
-def test_two_recordings_of_one_step_add_their_gradients():
+def test_two_graphs_of_one_step_add_their_gradients():
     weight = torch.randn(4, device="cuda", requires_grad=True)
     x = torch.ones(4, device="cuda")
-    one, two = (recorded(lambda x, k=k: ((x * weight * k).sum(),), (x,), [weight]) for k in (2.0, 3.0))
+    one, two = (graphed(lambda x, k=k: ((x * weight * k).sum(),), (x,), [weight]) for k in (2.0, 3.0))
     for _ in range(2):
         weight.grad = None
         (one(x)[0] + two(x)[0]).backward()

@@ -32,14 +32,14 @@ def test_photometric_ignores_invalid_pixels():
     valid[:, 20:] = 0
     spoilt = image.clone()
     spoilt[:, 20:] = 7
-    assert torch.equal(photometric(image, target, valid, 0.2), photometric(spoilt, target, valid, 0.2))
-    assert photometric(target, target, valid, 0.2).item() == pytest.approx(0, abs=1e-6)
-    assert photometric(image, target, valid, 0.0).item() == pytest.approx((image - target).abs()[:, :20].mean().item(), rel=1e-5)
+    assert torch.equal(sum(photometric(image, target, valid, 0.2)), sum(photometric(spoilt, target, valid, 0.2)))
+    assert sum(photometric(target, target, valid, 0.2)).item() == pytest.approx(0, abs=1e-6)
+    assert sum(photometric(image, target, valid, 0.0)).item() == pytest.approx((image - target).abs()[:, :20].mean().item(), rel=1e-5)
 
 
 def test_photometric_of_a_fully_masked_frame_is_zero_with_zero_gradient():
     image = torch.rand(16, 16, 3, requires_grad=True)
-    loss = photometric(image, torch.rand(16, 16, 3), torch.zeros(16, 16), 0.2)
+    loss = sum(photometric(image, torch.rand(16, 16, 3), torch.zeros(16, 16), 0.2))
     loss.backward()
     assert loss.item() == 0
     assert torch.count_nonzero(image.grad) == 0

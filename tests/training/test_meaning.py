@@ -223,7 +223,7 @@ def test_only_meaning_changes_and_it_gets_better(stage):
             for frame in targets.frames:
                 s = model.at(frames.clip.time(frame)).splats
                 latent = rasterize(s, s.semantics, frames.cameras[frame]).image
-                found += float(targets.loss(latent, frame, use_angles=True, region_weight=0.0)) / len(targets.frames)
+                found += float(targets.loss(latent, frame, use_angles=True, region_weight=0.0)["align"]) / len(targets.frames)
             return found
 
     told = []

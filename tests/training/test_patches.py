@@ -56,14 +56,14 @@ def test_the_patch_loss_is_least_where_each_patch_sees_what_was_said_of_it():
     unit = torch.nn.functional.normalize
     apart = unit(patches.see(latent.detach().reshape(height * width, -1)), dim=1) - unit(wanted, dim=1)
     by_hand = (apart.square().sum(1) + 0.01**2).sqrt()
-    loss = targets.patch_loss(latent, frame, use_angles=True, region_weight=0.0)
+    loss = targets.patch_loss(latent, frame, use_angles=True, region_weight=0.0)["align"]
     assert abs(loss.item() - float((by_hand * weight).sum())) < 1e-5
-    assert targets.patch_loss(latent, frame, use_angles=True, region_weight=1.0) > loss
+    assert sum(targets.patch_loss(latent, frame, use_angles=True, region_weight=1.0).values()) > loss
 
     optimizer = torch.optim.Adam([latent], lr=0.05)
     for _ in range(150):
         optimizer.zero_grad()
-        loss = targets.patch_loss(latent, frame, use_angles=True, region_weight=0.0)
+        loss = targets.patch_loss(latent, frame, use_angles=True, region_weight=0.0)["align"]
         loss.backward()
         optimizer.step()
     assert loss < 0.1

@@ -15,7 +15,7 @@ from degense.engine.training.config import TrainConfig
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
-from degense.engine.training.job import semantic_provenance
+from degense.engine.training.preparation import semantic_provenance
 from degense.engine.training.semantic.targets import SemanticTargets
 from degense.engine.training.trainer import Trainer
 from tests.fakes import MemoryClip, MovingWall
@@ -65,11 +65,11 @@ def test_what_is_invalid_or_unlabelled_carries_nothing(seed):
     generator = torch.Generator().manual_seed(seed)
     latent = torch.randn((40, 48, targets.basis.rank), generator=generator)
     other = torch.where(torch.from_numpy(spoken)[..., None], latent, torch.randn(latent.shape, generator=generator))
-    losses = [targets.loss(x, 2, use_angles=angles, region_weight=0) for angles in (True, False) for x in (latent, other)]
+    losses = [targets.loss(x, 2, use_angles=angles, region_weight=0)["align"] for angles in (True, False) for x in (latent, other)]
     assert losses[0] == losses[1]
     assert losses[2] == losses[3]
     latent.requires_grad_()
-    targets.loss(latent, 2, use_angles=True, region_weight=0).backward()
+    targets.loss(latent, 2, use_angles=True, region_weight=0)["align"].backward()
     assert np.array_equal((latent.grad != 0).any(2).numpy(), spoken)
 
 
@@ -95,7 +95,7 @@ def test_the_loss_is_the_weighted_angle():
     for pixel, index, weight in zip(target.pixels.tolist(), target.index.tolist(), weights, strict=True):
         a, b = flat[pixel], target.latents[index].numpy()
         total += weight * (1 - a @ b / np.linalg.norm(a) / np.linalg.norm(b))
-    assert float(targets.loss(latent, 3, use_angles=True, region_weight=0)) == pytest.approx(total / len(weights), rel=1e-4)
+    assert float(targets.loss(latent, 3, use_angles=True, region_weight=0)["align"]) == pytest.approx(total / len(weights), rel=1e-4)
     perfect = torch.zeros_like(latent).view(-1, targets.basis.rank)
     perfect[target.pixels] = 7 * target.latents[target.index]
     assert targets.loss(perfect.view_as(latent), 3, use_angles=True, region_weight=0) < 1e-5
@@ -109,7 +109,7 @@ def test_sparse_labels_are_carried_with_the_tissue_and_the_run_says_so():
     assert targets.frames == clip.train_frames
     assert (
         semantic_provenance(teacher, targets)
-        == f"{teacher.provenance}; carried along the optical flow to {len(clip.train_frames) - 1} other frames"
+        == f"{teacher.provenance}; propagated along the optical flow to {len(clip.train_frames) - 1} other frames"
     )
     for frame in clip.train_frames:
         picture, truth = drawn(targets, frame, frames.size), clip.material(frame)[..., 0] > 0
@@ -161,8 +161,8 @@ def test_where_the_semantic_loss_of_a_trainer_may_go(routing):
             torch.nn.init.normal_(parameter, 0, 0.02)
     trainer = Trainer(model, frames, targets, None, TrainConfig.preset_of("quick", routing=routing, device="cpu"), lambda event: None)
     trainer.iteration = trainer.config.coarse_iterations
-    trainer._record_model((trainer.times[3], view_and_lens(frames.cameras[3], CPU)))
-    trainer._semantic_loss(3).backward()
+    trainer._make_passes((trainer.times[3], view_and_lens(frames.cameras[3], CPU)))
+    trainer._semantic_loss(3).total.backward()
     names = {name for name, p in model.named_parameters() if p.grad is not None and bool((p.grad != 0).any())}
     geometry = {name for name, _ in model.named_parameters() if not name.startswith(("semantic", "canonical.semantics"))}
     assert "canonical.semantics" in names

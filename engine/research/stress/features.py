@@ -166,7 +166,8 @@ def teacher_finding(change: Callable[[np.ndarray], np.ndarray], folder: Path, de
         for use_angles in (True, False):
             for length in (0.0, 1.0):
                 latent = (torch.randn(height, width, targets.basis.rank, device=device) * length).requires_grad_()
-                loss = targets.loss(latent, targets.frames[0], use_angles=use_angles, region_weight=0.1)
+                terms = targets.loss(latent, targets.frames[0], use_angles=use_angles, region_weight=0.1)
+                loss = torch.stack(list(terms.values())).sum()
                 loss.backward()
                 assert latent.grad is not None
                 out += [loss.detach(), latent.grad]

@@ -1,14 +1,16 @@
-"""Budgets that fit the scene: what a clip does not need is left out before training, and the run says so."""
+"""Budgets: what a clip does not need is left out before training, and the run says so; what a training will cost."""
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from degense.engine.clip import Clip
 from degense.engine.semantics import Basis
-from degense.engine.training.config import TrainConfig
+from degense.engine.training.config import TrainConfig, choose_device
 from degense.engine.training.fitting.statistics import CELLS, Statistics, measure
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
@@ -23,6 +25,12 @@ STILL = 0.5  # pixels of the flow below which nothing moves
 VISITS = 400  # of each training frame: more teach little
 LEAST_STEPS = 800  # however short the clip: the Gaussians themselves must settle
 STILL_SHARE = 0.5  # of the steps are enough where nothing moves and no colour changes
+
+# Measured with `degense train` (docs/benchmarks.md): seconds a step = overhead + per Gaussian + per pixel,
+# on two laptop-class cores and on one H200.
+CPU_STEP = (1e-2, 5e-6, 3e-7)
+CUDA_STEP = (2e-3, 2.5e-8, 1.5e-9)
+FLOW_SECONDS = 0.25  # a training frame, both ways
 
 
 @dataclass(frozen=True)
@@ -152,3 +160,28 @@ def _iterations(found: Statistics, config: TrainConfig, train_count: int) -> Cho
     enough = min(config.iterations, max(LEAST_STEPS, VISITS * train_count))
     why = f"{train_count} frames to learn from" + (", in which nothing moves and no colour changes" if still else "")
     return Choice("iterations", config.iterations, round(STILL_SHARE * enough) if still else enough, why)
+
+
+def estimate(clip: Clip, config: TrainConfig) -> dict[str, Any]:
+    """Seconds, megabytes and words for training `clip` with `config` on its device. Order of magnitude, not a promise.
+
+    A training that fits its budget to the clip (`config.fit`) costs this at most.
+
+    Returns
+    -------
+    dict with `seconds`, `memory_mb`, `gaussians`, `words`
+    """
+    device = choose_device(config.device).type
+    width, height = clip.size
+    pixels = min(width * height, config.max_pixels)
+    overhead, per_gaussian, per_pixel = CUDA_STEP if device == "cuda" else CPU_STEP
+    cores = 1.0 if device == "cuda" else 2.0 / max(1, min(os.cpu_count() or 1, 8))
+    gaussians = int(config.max_gaussians * 0.9)
+    seconds = config.iterations * (overhead + cores * (per_gaussian * gaussians + per_pixel * pixels)) + FLOW_SECONDS * len(clip) + 5
+    planes = sum(3 * (config.resolution * m) ** 2 + 3 * config.resolution * m * len(clip) // 2 for m in config.levels) * config.channels
+    memory = (planes * 16 + gaussians * (14 + 32) * 16 + gaussians * 4 * 600 + pixels * 4 * 60) / 1e6
+    minutes = max(1, round(seconds / 60))
+    where = "the GPU" if device == "cuda" else "the processor"
+    bound = "at most about" if config.fit else "about"
+    words = f"{bound} {minutes} min on {where}, up to {gaussians:,} Gaussians, {memory / 1000:.1f} GB of memory beside the frames"
+    return {"seconds": seconds, "memory_mb": memory, "gaussians": gaussians, "words": words}

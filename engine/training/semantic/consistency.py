@@ -14,8 +14,8 @@ from torch import Tensor
 
 from degense.engine.field import SceneModel
 from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.passes import draw_latents
 from degense.engine.training.semantic.targets import SemanticTargets, Target, alike
-from degense.engine.training.trainer import draw_latents
 
 DOUBT = 0.2  # 1 − cos at which a word counts a third
 KINDS = 2000  # words of all frames that stand for all kinds

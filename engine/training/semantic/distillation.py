@@ -15,17 +15,16 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from degense.engine.cuda_graphs import graphed
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import backproject
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
-from degense.engine.training.cuda_graphs import recorded
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.passes import SemanticPass
+from degense.engine.training.passes import SemanticPass, draw_latents
 from degense.engine.training.semantic.consistency import consent, trust
 from degense.engine.training.semantic.targets import SemanticTargets
-from degense.engine.training.trainer import draw_latents
 
 TELL_EVERY = 25  # steps
 #: What is left of the learning rates after a lift: canonical latents, planes, networks. A coarse teacher's frames contradict each other;
@@ -130,7 +129,7 @@ def fit_meaning(
         steps //= 2
     with _only_meaning(model, config, gentle=gentle) as optimizer:
         moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in spoken}
-        scene = recorded(SemanticPass(model, config, deform=True), (moments[spoken[0]],), list(model.parameters()))
+        scene = graphed(SemanticPass(model, config, deform=True), (moments[spoken[0]],), list(model.parameters()))
         for step in range(steps):
             if stop():
                 model.semantic_coefficients = None  # a resumed training lifts again
@@ -142,7 +141,8 @@ def fit_meaning(
             means, quats, scales, opacities, latents, regularizer = scene(moments[frame])
             splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
             latent = draw_latents(splats, frames.cameras[frame], detached=True)
-            loss = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region) + regularizer / config.semantic
+            terms = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region)
+            loss = sum(terms.values()) + regularizer / config.semantic
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             optimizer.step()

@@ -243,27 +243,29 @@ class SemanticTargets:
         )
         return _keep(self._patches, frame, target, self._capacity)
 
-    def loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> Tensor:
-        """L_align (Eq. 3, or L1 for the coupled baseline; the `chord` where `doubted`) + w·L_smooth on a drawn latent map [H, W, d]."""
+    def loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> dict[str, Tensor]:
+        """The terms `align` (Eq. 3, or L1 for the coupled baseline; the `chord` where `doubted`) and `region` (w·L_smooth, where w > 0) on
+        a drawn latent map [H, W, d].
+        """
         target = self.target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
         drawn, wanted = flat[target.pixels], target.latents[target.index]
         error = (chord if self.doubted else angular)(drawn, wanted) if use_angles else _l1(drawn, wanted)
-        return (error * target.weight).sum() / max(len(target.pixels), 1) + self._smoothness(flat, frame, region_weight)
+        return {"align": (error * target.weight).sum() / max(len(target.pixels), 1), **self._smoothness(flat, frame, region_weight)}
 
-    def patch_loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> Tensor:
+    def patch_loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> dict[str, Tensor]:
         """`loss` with the teacher's patches as they are, each against the mean of what it sees; with angles, their `chord`."""
         patches, wanted, weight = self.patch_target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
         seen = patches.see(flat)
         error = chord(seen, wanted) if use_angles else _l1(seen, wanted)
-        return (error * weight).sum() + self._smoothness(flat, frame, region_weight)
+        return {"align": (error * weight).sum(), **self._smoothness(flat, frame, region_weight)}
 
-    def _smoothness(self, flat: Tensor, frame: int, weight: float) -> Tensor | float:
+    def _smoothness(self, flat: Tensor, frame: int, weight: float) -> dict[str, Tensor]:
         if weight <= 0:
-            return 0.0
+            return {}
         target = self.target(frame)
-        return weight * region_smoothness(flat, target.regions, target.region_count)
+        return {"region": weight * region_smoothness(flat, target.regions, target.region_count)}
 
 
 def _l1(predicted: Tensor, wanted: Tensor) -> Tensor:

@@ -81,7 +81,7 @@ def test_the_photometric_loss_of_constant_pictures(image, target, valid, ssim):
     if valid == "one":
         weight[1:], weight[0, 1:] = 0, 0
     drawn = torch.full((14, 12, 3), image, requires_grad=True)
-    loss = photometric(drawn, torch.full((14, 12, 3), target), weight, ssim)
+    loss = sum(photometric(drawn, torch.full((14, 12, 3), target), weight, ssim))
     loss.backward()
     assert loss.isfinite()
     assert drawn.grad.isfinite().all()

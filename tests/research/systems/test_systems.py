@@ -99,7 +99,7 @@ def test_whether_the_semantic_loss_moves_geometry(monkeypatch, tmp_path, name, m
     def watched(self, index):
         loss = real(self, index)
         asked = [self.model.canonical["means"], *self.model.geometry.parameters()]
-        gradients = torch.autograd.grad(loss, asked, retain_graph=True, allow_unused=True)
+        gradients = torch.autograd.grad(loss.total, asked, retain_graph=True, allow_unused=True)
         found.append(any(g is not None and bool(g.any()) for g in gradients))
         return loss
 

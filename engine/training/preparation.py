@@ -1,0 +1,144 @@
+"""What a training has before its first step: cameras, frames, optical flow, the teacher's targets, and the model to start from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from degense.engine.clip import Clip
+from degense.engine.data.poses import find_cameras, with_cameras
+from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.events import Events, Stage, Step
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.progress import Progress
+from degense.engine.semantics import TextEncoder
+from degense.engine.semantics.teachers import CostlyTeacher, Teacher, default_teacher, teacher_by_name, with_cached_targets
+from degense.engine.store import Run
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.flow.supervision import FlowSupervision
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.initialise import initial_gaussians, persistent_only
+from degense.engine.training.semantic.targets import SemanticTargets
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a training learns from.
+
+    Attributes
+    ----------
+    clip : Clip
+        With cameras.
+    frames : TrainingFrames
+    flow : FlowSupervision or None
+        None for a single training frame, or where flow has no weight.
+    teacher_name : str
+    teacher : Teacher, CostlyTeacher or None
+    semantics : SemanticTargets or None
+        What the teacher says, where there is one.
+    """
+
+    clip: Clip
+    frames: TrainingFrames
+    flow: FlowSupervision | None
+    teacher_name: str
+    teacher: Teacher | CostlyTeacher | None
+    semantics: SemanticTargets | None
+
+    @property
+    def semantic_provenance(self) -> str:
+        """Where the run's semantics come from, for its user."""
+        return semantic_provenance(self.teacher, self.semantics)
+
+
+def begin_stage(stage: str, events: Events, stop: Callable[[], bool] | None = None) -> Progress:
+    """Report that a stage begins; its progress, which raises Cancelled when `stop()` asks to leave."""
+    events(Stage(stage))
+
+    def tell(fraction: float, message: str) -> None:
+        events(Step(stage, round(fraction, 4), message))
+        if stop is not None and stop():
+            raise Cancelled
+
+    return tell
+
+
+def prepare(
+    clip: Clip,
+    run: Run | None,
+    config: TrainConfig,
+    teacher: str | None,
+    encoder: TextEncoder | None,
+    device: torch.device,
+    events: Events,
+    stop: Callable[[], bool],
+) -> Inputs:
+    """Find the cameras, read the clip, measure optical flow, ask the teacher. Raises Cancelled when `stop()` asks to leave.
+
+    Parameters
+    ----------
+    run : Run or None
+        The run that is resumed: its cameras are used, so that a resumed training does not find others.
+    teacher, encoder
+        See `engine.training.train`.
+    """
+    if clip.poses != "given":
+        if run is None:
+            clip = find_cameras(clip, begin_stage("poses", events, stop))
+        else:
+            clip = with_cameras(clip, run.cameras, run.info.get("provenance", {}).get("poses", "as the run has them"))
+    tell = begin_stage("load", events, stop)
+    name = teacher or default_teacher(clip)
+    frames = TrainingFrames(clip, config.max_pixels, device)
+    if encoder is not None and name == "none":
+        raise DegenseError("an encoder gives a teacher's classes their vectors, and there is no teacher; choose one, or no encoder")
+    chosen = None if name == "none" else teacher_by_name(name, clip, encoder)
+    tell(0.5, "reading the clip")
+    flow = FlowSupervision(frames, begin_stage("flow", events, stop)) if config.flow > 0 and len(clip.train_frames) > 1 else None
+    if chosen is None:
+        return Inputs(clip, frames, flow, name, None, None)
+    tell = begin_stage("teacher", events, stop)
+    asked = with_cached_targets(chosen, tell)
+    semantics = SemanticTargets(asked, frames, flow, tell, guided=config.guided, max_rank=config.max_rank)
+    return Inputs(clip, frames, flow, name, asked, semantics)
+
+
+def build_model(inputs: Inputs, config: TrainConfig) -> SceneModel:
+    """The model to start from, on the device of the frames."""
+    rank = inputs.semantics.basis.rank if inputs.semantics is not None else 0
+    field = field_config(config, len(inputs.clip), rank)
+    random, start = np.random.default_rng(config.seed), int(config.max_gaussians * 0.7)
+    canonical, bounds = initial_gaussians(inputs.frames, inputs.flow, start, rank, random, field.color_knots)
+    if not config.velocities:
+        canonical["velocities"].zero_()
+    if config.persistent:
+        canonical = persistent_only(canonical)
+    return SceneModel(field, bounds, canonical).to(inputs.frames.device)
+
+
+def field_config(config: TrainConfig, frames: int, rank: int) -> FieldConfig:
+    """The field for a clip of so many frames."""
+    return FieldConfig(
+        config.routing,
+        rank,
+        config.appearance,
+        max(2, math.ceil(frames / config.color_spacing)) if config.appearance else 0,
+        config.channels,
+        config.resolution,
+        config.time_resolution or max(2, (frames + 1) // 2),
+        config.levels,
+        config.static,
+        config.fixed_latents,
+    )
+
+
+def semantic_provenance(teacher: Teacher | CostlyTeacher | None, semantics: SemanticTargets | None) -> str:
+    """Where semantics come from: the teacher, and the frames its labels were propagated to."""
+    if teacher is None or semantics is None:
+        return "no semantics"
+    others = len(semantics.frames) - len(semantics.spoken)
+    return teacher.provenance + (f"; propagated along the optical flow to {others} other frames" if others else "")
