@@ -44,7 +44,14 @@ def test_it_learns_and_leaves_a_run(tmp_path, routing):
     assert stages == ["load", "flow", "teacher", "coarse", "joint", *(["meaning"] if routing == "isolated" else [])]
     assert events[-1] == Done(str(tmp_path / "run"))
     assert (tmp_path / "run" / "previews" / "last.png").stat().st_size > 100
-    assert len((tmp_path / "run" / "metrics.jsonl").read_text().splitlines()) == len(progress)
+    log = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
+    assert [line["losses"] for line in log] == [e.losses for e in progress]
+    together = {"shape", "displacement", "rigidity", "l1", "ssim", "depth", "flow", "plane_space", "plane_time", "plane_static"}
+    joint = {"align", "region"} if routing != "isolated" else set()
+    for event in progress:
+        assert sum(event.losses.values()) == pytest.approx(event.loss, rel=1e-4)
+    assert together | joint <= set(progress[-1].losses)
+    assert joint or not {"align", "region"} & set(progress[-1].losses)
     scene = Scene.open(tmp_path / "run", device="cpu", clip=clip)
     assert scene.has_semantics
     assert scene.render(3)["rgb"].shape == (40, 48, 3)
