@@ -10,12 +10,12 @@ import cv2
 import pytest
 import torch
 
-from degense.app import diagnostics as doctor
+from degense.app import diagnostics
 from tests.house.source import ROOT
 
 
 def test_a_sound_machine(own_folders):
-    text, ok = doctor.report()
+    text, ok = diagnostics.report()
     assert ok, text
     assert text.endswith("Nothing is missing.\nFor research; not a medical device.")
     for name, said in {"PyTorch": torch.__version__, "OpenCV": cv2.__version__, "Folders": str(own_folders)}.items():
@@ -29,7 +29,7 @@ def test_what_is_missing_is_named(monkeypatch, tmp_path):
     monkeypatch.delattr(cv2, "ximgproc")  # only a benchmark uses it
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "file"))
-    text, ok = doctor.report()
+    text, ok = diagnostics.report()
     assert not ok
     assert "To be mended: Label files, Folders." in text
     assert "pip install nibabel" in text
@@ -46,7 +46,7 @@ def test_what_is_missing_is_named(monkeypatch, tmp_path):
     ],
 )
 def test_the_qt_that_loses_references(version, python, refused):
-    problem = doctor.qt_problem(version, python)
+    problem = diagnostics.qt_problem(version, python)
     assert (problem is not None) is refused
     assert not problem or (version in problem and "PySide6-Essentials<6.12" in problem)
 
@@ -54,7 +54,7 @@ def test_the_qt_that_loses_references(version, python, refused):
 def test_a_display_that_cannot_be_opened(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":98765")
     monkeypatch.setenv("QT_QPA_PLATFORM", "xcb")
-    finding = doctor.CHECKS["Qt"]()
+    finding = diagnostics.CHECKS["Qt"]()
     assert finding.state == "missing"
     assert "cannot open a window" in finding.text
 
@@ -62,7 +62,7 @@ def test_a_display_that_cannot_be_opened(monkeypatch):
 def test_no_display_is_no_fault(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    finding = doctor.CHECKS["Qt"]()
+    finding = diagnostics.CHECKS["Qt"]()
     assert finding.state == "note"
     assert "no display" in finding.text
 
@@ -80,6 +80,6 @@ def test_the_kernels_of_a_gpu(monkeypatch, tmp_path, compiled, state):
     if compiled:
         (tmp_path / "py311" / "gsplat_cuda").mkdir(parents=True)
         (tmp_path / "py311" / "gsplat_cuda" / "gsplat_cuda.so").touch()
-    finding = doctor.CHECKS["gsplat"]()
+    finding = diagnostics.CHECKS["gsplat"]()
     assert finding.state == state
     assert ("are compiled" in finding.text) is compiled
