@@ -88,7 +88,7 @@ def is_dark(palette: QPalette) -> bool:
     return palette.color(QPalette.ColorRole.WindowText).lightness() > palette.color(QPalette.ColorRole.Window).lightness()
 
 
-def picture_background(palette: QPalette) -> QColor:
+def frame_background(palette: QPalette) -> QColor:
     """What lies around pictures: darker than the panels, so that it does not outshine them."""
     return QColor("#0f1114" if is_dark(palette) else "#d6d9de")
 

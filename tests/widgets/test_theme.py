@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PySide6.QtGui import QColor, QPalette
 
-from degense.widgets.theme import CLASS_COLOURS, THEMES, apply_theme, class_colour, error_colour, is_dark, picture_background
+from degense.widgets.theme import CLASS_COLOURS, THEMES, apply_theme, class_colour, error_colour, frame_background, is_dark
 
 ROLE = QPalette.ColorRole
 
@@ -37,7 +37,7 @@ def test_text_stands_out(qapp, name):
     assert contrast(palette.color(ROLE.HighlightedText), palette.color(ROLE.Highlight)) >= 4.0
     assert contrast(palette.color(ROLE.PlaceholderText), palette.color(ROLE.Window)) >= 4.0
     assert contrast(error_colour(palette), palette.color(ROLE.Button)) >= 4.5
-    assert contrast(palette.color(ROLE.PlaceholderText), picture_background(palette)) >= 3.0
+    assert contrast(palette.color(ROLE.PlaceholderText), frame_background(palette)) >= 3.0
 
 
 def test_dark_is_dark_and_can_be_left(qapp):

@@ -1,6 +1,8 @@
-"""Between numpy pictures and Qt pictures."""
+"""Frames as numpy arrays and as Qt images."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtGui import QImage
@@ -9,7 +11,7 @@ from PySide6.QtGui import QImage
 def to_qimage(pixels: np.ndarray) -> QImage:
     """A QImage that owns its pixels, from uint8 [H, W, 3] (RGB) or [H, W, 4] (RGBA, not premultiplied)."""
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
-        raise ValueError(f"a picture is uint8 [H, W, 3 or 4], not {pixels.dtype} {list(pixels.shape)}")
+        raise ValueError(f"an image is uint8 [H, W, 3 or 4], not {pixels.dtype} {list(pixels.shape)}")
     pixels = np.ascontiguousarray(pixels)
     height, width, channels = pixels.shape
     if channels == 3:
@@ -24,3 +26,14 @@ def to_array(image: QImage) -> np.ndarray:
     image = image.convertToFormat(QImage.Format.Format_RGB888)
     rows = np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), image.bytesPerLine())
     return rows[:, : 3 * image.width()].reshape(image.height(), image.width(), 3).copy()
+
+
+class DrawableFrame(NamedTuple):
+    """A frame uint8 [H, W, 3], and the same as Qt draws it: converted once, however often it is painted."""
+
+    rgb: np.ndarray
+    drawn: QImage
+
+    @staticmethod
+    def of(rgb: np.ndarray | None) -> DrawableFrame | None:
+        return None if rgb is None else DrawableFrame(rgb, to_qimage(rgb))

@@ -1,11 +1,11 @@
-"""Tools that paint label maps: they tell where the hand goes; what that means is decided elsewhere."""
+"""Tools that paint label maps: they report positions and change nothing themselves."""
 
 from __future__ import annotations
 
 from PySide6.QtCore import QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPen, QPolygonF
 
-from degense.widgets.frame.panel_tools import paint_outline
+from degense.widgets.frame.panel_marks import paint_outline
 
 #: How near a click must come to the first corner to close a polygon; screen pixels.
 CLOSING = 10.0
@@ -17,7 +17,7 @@ class StrokeTool(QObject):
     Signals
     -------
     began(x, y), moved(from x, from y, to x, to y), ended()
-        In pixels of the picture.
+        In pixels of the image.
     """
 
     began = Signal(float, float)
@@ -55,7 +55,7 @@ class StrokeTool(QObject):
 
 
 class ClickTool(QObject):
-    """One click does it.
+    """A single click.
 
     Signals
     -------
@@ -69,13 +69,13 @@ class ClickTool(QObject):
         self.clicked.emit(point.x(), point.y())
 
     def move(self, point: QPointF, event: QMouseEvent) -> None:
-        """Nothing follows the pointer."""
+        """Does nothing."""
 
     def release(self, point: QPointF, event: QMouseEvent) -> None:
-        """The press has done it."""
+        """Does nothing."""
 
     def paint(self, painter: QPainter, scale: float) -> None:
-        """Nothing is drawn."""
+        """Does nothing."""
 
 
 class PolygonTool(QObject):

@@ -1,13 +1,73 @@
-"""What lies over a picture: tags, a legend, a cross, the handle of a comparison. White on a dark veil: legible on any tissue."""
+"""Marks over a frame: title, legend, marker, outline and wipe handle. White on a dark background, legible on any tissue."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPen
+from PySide6.QtCore import QObject, QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
+from PySide6.QtWidgets import QWidget
+
+from degense.widgets.frame.panel_zoom import PanelZoom
 
 _INK, _VEIL = QColor(255, 255, 255), QColor(0, 0, 0, 150)
+
+
+class PanelMarks(QObject):
+    """What is painted over the frame of a panel, and not saved with it. Positions are pixels of the image.
+
+    Attributes
+    ----------
+    outline : QPolygonF
+        Of a region; empty for none. The panel paints it with its tool.
+    """
+
+    def __init__(self, panel: QWidget) -> None:
+        super().__init__(panel)
+        self._panel = panel
+        self._title = ""
+        self._marker: QPointF | None = None
+        self._legend: list[tuple[str, QColor]] = []
+        self.outline = QPolygonF()
+
+    def set_title(self, text: str) -> None:
+        """A name in the corner, to tell two panels apart; empty for none."""
+        self._title = text
+        self._panel.update()
+
+    def set_marker(self, at: tuple[float, float] | None) -> None:
+        """A cross at (x, y), or none."""
+        self._marker = None if at is None else QPointF(*at)
+        self._panel.update()
+
+    def set_outline(self, outline: Sequence[tuple[float, float]]) -> None:
+        """Outline a region: corners (x, y); empty for none."""
+        shape = QPolygonF([QPointF(x, y) for x, y in outline])
+        if shape != self.outline:
+            self.outline = shape
+            self._panel.update()
+
+    def set_legend(self, entries: Sequence[tuple[str, QColor]]) -> None:
+        """Names with their colours; empty for none."""
+        self._legend = list(entries)
+        self._panel.update()
+
+    def paint(self, painter: QPainter, zoom: PanelZoom, note: str) -> None:
+        """Paint all but the outline; `note` follows the title."""
+        if self._marker is not None:
+            paint_cross(painter, zoom.to_widget(self._marker))
+        if self._legend:
+            paint_legend(painter, QPointF(8, self._panel.height() - 8), self._legend, self._panel.width() - 16)
+        if text := "  ·  ".join(filter(None, (self._title, note))):
+            paint_tag(painter, QPointF(8, 8), text)
+
+
+def paint_outline(painter: QPainter, outline: QPolygonF, scale: float, closed: bool = True) -> None:
+    """A line that is seen on any tissue, white on black, in a painter that works in image pixels of `scale` widget pixels."""
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    for colour, width in ((QColor(0, 0, 0, 180), 3.0), (_INK, 1.4)):
+        painter.setPen(QPen(colour, width / scale, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin))
+        painter.drawPolygon(outline) if closed else painter.drawPolyline(outline)
 
 
 def _veil(painter: QPainter, box: QRectF) -> None:
@@ -18,7 +78,7 @@ def _veil(painter: QPainter, box: QRectF) -> None:
 
 
 def paint_tag(painter: QPainter, corner: QPointF, text: str, right_aligned: bool = False) -> None:
-    """A few words on a veil, whose upper left (or right) corner is `corner`."""
+    """A few words on a dark box, whose upper left (or right) corner is `corner`."""
     metrics = painter.fontMetrics()
     width, height = metrics.horizontalAdvance(text) + 12, metrics.height() + 4
     box = QRectF(corner.x() - (width if right_aligned else 0), corner.y(), width, height)
@@ -48,7 +108,7 @@ def paint_legend(painter: QPainter, corner: QPointF, entries: Sequence[tuple[str
 
 
 def paint_cross(painter: QPainter, at: QPointF) -> None:
-    """Four strokes around a place, which itself stays free."""
+    """Four strokes around a point, which itself stays free."""
     for colour, width in ((QColor(0, 0, 0, 180), 3.2), (_INK, 1.4)):
         painter.setPen(QPen(colour, width))
         for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):

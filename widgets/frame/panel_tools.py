@@ -1,20 +1,22 @@
-"""What the left button does in a picture, when it does not look around: tools that draw, and the outlines of regions."""
+"""Tools for the left mouse button in a frame; the one that draws the outline of a region."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 from PySide6.QtCore import QObject, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPen, QPolygonF
+from PySide6.QtGui import QMouseEvent, QPainter, QPolygonF
 
-#: An outline with fewer than this many pixels across is a slip of the hand.
+from degense.widgets.frame.panel_marks import paint_outline
+
+#: An outline with fewer than this many pixels across was not meant.
 SMALLEST = 2.0
 
 
 class PanelTool(Protocol):
-    """A tool in the hand. Points are pixels of the full-size image (corner-based, so a pixel's middle lies at .5), and may lie outside it.
+    """An active tool. Points are pixels of the image (corner-based, so a pixel's middle lies at .5), and may lie outside it.
 
-    While a tool is in the hand the left button is its own; the right and middle ones pan, the wheel zooms.
+    While a tool is active the left button is its own; the right and middle ones pan, the wheel zooms.
     """
 
     cursor: Qt.CursorShape
@@ -27,15 +29,7 @@ class PanelTool(Protocol):
     def release(self, point: QPointF, event: QMouseEvent) -> None: ...
 
     def paint(self, painter: QPainter, scale: float) -> None:
-        """Paint over the picture. The painter works in image pixels; `scale` is how many screen pixels one takes."""
-
-
-def paint_outline(painter: QPainter, outline: QPolygonF, scale: float, closed: bool = True) -> None:
-    """A line that is seen on any tissue: white on black."""
-    painter.setBrush(Qt.BrushStyle.NoBrush)
-    for colour, width in ((QColor(0, 0, 0, 180), 3.0), (QColor(255, 255, 255), 1.4)):
-        painter.setPen(QPen(colour, width / scale, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin))
-        painter.drawPolygon(outline) if closed else painter.drawPolyline(outline)
+        """Paint over the frame. The painter works in image pixels; `scale` is how many screen pixels one takes."""
 
 
 class RegionTool(QObject):

@@ -1,76 +1,101 @@
-"""Where a picture lies in its panel: zoom and pan, without any painting."""
+"""Where a frame lies in its panel: zoom and pan, without any painting."""
 
 from __future__ import annotations
 
-from PySide6.QtCore import QPointF, QRectF, QSizeF
+from PySide6.QtCore import QObject, QPointF, QRectF, QSizeF, Signal
+from PySide6.QtWidgets import QWidget
 
+#: Screen pixels that an image pixel takes at least and at most.
 MIN_ZOOM, MAX_ZOOM = 0.05, 64.0
 
-#: Widget pixels of the picture that stay in sight however far it is moved.
+#: Widget pixels of the frame that stay in sight however far it is moved.
 MARGIN = 40.0
 
 
-class PanelZoom:
+class PanelZoom(QObject):
     """The map between image pixels and widget pixels.
+
+    Signals
+    -------
+    changed(factor)
+        The user or the panel zoomed or moved the frame.
 
     Attributes
     ----------
     image : (int, int)
-        Width and height of the full-size picture.
-    panel : QSizeF
-        Of the widget.
+        Width and height of the frame.
     scale : float
         Widget pixels an image pixel.
     origin : QPointF
-        Where the picture's corner lies in the widget.
+        Where the frame's corner lies in the widget.
     fitted : bool
-        Whether the whole picture is to be seen, whatever the size of the panel.
+        Whether the whole frame is to be seen, whatever the size of the panel.
     """
 
-    def __init__(self) -> None:
+    changed = Signal(float)
+
+    def __init__(self, panel: QWidget) -> None:
+        super().__init__(panel)
+        self._panel = panel
+        self._size = QSizeF(1, 1)  # of the panel
         self.image = (1, 1)
-        self.panel = QSizeF(1, 1)
         self.scale = 1.0
         self.origin = QPointF()
         self.fitted = True
 
+    def factor(self) -> float:
+        """Screen pixels an image pixel."""
+        return self.scale * self._panel.devicePixelRatioF()
+
+    def set_factor(self, factor: float, about: QPointF | None = None) -> None:
+        """Zoom to `factor` screen pixels an image pixel; what lies under `about` (widget position, default: centre) stays there."""
+        about = about if about is not None else QRectF(self._panel.rect()).center()
+        fixed = self.to_image(about)
+        self.scale, self.fitted = min(max(factor, MIN_ZOOM), MAX_ZOOM) / self._panel.devicePixelRatioF(), False
+        self.origin = about - fixed * self.scale
+        self._keep_in_sight()
+        self._tell()
+
     def fit(self) -> None:
-        """Show the whole picture in the middle, as large as it can be."""
+        """Show the whole frame in the middle, as large as it can be, and keep doing so when the panel is resized."""
         width, height = self.image
         self.fitted = True
-        self.scale = max(min(self.panel.width() / width, self.panel.height() / height), 1e-3)
-        self.origin = QPointF((self.panel.width() - width * self.scale) / 2, (self.panel.height() - height * self.scale) / 2)
+        self.scale = max(min(self._size.width() / width, self._size.height() / height), 1e-3)
+        self.origin = QPointF((self._size.width() - width * self.scale) / 2, (self._size.height() - height * self.scale) / 2)
+        self._tell()
 
-    def zoom_to(self, scale: float, about: QPointF) -> None:
-        """Another scale; what lies under `about` (widget position) stays there."""
-        fixed = self.to_image(about)
-        self.scale, self.fitted = scale, False
-        self.origin = about - fixed * scale
-        self._keep_in_sight()
+    def set_image(self, width: int, height: int) -> None:
+        """The size of the frame; one of another size is fitted."""
+        self.fitted |= (width, height) != self.image
+        self.image = width, height
+        if self.fitted:
+            self.fit()
 
     def move(self, step: QPointF) -> None:
-        """Shift the picture by widget pixels."""
+        """Shift the frame by widget pixels."""
         self.fitted = False
         self.origin += step
         self._keep_in_sight()
+        self._tell()
 
     def resize(self, panel: QSizeF) -> None:
-        """The panel has another size: the whole picture stays whole, otherwise the middle stays in the middle."""
-        grown, self.panel = panel - self.panel, panel
+        """The panel has another size: the whole frame stays whole, otherwise the middle stays in the middle."""
+        grown, self._size = panel - self._size, panel
         if self.fitted:
             self.fit()
         else:
             self.move(QPointF(grown.width() / 2, grown.height() / 2))
 
     def view(self) -> tuple[float, float, float]:
-        """Scale, and the image point (x, y) in the middle of the panel."""
-        middle = self.to_image(QPointF(self.panel.width() / 2, self.panel.height() / 2))
+        """Widget pixels an image pixel, and the image point (x, y) in the middle of the panel: what another panel needs to look alike."""
+        middle = self.to_image(self._middle())
         return self.scale, middle.x(), middle.y()
 
     def set_view(self, scale: float, x: float, y: float) -> None:
-        """Look as another panel whose `view` this is."""
+        """Zoom and pan as another panel whose `view` this is. Emits nothing, so that two panels can follow each other."""
         self.scale, self.fitted = scale, False
-        self.origin = QPointF(self.panel.width() / 2, self.panel.height() / 2) - QPointF(x, y) * scale
+        self.origin = self._middle() - QPointF(x, y) * scale
+        self._panel.update()
 
     def to_image(self, position: QPointF) -> QPointF:
         return (position - self.origin) / self.scale
@@ -79,11 +104,18 @@ class PanelZoom:
         return self.origin + point * self.scale
 
     def target(self) -> QRectF:
-        """The picture's rectangle in the widget."""
+        """The frame's rectangle in the widget."""
         return QRectF(self.origin.x(), self.origin.y(), self.image[0] * self.scale, self.image[1] * self.scale)
+
+    def _middle(self) -> QPointF:
+        return QPointF(self._size.width() / 2, self._size.height() / 2)
+
+    def _tell(self) -> None:
+        self.changed.emit(self.factor())
+        self._panel.update()
 
     def _keep_in_sight(self) -> None:
         width, height = self.image[0] * self.scale, self.image[1] * self.scale
-        x = min(max(self.origin.x(), MARGIN - width), self.panel.width() - MARGIN)
-        y = min(max(self.origin.y(), MARGIN - height), self.panel.height() - MARGIN)
+        x = min(max(self.origin.x(), MARGIN - width), self._size.width() - MARGIN)
+        y = min(max(self.origin.y(), MARGIN - height), self._size.height() - MARGIN)
         self.origin = QPointF(x, y)

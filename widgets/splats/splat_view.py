@@ -15,7 +15,7 @@ from degense.widgets.keys import ARROWS, keep_keys
 from degense.widgets.splats.camera_moves import dolly, framing, letterboxed, orbit, pan, splat_at
 from degense.widgets.splats.gaussians import Gaussians, as_bytes, tamed
 from degense.widgets.splats.rendered_surface import StillDrawer, StillRequest, StillSurface
-from degense.widgets.theme import picture_background
+from degense.widgets.theme import frame_background
 
 #: The hand rests when it has not moved the camera for so long, milliseconds.
 IDLE_MS = 120
@@ -244,7 +244,7 @@ class SplatView(QWidget):
             self._surface.set_colours(self._shown_colours(), self._shown_opacities(self._gaussians))
 
     def _paint_background(self) -> None:
-        self._surface.set_background(self._background or picture_background(self.palette()))
+        self._surface.set_background(self._background or frame_background(self.palette()))
 
     def _pivot(self) -> np.ndarray:
         """The point one turns around: the middle of the scene in front of the camera."""

@@ -261,7 +261,7 @@ class CheckDialog(QDialog):
         def show(picture: CheckPicture) -> None:
             self.panel.set_image(picture.rgb)
             self.panel.set_overlay(picture.overlay)
-            self.panel.set_legend([(words, QColor(*colour)) for words, colour in picture.legend])
+            self.panel.marks.set_legend([(words, QColor(*colour)) for words, colour in picture.legend])
 
         def failed(message: str) -> None:
             self.panel.set_image(None)

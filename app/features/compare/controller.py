@@ -37,8 +37,8 @@ class RunComparison(QObject):
         self.panel.setAccessibleName("Picture of the other run")
         self.panel.hide()
         self.shell.docks.views.addWidget(self.panel)
-        viewer.panel.zoom_changed.connect(lambda zoom: self._look_alike(viewer.panel, self.panel))
-        self.panel.zoom_changed.connect(lambda zoom: self._look_alike(self.panel, viewer.panel))
+        viewer.panel.zoom.changed.connect(lambda zoom: self._look_alike(viewer.panel, self.panel))
+        self.panel.zoom.changed.connect(lambda zoom: self._look_alike(self.panel, viewer.panel))
         self.panel.clicked.connect(viewer.panel.clicked)
         viewer.shown.connect(self._draw)
         session.opened.connect(self.close)
@@ -66,8 +66,8 @@ class RunComparison(QObject):
     def _opened(self, scene: Scene) -> None:
         assert self.session.scene is not None
         self.scene = scene
-        self.viewer.panel.set_title(self.session.scene.name)
-        self.panel.set_title(scene.name)
+        self.viewer.panel.marks.set_title(self.session.scene.name)
+        self.panel.marks.set_title(scene.name)
         self.panel.set_message(f"Drawing {scene.name} …")
         self.panel.show()
         share = self.shell.docks.views.width() // 3
@@ -87,7 +87,7 @@ class RunComparison(QObject):
         self.viewer.from_free_camera = False
         self.panel.hide()
         self.panel.set_image(None)
-        self.viewer.panel.set_title("")
+        self.viewer.panel.marks.set_title("")
         self.viewer.request()
         self.shell.refresh()
 
@@ -111,4 +111,4 @@ class RunComparison(QObject):
 
     def _look_alike(self, leader: RenderPanel, follower: RenderPanel) -> None:
         if self.scene is not None and follower.isVisible():
-            follower.set_view(*leader.view())
+            follower.zoom.set_view(*leader.zoom.view())

@@ -176,8 +176,8 @@ class Probe(QObject):
     def _mark(self, place: Target | None) -> None:
         """Show the place in both views: in the frame where it was chosen the outline, and its Gaussians in 3D at all times."""
         panel, splats = self.viewer.panel, self.viewer.splats
-        panel.set_marker(place.x, place.y) if isinstance(place, Spot) else panel.clear_marker()
-        panel.set_outline(place.outline if isinstance(place, Region) and place.frame == self.session.frame else ())
+        panel.marks.set_marker((place.x, place.y) if isinstance(place, Spot) else None)
+        panel.marks.set_outline(place.outline if isinstance(place, Region) and place.frame == self.session.frame else ())
         if place is None and splats is not None:
             splats.highlight(None)
 

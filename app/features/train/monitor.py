@@ -77,8 +77,8 @@ class TrainingMonitor(QWidget):
         self._compare.setAccessibleName("Compare the preview with the recorded frame")
         for mode, words in COMPARES:
             self._compare.addItem(words, mode)
-        self._compare.currentIndexChanged.connect(lambda: self._preview.set_compare_mode(self._compare.currentData()))
-        self._preview.set_compare_mode("wipe")
+        self._compare.currentIndexChanged.connect(lambda: self._preview.comparison.set_mode(self._compare.currentData()))
+        self._preview.comparison.set_mode("wipe")
         self.queue = RunQueue(self)
         for button in (self._cancel, self._pause):
             keep_keys(button, PRESS)
@@ -176,7 +176,7 @@ class TrainingMonitor(QWidget):
         """Show a frame as the model draws it, uint8 [H, W, 3], and as it was recorded."""
         self._preview.set_image(rgb)
         if observed is not None:
-            self._preview.set_observed(observed)
+            self._preview.comparison.set_observed(observed)
 
     def note(self, text: str) -> None:
         """A remark that stays until the next, such as a rollback; empty takes it away."""
@@ -222,7 +222,7 @@ class TrainingMonitor(QWidget):
         self._plot.clear()
         self._scores.clear()
         self._preview.set_image(None)
-        self._preview.set_observed(None)
+        self._preview.comparison.set_observed(None)
         self.note("")
         for value in self._facts.values():
             value.setText("–")

@@ -152,8 +152,8 @@ class Viewer(QObject):
         self.view = self._camera = self._splats = None
         self.worker.cancel("range")
         self.panel.set_overlay(None)
-        self.panel.set_observed(None)
-        self.panel.clear_marker()
+        self.panel.comparison.set_observed(None)
+        self.panel.marks.set_marker(None)
         if self.splats is not None:
             self.splats.setVisible(self.session.scene is not None)
         if self.session.frames == 0:
@@ -226,15 +226,15 @@ class Viewer(QObject):
         if view.complete or not keep_overlay:
             panel.set_overlay(view.masks)
         panel.set_overlay_opacity(view_state.overlay_opacity)
-        panel.set_observed(view.observed)
-        panel.set_compare_mode(view_state.compare)
+        panel.comparison.set_observed(view.observed)
+        panel.comparison.set_mode(view_state.compare)
         shown = view_state.visible_prompts if view.masks is not None or view_state.layer == "mask" else ()
         legend = [(prompt.text, QColor(*prompt.colour)) for prompt in shown]
         if self.session.scene is None and view.masks is not None:
             legend = [("left out: instrument or outside the field of view", QColor(*EXCLUDED))]
         if view.uncertain:
             legend.append((view.uncertain, QColor(*UNKNOWN)))
-        panel.set_legend(legend)
+        panel.marks.set_legend(legend)
 
     def _show_bars(self, view: View) -> None:
         """The colour bar in both views."""

@@ -38,7 +38,7 @@ class WindowLayout(PersistentState):
             "docks": self.docks.state(),
             "views": self.docks.views.sizes(),
             "camera": camera_to_json(splats.camera()) if free and splats is not None else None,
-            "picture": "whole" if self.viewer.panel.is_whole() else self.viewer.panel.view(),
+            "picture": "whole" if self.viewer.panel.zoom.fitted else self.viewer.panel.zoom.view(),
         }
 
     def from_json(self, data: Any, source: str) -> None:
@@ -56,10 +56,10 @@ class WindowLayout(PersistentState):
         """Zoom and pan as soon as there is a picture, and set the free camera as soon as there are splats to see."""
         splats, panel = self.viewer.splats, self.viewer.panel
         if self._picture == "whole":
-            panel.fit()
+            panel.zoom.fit()
         elif self._picture is not None:
-            panel.set_view(*self._picture)
-            panel.set_zoom(panel.zoom())  # moves it into sight
+            panel.zoom.set_view(*self._picture)
+            panel.zoom.set_factor(panel.zoom.factor())  # moves it into sight
         self._picture = None
         if self._camera is None or splats is None or splats.isHidden():
             return

@@ -30,7 +30,7 @@ def annotating(qtbot, opened, idle):
 
 
 def at(window, x: float, y: float) -> QPoint:
-    return on.viewer(window).panel._look.to_widget(QPointF(x, y)).toPoint()
+    return on.viewer(window).panel.zoom.to_widget(QPointF(x, y)).toPoint()
 
 
 def drag(qtbot, window, *points: tuple[float, float]) -> None:

@@ -20,7 +20,7 @@ LEFT = Qt.MouseButton.LeftButton
 
 def at(panel, x: float, y: float) -> QPoint:
     """Where pixel position (x, y) of the picture lies in the panel."""
-    scale, left, top = panel.view()
+    scale, left, top = panel.zoom.view()
     return QPoint(round(panel.width() / 2 + (x - left) * scale), round(panel.height() / 2 + (y - top) * scale))
 
 
@@ -143,8 +143,8 @@ def test_two_runs_side_by_side(qtbot, opened, idle, run, screenshot, tiny_clip):
     assert runs.panel.isVisible()
     assert np.array_equal(runs.panel.grab_image(), panel.grab_image())  # the same run looks the same: frame, range, camera
     screenshot(opened, "inspect-two-runs")
-    panel.set_zoom(9.0)
-    assert runs.panel.view() == pytest.approx(panel.view())
+    panel.zoom.set_factor(9.0)
+    assert runs.panel.zoom.view() == pytest.approx(panel.zoom.view())
     session.go_to(2)
     idle()
     assert runs.view.frame == 2

@@ -41,7 +41,7 @@ panel, left = on.viewer(window).panel, Qt.MouseButton.LeftButton
 x = 10.0
 
 def mouse(kind):
-    place = panel._look.to_widget(QPointF(x, 40.0))
+    place = panel.zoom.to_widget(QPointF(x, 40.0))
     app.sendEvent(panel, QMouseEvent(kind, place, panel.mapToGlobal(place), left, left, Qt.KeyboardModifier.NoModifier))
 
 def work():
@@ -102,16 +102,16 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
     qtbot.mousePress(on.viewer(opened).panel, Qt.MouseButton.RightButton, pos=at.toPoint())
     qtbot.mouseMove(on.viewer(opened).panel, at.toPoint() + QPoint(90, 40))
     qtbot.mouseRelease(on.viewer(opened).panel, Qt.MouseButton.RightButton, pos=at.toPoint() + QPoint(90, 40))
-    seen = on.viewer(opened).panel.view()
+    seen = on.viewer(opened).panel.zoom.view()
     on.documents(opened).open_demo()
     idle()
     assert session.view_state.prompts == ()
-    assert on.viewer(opened).panel.is_whole()
+    assert on.viewer(opened).panel.zoom.fitted
     on.documents(opened).open_path(run)
     idle()
     qtbot.wait(50)
-    assert np.allclose(on.viewer(opened).panel.view(), seen)
-    assert not on.viewer(opened).panel.is_whole()
+    assert np.allclose(on.viewer(opened).panel.zoom.view(), seen)
+    assert not on.viewer(opened).panel.zoom.fitted
     assert (session.view_state.layer, [prompt.text for prompt in session.view_state.prompts]) == ("depth", ["liver"])
     assert (session.frame, on.time(opened).timeline.frame(), session.camera_mode) == (2, 2, "free")  # left at 2, saved on leaving
     assert np.allclose(on.viewer(opened).splats.camera().viewmat, camera.viewmat)

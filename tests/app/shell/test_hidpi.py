@@ -40,12 +40,12 @@ rest(window)
 panel, canvas = on.viewer(window).panel, on.viewer(window).splats.focusProxy()
 whole = to_array(window.grab().toImage())
 np.save(settings.parent / "whole.npy", whole)
-panel.set_zoom(3.0)  # screen pixels an image pixel: no whole number of the window's own
+panel.zoom.set_factor(3.0)  # screen pixels an image pixel: no whole number of the window's own
 np.save(settings.parent / "shown.npy", to_array(panel.grab().toImage()))
 np.save(settings.parent / "picture.npy", on.viewer(window).view.rgb)
-corner = panel._look.to_widget(QPointF(0, 0))
-panel.set_zoom(8.0)
-QTest.mouseClick(panel, Qt.MouseButton.LeftButton, pos=panel._look.to_widget(QPointF(30.5, 50.5)).toPoint())
+corner = panel.zoom.to_widget(QPointF(0, 0))
+panel.zoom.set_factor(8.0)
+QTest.mouseClick(panel, Qt.MouseButton.LeftButton, pos=panel.zoom.to_widget(QPointF(30.5, 50.5)).toPoint())
 rest(window)
 still = on.viewer(window).splats.screenshot_image()
 print(json.dumps({
