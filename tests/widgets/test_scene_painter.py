@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from degense.widgets.splats.camera_moves import letterboxed
-from degense.widgets.splats.scene_painter import as_bytes, draw_offscreen, projection_matrix
-from tests.widgets.splatting import psnr, splatted
+from degense.widgets.splats.gaussians import as_bytes
+from degense.widgets.splats.scene_painter import projection_matrix
+from tests.widgets.splatting import draw_offscreen, psnr, splatted
 
 
 def test_matches_the_oracle(qapp, splats, camera):

@@ -12,7 +12,6 @@ from PySide6.QtGui import QColor, QMouseEvent, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
-from degense.engine.colour_maps import colourise
 from degense.widgets.frame.images import to_array
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.splat_view import SplatView
@@ -25,7 +24,7 @@ LEFT, NONE, SHIFT = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, Q
 def view(show, splats, camera):
     view = show(SplatView(), 192, 160)
     view.set_background(QColor(0, 0, 0))
-    view.set_camera(camera)
+    view.camera.lock(camera)
     view.set_splats(*splats)
     yield view
     view.close()
@@ -58,25 +57,25 @@ def test_locked_view_is_the_2d_picture_enlarged(view, splats, camera):
 def test_a_drag_leaves_the_lock_and_reset_returns(view, camera):
     moved: list = []
     locked: list = []
-    view.camera_moved.connect(moved.append)
-    view.locked_changed.connect(locked.append)
+    view.camera.moved.connect(moved.append)
+    view.camera.locked_changed.connect(locked.append)
     before = view.screenshot_image()
-    assert view.is_locked()
+    assert view.camera.is_locked()
     drag(view, (60, 60), (80, 70), (120, 90))
-    assert not view.is_locked()
+    assert not view.camera.is_locked()
     assert locked == [False]
     assert len(moved) == 2
-    np.testing.assert_array_equal(moved[-1].viewmat, view.camera().viewmat)
-    assert not np.allclose(view.camera().viewmat, camera.viewmat)
+    np.testing.assert_array_equal(moved[-1].viewmat, view.camera.current().viewmat)
+    assert not np.allclose(view.camera.current().viewmat, camera.viewmat)
     assert difference(view.screenshot_image(), before) > 2
     QTest.keyClick(view.focusProxy(), Qt.Key.Key_R)
-    assert view.is_locked()
+    assert view.camera.is_locked()
     assert locked == [False, True]
-    assert view.camera() is camera
+    assert view.camera.current() is camera
     np.testing.assert_array_equal(view.screenshot_image(), before)
 
 
-def test_points_while_the_hand_moves_and_splats_when_it_rests(view, qtbot):
+def test_points_while_the_camera_moves_and_splats_when_it_rests(view, qtbot):
     drag(view, (60, 60), (70, 60))
     moving = view.grab().toImage()
     qtbot.waitUntil(lambda: view.grab().toImage() != moving)
@@ -87,13 +86,13 @@ def test_points_and_splats_share_nothing_that_one_could_spoil(view, qtbot, splat
     for _ in range(2):
         QTest.keyClick(view.focusProxy(), Qt.Key.Key_Right)
         points = to_array(view.focusProxy().grabFramebuffer())
-        truth = splatted(splats, view.camera())
+        truth = splatted(splats, view.camera.current())
         assert psnr(points, truth) < 45 / 2
         qtbot.waitUntil(lambda truth=truth: psnr(to_array(view.focusProxy().grabFramebuffer()), truth) > 45)
 
 
-def test_pictures_drawn_elsewhere(show, qtbot, splats, camera):
-    """Each change asks for a picture: coarse ones in quick succession, a fine one at last; it fills the view."""
+def test_snapshots_rendered_elsewhere(show, qtbot, splats, camera):
+    """Each change requests a snapshot: coarse ones in quick succession, a fine one at last; it fills the view."""
     asked: list = []
 
     def drawn(request):
@@ -102,11 +101,11 @@ def test_pictures_drawn_elsewhere(show, qtbot, splats, camera):
     view = show(SplatView(draw=drawn), 192, 160)
 
     def draw():
-        asked.append(view.still_request())
-        view.set_still(drawn(asked[-1]))
+        asked.append(view.snapshot_request())
+        view.show_snapshot(drawn(asked[-1]))
 
-    view.still_wanted.connect(draw)
-    view.set_camera(camera)
+    view.snapshot_wanted.connect(draw)
+    view.camera.lock(camera)
     assert not asked  # there is nothing to draw
     view.set_background(QColor(10, 200, 30))
     assert view.grab().toImage().pixelColor(96, 150).green() == 200
@@ -115,24 +114,24 @@ def test_pictures_drawn_elsewhere(show, qtbot, splats, camera):
     assert [request.camera.width for request in asked] == [192]
     QTest.keyClick(view.focusProxy(), Qt.Key.Key_Right)
     assert asked[-1].camera.width == 96
-    np.testing.assert_allclose(asked[-1].camera.viewmat, view.camera().viewmat)
+    np.testing.assert_allclose(asked[-1].camera.viewmat, view.camera.current().viewmat)
     qtbot.waitUntil(lambda: asked[-1].camera.width == 192)
     assert view.screenshot_image().shape == (160, 192, 3)
     assert view.grab().toImage().pixelColor(96, 150).green() == 200
     drag(view, (60, 60), (80, 70), (120, 90))
-    assert not view.is_locked()
+    assert not view.camera.is_locked()
     view.close()
     count = len(asked)
     view.set_splats(*splats)  # a late frame harms nobody
-    view.set_still(drawn(asked[0]))
+    view.show_snapshot(drawn(asked[0]))
     assert len(asked) == count
 
 
 def test_pan_wheel_and_keys_move_the_camera(view):
     steps: list = []
-    view.camera_moved.connect(lambda camera: steps.append(camera.viewmat))
+    view.camera.moved.connect(lambda camera: steps.append(camera.viewmat))
     drag(view, (60, 60), (80, 70), modifiers=SHIFT)
-    np.testing.assert_allclose(steps[-1][:3, :3], view.camera().viewmat[:3, :3])
+    np.testing.assert_allclose(steps[-1][:3, :3], view.camera.current().viewmat[:3, :3])
     canvas = view.focusProxy()
     at = QPointF(90, 70)
     wheel = QWheelEvent(at, at, QPoint(), QPoint(0, 120), Qt.MouseButton.NoButton, NONE, Qt.ScrollPhase.NoScrollPhase, False)
@@ -151,28 +150,19 @@ def test_a_click_picks_what_is_seen(view, qtbot, splats, camera):
         QTest.mouseClick(view.focusProxy(), LEFT, NONE, QPoint(round(at[0]), round(at[1])))
     chosen = heard.args[0]
     assert chosen == view.pick(round(at[0]), round(at[1])) >= 0
-    assert view.is_locked()
+    assert view.camera.is_locked()
     view.set_splats(*(a[:0] for a in splats))
     assert view.pick(50, 50) == -1
 
 
-def test_highlight_scalars_and_back(view, splats):
+def test_highlight_and_back(view, splats):
     plain = view.screenshot_image()
-    values = splats[0][:, 2]
-    view.set_scalars(values, "viridis", values.min(), values.max())
-    coloured = view.screenshot_image()
-    view.set_splats(*splats[:4], colourise(values, "viridis", values.min(), values.max()))
-    view.clear_scalars()
-    np.testing.assert_array_equal(view.screenshot_image(), coloured)
-    view.set_splats(*splats)
     view.highlight(np.arange(40))
     marked = view.screenshot_image()
     assert difference(marked, plain) > 1
     assert (marked.astype(int) @ [1, -2, 1]).mean() > (plain.astype(int) @ [1, -2, 1]).mean()  # more magenta
     view.highlight(None)
     np.testing.assert_array_equal(view.screenshot_image(), plain)
-    with pytest.raises(ValueError, match="2 scalars for 300 splats"):
-        view.set_scalars(values[:2], "viridis", 0, 1)
 
 
 def test_a_highlight_survives_the_next_frame(view, splats):
@@ -184,7 +174,7 @@ def test_a_highlight_survives_the_next_frame(view, splats):
 
 def test_another_number_of_splats(view, splats, camera):
     whole = view.screenshot_image()
-    view.set_scalars(splats[3], "magma", 0, 1)
+    view.highlight(np.arange(40))
     view.set_splats(*(a[:100] for a in splats))
     view.set_splats(*splats)
     np.testing.assert_array_equal(view.screenshot_image(), whole)
@@ -203,8 +193,8 @@ def test_resizing_keeps_the_lock(view, qtbot, splats, camera):
 def test_without_a_camera_everything_is_framed(show, splats):
     view = show(SplatView(), 160, 120)
     view.set_splats(*splats)
-    pixels, depth = view.camera().project(splats[0])
-    assert not view.is_locked()
+    pixels, depth = view.camera.current().project(splats[0])
+    assert not view.camera.is_locked()
     assert (depth > 0).all()
     assert ((pixels > 0) & (pixels < [160, 120])).all()
     view.close()
@@ -229,7 +219,7 @@ def test_a_closed_view_is_gone(qtbot, splats, camera):
     QVBoxLayout(window).addWidget(view)
     with qtbot.waitExposed(window):
         window.show()
-    view.set_camera(camera)
+    view.camera.lock(camera)
     view.set_splats(*splats)
     view.screenshot_image()
     canvas = weakref.ref(view.focusProxy())

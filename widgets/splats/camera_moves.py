@@ -1,4 +1,4 @@
-"""How a hand moves a camera: pure functions from one `Camera` to the next, and what lies under a pixel."""
+"""Moves of a camera as pure functions from one `Camera` to the next, and the splat under a pixel."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def framing(means: np.ndarray, width: int, height: int) -> Camera:
 
 
 def letterboxed(camera: Camera, width: int, height: int) -> Camera:
-    """The camera whose picture fills a viewport of `width` × `height` pixels and shows the whole image of `camera`, centred."""
+    """The camera whose image fills a viewport of `width` × `height` pixels and shows the whole image of `camera`, centred."""
     scale = min(width / camera.width, height / camera.height)
     return Camera(
         width=width,

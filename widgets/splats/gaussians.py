@@ -1,10 +1,13 @@
-"""Gaussians as the 3D view holds them."""
+"""Gaussians as the 3D view holds them, and how some of them are highlighted."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+
+#: Colour of marked splats, its share beside their own, and their least opacity.
+HIGHLIGHT, MARKED = np.array([255, 64, 255], np.float32), 0.6
 
 
 def as_bytes(colours: np.ndarray) -> np.ndarray:
@@ -16,7 +19,7 @@ def as_bytes(colours: np.ndarray) -> np.ndarray:
 
 
 class Gaussians(NamedTuple):
-    """What may be drawn: float32 means [N, 3], unit quats [N, 4] (wxyz), scales [N, 3], opacities [N], all finite."""
+    """What can be drawn: float32 means [N, 3], unit quats [N, 4] (wxyz), scales [N, 3], opacities [N], all finite."""
 
     means: np.ndarray
     quats: np.ndarray
@@ -27,7 +30,7 @@ class Gaussians(NamedTuple):
 def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray) -> Gaussians:
     """Gaussians with quaternions of any length made units (zero: no rotation).
 
-    One with a number that is not finite is made invisible and put where a sound one lies: it would fill VTK's screen with garbage.
+    One with a number that is not finite is made invisible and put where a finite one lies: it would fill VTK's screen with garbage.
     """
     means, quats, scales = (np.asarray(a, np.float32) for a in (means, quats, scales))
     opacities = np.asarray(opacities, np.float32).reshape(-1)
@@ -42,3 +45,13 @@ def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: n
         quats = np.where(lengths > 0.0, quats, np.array([1.0, 0.0, 0.0, 0.0], np.float32))
         lengths = np.where(lengths > 0.0, lengths, np.float32(1.0))
     return Gaussians(means, quats / lengths, scales, opacities)
+
+
+def highlighted(colours: np.ndarray, opacities: np.ndarray, indices: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Colours uint8 [N, 3] and opacities [N] with some splats in magenta and opaque enough to be seen; None marks nothing."""
+    if indices is None:
+        return colours, opacities
+    colours, opacities = colours.copy(), opacities.copy()
+    colours[indices] = (HIGHLIGHT * np.float32(MARKED) + colours[indices] * np.float32(1 - MARKED)).astype(np.uint8)
+    opacities[indices] = np.maximum(opacities[indices], MARKED)
+    return colours, opacities

@@ -14,7 +14,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from degense.engine.camera import Camera
-from degense.widgets.splats.gaussians import Gaussians, as_bytes, tamed
+from degense.widgets.splats.gaussians import Gaussians, as_bytes
 
 #: Screen-space dilation of every splat, squared pixels: what rasterizers of Gaussians add against aliasing.
 LOWPASS = 0.3
@@ -32,12 +32,12 @@ def projection_matrix(camera: Camera, near: float, far: float) -> np.ndarray:
     )
 
 
-#: Points that are drawn at most while the hand moves.
+#: Points that are drawn at most while the camera moves.
 MOST_POINTS = 40_000
 
 
 def _every(count: int) -> int:
-    """Each how manieth of `count` splats is drawn as a point."""
+    """Of `count` splats, each how manieth is drawn as a point."""
     return max(1, -(-count // MOST_POINTS))
 
 
@@ -80,7 +80,7 @@ class ScenePainter:
             self._fill_cloud()
 
     def set_camera(self, camera: Camera, lowpass_scale: float = 1.0) -> None:
-        """Look through `camera`, whose image fills the viewport. Call `sort` before the splats are to be right.
+        """Show the scene through `camera`, whose image fills the viewport. Call `sort` before the splats are to be right.
 
         `lowpass_scale` is the number of viewport pixels a pixel of the image that is being matched takes.
         """
@@ -171,26 +171,3 @@ class ScenePainter:
         mesh.point_data["scale"] = gaussians.scales
         mesh.point_data["opacity"] = gaussians.opacities
         mesh.point_data["colour"] = colours
-
-
-def draw_offscreen(
-    means: np.ndarray,
-    quats: np.ndarray,
-    scales: np.ndarray,
-    opacities: np.ndarray,
-    colours: np.ndarray,
-    camera: Camera,
-    background: tuple[int, int, int] = (0, 0, 0),
-) -> np.ndarray:
-    """One picture of the splats, uint8 [camera.height, camera.width, 3], without any window. Arrays as in `tamed`."""
-    plotter = pv.Plotter(off_screen=True, window_size=(camera.width, camera.height))
-    try:
-        plotter.set_background(background)
-        painter = ScenePainter(plotter)
-        painter.set_splats(tamed(means, quats, scales, opacities), colours)
-        painter.set_camera(camera)
-        painter.sort()
-        plotter.render()
-        return np.array(plotter.screenshot(return_img=True))
-    finally:
-        plotter.close()

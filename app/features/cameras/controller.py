@@ -65,7 +65,7 @@ class Cameras(QObject):
 
     def _camera(self) -> Camera:
         assert self.viewer.splats is not None
-        return self.viewer.splats.camera()
+        return self.viewer.splats.camera.current()
 
     def add(self) -> None:
         """Keep where the 3D view stands, and the frame, behind the chosen row."""
@@ -110,7 +110,7 @@ class Cameras(QObject):
 
     def _look_from(self, camera: Camera) -> None:
         if self.viewer.splats is not None:
-            self.viewer.splats.fly_to(camera)
+            self.viewer.splats.camera.fly_to(camera)
             self.session.camera_mode = "free"
 
     def fly(self) -> None:

@@ -13,7 +13,7 @@ from PySide6.QtGui import QColor, QKeyEvent
 
 from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.viewer.pictures import get_layer
-from degense.app.features.viewer.view import EXCLUDED, SplatArrays, View, ViewRequest, draw_clip, draw_still, draw_view, layer_request
+from degense.app.features.viewer.view import EXCLUDED, SplatArrays, View, ViewRequest, draw_clip, draw_snapshot, draw_view, layer_request
 from degense.app.features.viewer.view_bar import ViewBar
 from degense.app.session.view_state import ViewState
 from degense.engine.camera import Camera
@@ -104,19 +104,19 @@ class Viewer(QObject):
 
     def add_splat_view(self) -> None:
         """Put the 3D view at the left of the 2D view."""
-        from degense.widgets.splats.opengl import has_gpu
         from degense.widgets.splats.splat_view import SplatView
+        from degense.widgets.splats.surface import has_gpu
 
         views = self.shell.docks.views
-        self.splats = splats = SplatView(draw=None if has_gpu() else draw_still)
+        self.splats = splats = SplatView(draw=None if has_gpu() else draw_snapshot)
         views.insertWidget(0, splats)
         self.bars.append(ViewBar(splats))
         views.setStretchFactor(0, 1)
         views.setStretchFactor(1, 1)
         views.setSizes([1000, 1000])
-        splats.locked_changed.connect(self._locked_changed)
-        splats.camera_moved.connect(self._camera_moved)
-        splats.still_wanted.connect(self._draw_still)
+        splats.camera.locked_changed.connect(self._locked_changed)
+        splats.camera.moved.connect(self._camera_moved)
+        splats.snapshot_wanted.connect(self._draw_snapshot)
         splats.setVisible(self.session.scene is not None)
         self.shell.closed.connect(splats.close)
         self.splats_added.emit(splats)
@@ -263,11 +263,11 @@ class Viewer(QObject):
             return
         camera = scene.camera(self.session.frame)
         if self.session.camera_mode == "surgeon":
-            if camera is not self._camera or force or not splats.is_locked():
-                splats.set_camera(camera)
+            if camera is not self._camera or force or not splats.camera.is_locked():
+                splats.camera.lock(camera)
                 self._camera = camera
-        elif splats.is_locked():
-            splats.set_free_camera(splats.camera())
+        elif splats.camera.is_locked():
+            splats.camera.set_free(splats.camera.current())
 
     def toggle_free_camera(self) -> None:
         self.session.camera_mode = "free" if self.session.camera_mode == "surgeon" else "surgeon"
@@ -275,20 +275,20 @@ class Viewer(QObject):
     def free_camera(self) -> Camera | None:
         """Where the 3D view has been turned to, as a camera of the clip's size, when the pictures are to be drawn from there too."""
         splats, scene = self.splats, self.session.scene
-        if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.is_locked():
+        if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.camera.is_locked():
             return None
-        return letterboxed(splats.camera(), *scene.clip_size)
+        return letterboxed(splats.camera.current(), *scene.clip_size)
 
     def _camera_moved(self, camera: Camera) -> None:
         if self.from_free_camera:
             self.request()
 
-    def _draw_still(self) -> None:
+    def _draw_snapshot(self) -> None:
         """Draw the 3D view in the worker, where there is no GPU."""
         splats = self.splats
-        request = splats.still_request() if splats is not None else None
+        request = splats.snapshot_request() if splats is not None else None
         if splats is not None and request is not None:
-            self.worker.submit("still", lambda: draw_still(request), splats.set_still, self.shell.say)
+            self.worker.submit("snapshot", lambda: draw_snapshot(request), splats.show_snapshot, self.shell.say)
 
     def _locked_changed(self, locked: bool) -> None:
         self.session.camera_mode = "surgeon" if locked else "free"

@@ -10,7 +10,7 @@ from degense.app.shell.shell import Shell
 
 
 def install(shell: Shell) -> None:
-    for channel in ("view", "still", "range"):
+    for channel in ("view", "snapshot", "range"):
         shell.worker.add_channel(channel, 20)
     viewer = Viewer(shell)
     shell.provide(viewer)

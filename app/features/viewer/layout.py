@@ -33,11 +33,11 @@ class WindowLayout(PersistentState):
 
     def to_json(self) -> Any:
         splats = self.viewer.splats
-        free = splats is not None and self.session.camera_mode == "free" and not splats.is_locked()
+        free = splats is not None and self.session.camera_mode == "free" and not splats.camera.is_locked()
         return {
             "docks": self.docks.state(),
             "views": self.docks.views.sizes(),
-            "camera": camera_to_json(splats.camera()) if free and splats is not None else None,
+            "camera": camera_to_json(splats.camera.current()) if free and splats is not None else None,
             "picture": "whole" if self.viewer.panel.zoom.fitted else self.viewer.panel.zoom.view(),
         }
 
@@ -64,7 +64,7 @@ class WindowLayout(PersistentState):
         if self._camera is None or splats is None or splats.isHidden():
             return
         if self.session.camera_mode == "free":
-            splats.set_free_camera(self._camera)
+            splats.camera.set_free(self._camera)
         self._camera = None
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from degense.engine.clip import Clip
     from degense.engine.layers import Layer, LayerRequest
     from degense.engine.scene import Scene
-    from degense.widgets.splats.rendered_surface import StillRequest
+    from degense.widgets.splats.snapshot_surface import SnapshotRequest
 
 #: Layers that show the answer to prompts.
 PROMPTED = ("similarity", "mask")
@@ -185,7 +185,7 @@ def draw_clip(clip: Clip, frame: int) -> View:
     return View(frame, clip.cameras[frame], clip.frame(frame), None, "", "", None, None, masks)
 
 
-def draw_still(request: StillRequest) -> np.ndarray:
+def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
     """Splats as the 3D view wants them, drawn by the rasterizer, uint8 [H, W, 3]."""
     import torch
 

@@ -56,7 +56,7 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     session.go_to(8)
     for _ in range(3):
         qtbot.keyClick(splats._canvas, Qt.Key.Key_Right)
-    there = splats.camera()
+    there = splats.camera.current()
     opened.registry.run("cameras.add")
     assert [row[:2] for row in listed.rows()] == [("Camera 1", "0"), ("Camera 2", "8")]
     idle()
@@ -68,12 +68,12 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     opened.registry.run("cameras.previous")
     idle()
     assert session.frame == 0
-    assert not np.allclose(splats.camera().viewmat, there.viewmat)
+    assert not np.allclose(splats.camera.current().viewmat, there.viewmat)
     press(qtbot, listed, "Fly")
     qtbot.waitUntil(lambda: on.cameras(opened)._flight is None, timeout=20_000)
     idle()
     assert session.frame == 8
-    assert np.allclose(splats.camera().viewmat, there.viewmat, atol=1e-9)
+    assert np.allclose(splats.camera.current().viewmat, there.viewmat, atol=1e-9)
     film = tmp_path / "flight.mp4"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *args: (str(film), ""))
     session.view.set_layer("displacement")
@@ -139,8 +139,8 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
     opened.session.go_to(8)
     idle()
     sizes: list[int] = []
-    take = splats._stills.widget.show_picture
-    splats._stills.widget.show_picture = lambda rgb: (sizes.append(rgb.shape[1]), take(rgb))
+    take = splats._snapshots.widget.show_image
+    splats._snapshots.widget.show_image = lambda rgb: (sizes.append(rgb.shape[1]), take(rgb))
     for _ in range(2):
         sizes.clear()
         for _ in range(2):
@@ -149,14 +149,14 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
         qtbot.waitUntil(lambda: len(sizes) > 2 and sizes[-1] == splats._canvas.width(), timeout=10_000)
         assert min(sizes) == splats._canvas.width() // 2
         shown = to_array(splats._canvas._image)
-        rendered = opened.session.scene.renderer.draw(8, splats.camera(), ("rgb",))
+        rendered = opened.session.scene.renderer.draw(8, splats.camera.current(), ("rgb",))
         covered = rendered["alpha"] > 0.99
         assert np.abs(shown[covered] / 255 - rendered["rgb"][covered]).max() < 0.03
 
 
 def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, monkeypatch, screenshot):
     """In the whole window, although OpenGL is slow here: time, camera, highlight, screenshot and closing."""
-    monkeypatch.setattr("degense.widgets.splats.opengl.has_gpu", lambda: True)
+    monkeypatch.setattr("degense.widgets.splats.surface.has_gpu", lambda: True)
     window = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
     qtbot.addWidget(window)
     with qtbot.waitSignal(on.viewer(window).splats_added, timeout=20_000):
@@ -164,7 +164,7 @@ def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, 
     on.documents(window).open_path(run)
     session, splats = window.session, on.viewer(window).splats
     qtbot.waitUntil(lambda: session.scene is not None and window.worker.idle(), timeout=20_000)
-    assert splats._stills is None
+    assert splats._snapshots is None
     early = splats.screenshot_image()
     session.go_to(8)
     session.probe = Spot(8, 40.5, 40.5)

@@ -91,7 +91,7 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
     qtbot.mouseMove(on.viewer(opened).splats._canvas, on.viewer(opened).splats.rect().center() / 2)
     qtbot.mouseRelease(on.viewer(opened).splats._canvas, Qt.MouseButton.LeftButton, pos=on.viewer(opened).splats.rect().center() / 2)
     assert session.camera_mode == "free"
-    camera = on.viewer(opened).splats.camera()
+    camera = on.viewer(opened).splats.camera.current()
     on.dock(opened, "Log").show()
     opened.registry.run("file.save")
     on.dock(opened, "Log").hide()
@@ -114,7 +114,7 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
     assert not on.viewer(opened).panel.zoom.fitted
     assert (session.view_state.layer, [prompt.text for prompt in session.view_state.prompts]) == ("depth", ["liver"])
     assert (session.frame, on.time(opened).timeline.frame(), session.camera_mode) == (2, 2, "free")  # left at 2, saved on leaving
-    assert np.allclose(on.viewer(opened).splats.camera().viewmat, camera.viewmat)
+    assert np.allclose(on.viewer(opened).splats.camera.current().viewmat, camera.viewmat)
     assert not on.dock(opened, "Log").isVisible()
     assert not opened.isWindowModified()
     screenshot(opened, "reopened")

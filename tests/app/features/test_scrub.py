@@ -49,14 +49,14 @@ def test_the_picture_is_painted_before_anything_else_is_asked_for(opened, idle, 
     idle()
     assert order[0] == "view"
     answered = order.index((5.0, True))
-    assert "still" in order
+    assert "snapshot" in order
     assert "answers" in order[answered:]
     assert not {"answers", "probe", "areas"} & set(map(str, order[:answered]))
     order.clear()
     opened.session.view.set_threshold(0.4)  # the same frame with other masks: the 3D view waits for them too
     idle()
-    assert {"still", "answers"} <= set(order[order.index((5.0, True)) :])
-    assert not {"still", "answers"} & set(map(str, order[: order.index((5.0, True))]))
+    assert {"snapshot", "answers"} <= set(order[order.index((5.0, True)) :])
+    assert not {"snapshot", "answers"} & set(map(str, order[: order.index((5.0, True))]))
 
 
 @pytest.mark.parametrize(
@@ -97,16 +97,16 @@ def test_space_plays_and_pauses(qtbot, opened, idle):
 def test_the_surgeons_camera_and_free_look(opened, idle):
     session, splats = opened.session, on.viewer(opened).splats
     idle()
-    assert splats.is_locked()
+    assert splats.camera.is_locked()
     opened.registry.run("camera.free")
-    assert not splats.is_locked()
-    free = splats.camera()
+    assert not splats.camera.is_locked()
+    free = splats.camera.current()
     session.go_to(5)
     idle()
-    assert np.array_equal(splats.camera().viewmat, free.viewmat)  # time moves, the free camera does not
+    assert np.array_equal(splats.camera.current().viewmat, free.viewmat)  # time moves, the free camera does not
     opened.registry.run("camera.free")
-    assert splats.is_locked()
-    assert splats.camera() is session.scene.camera(5)
+    assert splats.camera.is_locked()
+    assert splats.camera.current() is session.scene.camera(5)
 
 
 def test_the_window_stays_alive_while_frames_are_drawn(qtbot, opened, idle, monkeypatch):

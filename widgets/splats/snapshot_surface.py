@@ -1,4 +1,4 @@
-"""Splats on the screen as pictures that are drawn elsewhere, for machines without a GPU."""
+"""Splats on the screen as snapshots that are rendered elsewhere, for machines without a GPU."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from degense.widgets.frame.images import to_array, to_qimage
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.gaussians import Gaussians
 
-#: A picture that is asked for so soon after the last one is drawn coarsely, and again finely when nothing changes for so long (ms).
+#: A snapshot that is requested so soon after the last one is rendered coarsely, and again finely when nothing changes for so long (ms).
 REST_MS = 120
 
-#: Screen pixels a side of a pixel of a coarse picture.
+#: Screen pixels a side of a pixel of a coarse snapshot.
 COARSE = 2
 
 
-class StillRequest(NamedTuple):
-    """What is to be drawn: Gaussians with their colours (uint8 [N, 3]) through a camera, over a colour."""
+class SnapshotRequest(NamedTuple):
+    """Gaussians with their colours (uint8 [N, 3]), to be rendered through a camera over a background (0 to 255)."""
 
     gaussians: Gaussians
     colours: np.ndarray
@@ -31,31 +31,26 @@ class StillRequest(NamedTuple):
     background: tuple[int, int, int]
 
 
-StillDrawer = Callable[[StillRequest], np.ndarray]
+SnapshotDrawer = Callable[[SnapshotRequest], np.ndarray]
 
 
-class StillSurface(QObject):
-    """Asks for a picture whenever something has changed, and shows the last one until it comes.
+class SnapshotSurface(QObject):
+    """A `Surface` that requests a snapshot whenever something has changed, and shows the last one until it comes.
 
-    OpenGL on the processor would hold up the window: not only do splats take it some hundred milliseconds; with an OpenGL widget in it the
-    whole window is put together by OpenGL at every painting.
+    OpenGL on the processor would block the window: splats take it some hundred milliseconds, and with an OpenGL widget in it the whole
+    window is composed by OpenGL at every painting.
 
     Signals
     -------
     wanted()
-        A picture of `request` should be drawn and given to `take`.
-
-    Attributes
-    ----------
-    widget : QWidget
-        What is on the screen.
+        A snapshot of `request` should be rendered and given to `take`.
     """
 
     wanted = Signal()
 
-    def __init__(self, parent: QWidget, draw: StillDrawer) -> None:
+    def __init__(self, parent: QWidget, draw: SnapshotDrawer) -> None:
         super().__init__(parent)
-        self.widget = StillPicture(parent)
+        self.widget = _SnapshotWidget(parent)
         self._draw = draw
         self._gaussians: Gaussians | None = None
         self._colours = np.zeros((0, 3), np.uint8)
@@ -68,7 +63,6 @@ class StillSurface(QObject):
         self._coarse = False
 
     def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None:
-        """Show other splats, colours uint8 [N, 3], from the next `view_state` on."""
         self._gaussians, self._colours = gaussians, colours
 
     def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
@@ -81,13 +75,12 @@ class StillSurface(QObject):
         self.widget.set_background(colour)
         self._ask()
 
-    def view_state(self, camera: Camera, lowpass_scale: float, moving: bool) -> None:
-        """Look through a camera whose image fills the widget."""
+    def set_camera(self, camera: Camera, lowpass_scale: float, moving: bool) -> None:
         self._camera = camera
         self._ask()
 
-    def request(self) -> StillRequest | None:
-        """What is to be drawn now; None without splats."""
+    def request(self) -> SnapshotRequest | None:
+        """What is to be rendered now; None without splats."""
         request = self._request()
         self._coarse = self._rest.isActive()
         if request is None or not self._coarse:
@@ -96,20 +89,19 @@ class StillSurface(QObject):
         return request._replace(camera=letterboxed(camera, max(1, camera.width // COARSE), max(1, camera.height // COARSE)))
 
     def take(self, rgb: np.ndarray) -> None:
-        """Show a picture of `request`, uint8 [H, W, 3]."""
-        self.widget.show_picture(rgb)
+        """Show a snapshot of `request`, uint8 [H, W, 3]."""
+        self.widget.show_image(rgb)
         self._rest.start()
 
-    def picture(self) -> np.ndarray:
-        """What is on the screen when nothing moves, uint8 [H, W, 3] in device pixels; drawn now."""
+    def grab(self) -> np.ndarray:
         request = self._request()
         return to_array(self.widget.grab().toImage()) if request is None else self._draw(request)
 
-    def _request(self) -> StillRequest | None:
+    def _request(self) -> SnapshotRequest | None:
         if self._gaussians is None or self._camera is None:
             return None
         colour = self._background
-        return StillRequest(self._gaussians, self._colours, self._camera, (colour.red(), colour.green(), colour.blue()))
+        return SnapshotRequest(self._gaussians, self._colours, self._camera, (colour.red(), colour.green(), colour.blue()))
 
     def _ask(self) -> None:
         if self._request() is not None:
@@ -120,8 +112,8 @@ class StillSurface(QObject):
             self._ask()
 
 
-class StillPicture(QWidget):
-    """A picture, stretched to the widget; a plain colour until there is one."""
+class _SnapshotWidget(QWidget):
+    """An image, stretched to the widget; a plain colour until there is one."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -130,7 +122,7 @@ class StillPicture(QWidget):
         self._image = QImage()
         self._background = QColor()
 
-    def show_picture(self, rgb: np.ndarray) -> None:
+    def show_image(self, rgb: np.ndarray) -> None:
         """Show uint8 [H, W, 3]."""
         self._image = to_qimage(rgb)
         self.update()

@@ -1,0 +1,17 @@
+"""Names and titles of the layers, in the order in which they are offered. They stand apart from the layers, which load torch."""
+
+from __future__ import annotations
+
+LAYER_TITLES = {
+    "rgb": "Colour",
+    "depth": "Depth",
+    "features": "Features",
+    "similarity": "Similarity",
+    "mask": "Masks",
+    "displacement": "Displacement",
+    "speed": "Speed",
+    "rotation": "Rotation",
+    "scale": "Scale change",
+    "warp": "Spurious warp",
+    "observability": "Motion observability",
+}
