@@ -77,7 +77,7 @@ def guessed_splats_since(scene: Scene, request: LayerRequest) -> np.ndarray | No
     return None if request.frame == scene.reference_frame else guessed_splats(scene, request)
 
 
-def moving(name: str, title: str, description: str, measure: Measure, unit: Callable[[Scene], str], signed: bool = False) -> Layer:
+def moving(name: str, description: str, measure: Measure, unit: Callable[[Scene], str], signed: bool = False) -> Layer:
     """A layer of one number a Gaussian. All but the speed are measured from the reference frame."""
 
     def pixels(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -88,7 +88,6 @@ def moving(name: str, title: str, description: str, measure: Measure, unit: Call
 
     return Layer(
         name,
-        title,
         "scalar",
         description,
         pixels,
@@ -106,7 +105,6 @@ def moving(name: str, title: str, description: str, measure: Measure, unit: Call
 
 SPEED = moving(
     "speed",
-    "Speed",
     "How fast tissue moves: ‖μ(t + 1) − μ(t − 1)‖ over the time between the two neighbouring frames, blended over a pixel's Gaussians. "
     "Hatched where the recording does not reveal the motion: a guess.",
     speed_of,
@@ -114,7 +112,6 @@ SPEED = moving(
 )
 ROTATION = moving(
     "rotation",
-    "Rotation",
     "Angle by which Gaussians have turned since the reference frame: 2·acos|⟨q(t), q(reference)⟩|, blended over the Gaussians of a pixel. "
     "A turn of a round Gaussian cannot be seen. Hatched where the recording does not reveal the motion: a guess.",
     turn_of,
@@ -122,7 +119,6 @@ ROTATION = moving(
 )
 SCALE = moving(
     "scale",
-    "Scale change",
     "How Gaussians have grown or shrunk since the reference frame: log₂ of the ratio of their volumes, Σ log₂(s(t) / s(reference)); "
     "+1 has doubled, −1 has halved. Hatched where the recording does not reveal the motion: a guess.",
     growth_of,

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from degense.engine.camera import Camera
+from degense.engine.layer_titles import LAYER_TITLES
 from degense.engine.scene import NO_OBSERVABILITY, Scene
 from degense.engine.semantics.prompts import NO_PROMPTS, PromptSet
 
@@ -68,7 +69,8 @@ class Layer:
 
     Attributes
     ----------
-    name, title : str
+    name : str
+        A key of `LAYER_TITLES`.
     kind : {"colour", "scalar", "mask"}
     description : str
         Formula and units, shown to the user.
@@ -93,7 +95,6 @@ class Layer:
     """
 
     name: str
-    title: str
     kind: Kind
     description: str
     pixels: Callable[[Scene, LayerRequest], np.ndarray]
@@ -111,6 +112,10 @@ class Layer:
     needs_clip: bool = False
     needs_prompt: bool = False
     needs_observability: bool = False
+
+    @property
+    def title(self) -> str:
+        return LAYER_TITLES[self.name]
 
     def unit(self, scene: Scene) -> str:
         return self.unit_of(scene)

@@ -90,10 +90,9 @@ def _none(scene: Scene) -> str:
 LAYERS: dict[str, Layer] = {
     layer.name: layer
     for layer in (
-        Layer("rgb", "Colour", "colour", "The reconstructed colours, alpha-blended.", _rgb, _rgb_splats, _none),
+        Layer("rgb", "colour", "The reconstructed colours, alpha-blended.", _rgb, _rgb_splats, _none),
         Layer(
             "depth",
-            "Depth",
             "scalar",
             "Distance along the viewing axis, Σ z·w / Σ w over the Gaussians of a pixel.",
             _depth,
@@ -106,7 +105,6 @@ LAYERS: dict[str, Layer] = {
         MASKS,
         Layer(
             "displacement",
-            "Displacement",
             "scalar",
             "How far tissue has moved since the reference frame: ‖μ(t) − μ(reference)‖, blended over the Gaussians of a pixel. "
             "Instruments, blood and char that come and go are looked through: what counts is the tissue behind them. "
@@ -126,7 +124,6 @@ LAYERS: dict[str, Layer] = {
         SCALE,
         Layer(
             "warp",
-            "Spurious warp",
             "scalar",
             "Motion since the reference frame, projected to pixels, that the recording's optical flow does not support, beyond a tolerance "
             f"of {WARP_TOLERANCE:g} px. Unknown where the flow is not consistent forwards and backwards.",
@@ -140,7 +137,6 @@ LAYERS: dict[str, Layer] = {
         ),
         Layer(
             "observability",
-            "Motion observability",
             "scalar",
             "In which share of the frames the recording reveals how far tissue has moved: seen, no instrument, optical flow the same "
             "forwards and backwards, on texture that pins it down.",

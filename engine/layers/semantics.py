@@ -55,7 +55,6 @@ def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 FEATURES = Layer(
     "features",
-    "Features",
     "colour",
     "Direction of the semantic latent, along the three axes in which this scene's latents differ most, as red, green and blue.",
     _features,
@@ -65,7 +64,6 @@ FEATURES = Layer(
 )
 SIMILARITY = Layer(
     "similarity",
-    "Similarity",
     "scalar",
     "Cosine between the pixel's latent and the prompt's text vector; with several prompts the largest.",
     _similarity,
@@ -78,7 +76,6 @@ SIMILARITY = Layer(
 )
 MASKS = Layer(
     "mask",
-    "Masks",
     "mask",
     "Pixels each prompt finds: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), "
     "or the plain decoders. Where masks overlap, the most similar prompt.",

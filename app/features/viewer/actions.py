@@ -8,21 +8,20 @@ from degense.app.features.viewer.controller import Viewer
 from degense.app.session.view_state import Compare
 from degense.app.shell.actions import Action
 from degense.app.shell.messages import show_page
+from degense.engine.layer_titles import LAYER_TITLES
 
-#: Name, title and key of the layers, in the order of the layer list. (Asking the layers themselves would load torch at the start.)
-LAYER_KEYS = (
-    ("rgb", "Colour", "1"),
-    ("depth", "Depth", "2"),
-    ("features", "Features", "3"),
-    ("similarity", "Similarity", "4"),
-    ("mask", "Masks", "5"),
-    ("displacement", "Displacement", "6"),
-    ("speed", "Speed", "9"),
-    ("rotation", "Rotation", ""),
-    ("scale", "Scale change", ""),
-    ("warp", "Spurious warp", "7"),
-    ("observability", "Motion observability", "8"),
-)
+#: Keys of the layers that have one.
+LAYER_KEYS = {
+    "rgb": "1",
+    "depth": "2",
+    "features": "3",
+    "similarity": "4",
+    "mask": "5",
+    "displacement": "6",
+    "warp": "7",
+    "observability": "8",
+    "speed": "9",
+}
 COMPARES: tuple[tuple[Compare, str], ...] = (
     ("off", "Compare: off"),
     ("wipe", "Compare: wipe"),
@@ -53,8 +52,9 @@ def add_actions(viewer: Viewer) -> None:
     def is_compared(name: str) -> bool:
         return state().compare == name
 
-    def layer_action(name: str, title: str, key: str) -> Action:
-        keys, can, shown = (key,) if key else (), partial(can_show, name), partial(is_shown, name)
+    def layer_action(name: str, title: str) -> Action:
+        keys = (LAYER_KEYS[name],) if name in LAYER_KEYS else ()
+        can, shown = partial(can_show, name), partial(is_shown, name)
         return Action(f"layer.{name}", title, partial(view.set_layer, name), ("View", "Layer"), keys, can, shown)
 
     def compare_action(name: Compare, title: str) -> Action:
@@ -62,7 +62,7 @@ def add_actions(viewer: Viewer) -> None:
         return Action(f"compare.{name}", title, run, ("View", "Compare"), (), can_compare, compared, help="recorded frame")
 
     viewer.shell.add_actions(
-        *(layer_action(*entry) for entry in LAYER_KEYS),
+        *(layer_action(*entry) for entry in LAYER_TITLES.items()),
         *(compare_action(*entry) for entry in COMPARES),
         Action("compare.next", "Next way to compare", partial(_next_compare, viewer), ("View", "Compare"), ("C",), can_compare, group=1),
     )
