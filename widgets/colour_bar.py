@@ -9,8 +9,8 @@ from PySide6.QtGui import QPainter, QPaintEvent, QPalette
 from PySide6.QtWidgets import QComboBox, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
 
 from degense.engine.colour_maps import COLOUR_MAPS, colour_table
-from degense.widgets.frame.images import to_qimage
 from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
+from degense.widgets.qt_images import to_qimage
 from degense.widgets.ticks import linear_ticks, short
 
 RANGE_MODES = ("frame", "sequence", "fixed")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from degense.app.features.viewer.pictures import get_layer, layer_picture, overlaid, with_colour_bar, write_png
+from degense.app.features.viewer.layer_images import get_layer, layer_picture, overlaid, with_colour_bar, write_png
 from degense.app.session.view_state import PROMPT_COLOURS
 from degense.engine.progress import Steps
 

@@ -15,7 +15,7 @@ from degense.app.features.cameras.movie import camera_movie
 from degense.app.features.cameras.state import Stop, load_path
 from degense.app.features.export.formats import ExportOptions, get_format, write_movie
 from degense.app.features.prompts.segment import write_clip_masks
-from degense.app.features.viewer.pictures import check_frame, get_layer, layer_picture, write_npy, write_png
+from degense.app.features.viewer.layer_images import check_frame, get_layer, layer_picture, write_npy, write_png
 from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps

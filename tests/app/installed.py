@@ -13,17 +13,17 @@ from degense.app.features.compare.controller import RunComparison
 from degense.app.features.documents.autosave import Autosave
 from degense.app.features.documents.controller import Documents
 from degense.app.features.export.controller import Exporter
+from degense.app.features.inspect.findings import Findings
 from degense.app.features.inspect.probe import Probe
-from degense.app.features.inspect.ranking import Findings
 from degense.app.features.preferences.controller import Preferences
-from degense.app.features.prompts.clip_query import ClipQuery
 from degense.app.features.prompts.controller import PromptControls
-from degense.app.features.prompts.statistics_controller import PromptStatistics
-from degense.app.features.runs.dialog import Runs
+from degense.app.features.prompts.prompt_statistics import PromptStatistics
+from degense.app.features.prompts.whole_clip_query import ClipQuery
+from degense.app.features.runs.runs_dialog import Runs
 from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.train.controller import Training
 from degense.app.features.viewer.controller import Viewer
-from degense.app.features.viewer.layers import LayerControls
+from degense.app.features.viewer.layer_controls import LayerControls
 from degense.app.shell.shell import Shell
 
 Service = TypeVar("Service")

@@ -9,8 +9,8 @@ from PIL import Image
 from degense.app.cli.main import main
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.export.formats import ExportOptions, get_format
-from degense.app.features.prompts.area_curves import areas
-from degense.app.features.viewer.view import ViewRequest, draw_view
+from degense.app.features.prompts.mask_statistics import areas
+from degense.app.features.viewer.view_rendering import ViewRequest, draw_view
 from degense.app.session.view_state import PROMPT_COLOURS, Prompt, ViewState
 from degense.engine.clip import UNLABELLED
 from degense.engine.layers import LAYERS, LayerRequest

@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit
 
 from degense.engine.colour_maps import colour_table
 from degense.widgets.colour_bar import ColourBar
-from degense.widgets.frame.images import to_array
+from degense.widgets.qt_images import to_array
 
 
 @pytest.fixture

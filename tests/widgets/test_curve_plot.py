@@ -13,7 +13,7 @@ from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
 
 from degense.widgets.curve_plot import CurvePlot
-from degense.widgets.frame.images import to_array
+from degense.widgets.qt_images import to_array
 from degense.widgets.ticks import linear_ticks, log_ticks, short
 
 RED = QColor(255, 0, 0)

@@ -9,11 +9,12 @@ from PySide6.QtGui import QColor, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from degense.widgets.frame import comparison, images
-from degense.widgets.frame.comparison import COMPARE_MODES, GAIN
-from degense.widgets.frame.images import to_array, to_qimage
+from degense.widgets import qt_images as images
+from degense.widgets.frame import frame_comparison as comparison
+from degense.widgets.frame.frame_comparison import COMPARE_MODES, GAIN
 from degense.widgets.frame.panel_tools import RegionTool
 from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.qt_images import to_array, to_qimage
 
 LEFT = Qt.MouseButton.LeftButton
 

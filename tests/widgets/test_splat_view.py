@@ -12,7 +12,7 @@ from PySide6.QtGui import QColor, QMouseEvent, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QVBoxLayout, QWidget
 
-from degense.widgets.frame.images import to_array
+from degense.widgets.qt_images import to_array
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.splat_view import SplatView
 from tests.widgets.splatting import psnr, splatted

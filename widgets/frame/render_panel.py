@@ -7,12 +7,12 @@ from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, QSize, QSizeF, Qt, S
 from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPalette, QPen, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from degense.widgets.frame.comparison import Comparison
-from degense.widgets.frame.images import DrawableFrame, to_array, to_qimage
+from degense.widgets.frame.frame_comparison import Comparison
 from degense.widgets.frame.panel_marks import PanelMarks, paint_outline, paint_wipe_handle
 from degense.widgets.frame.panel_tools import PanelTool
 from degense.widgets.frame.panel_zoom import PanelZoom
 from degense.widgets.keys import keep_keys
+from degense.widgets.qt_images import DrawableFrame, to_array, to_qimage
 from degense.widgets.theme import frame_background
 
 #: From this zoom on (screen pixels an image pixel) pixels are drawn as squares.

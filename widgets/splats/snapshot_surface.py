@@ -11,7 +11,7 @@ from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from degense.engine.camera import Camera
-from degense.widgets.frame.images import to_array, to_qimage
+from degense.widgets.qt_images import to_array, to_qimage
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.gaussians import Gaussians
 

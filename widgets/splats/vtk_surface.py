@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 from pyvistaqt import QtInteractor
 
 from degense.engine.camera import Camera
-from degense.widgets.frame.images import to_array
+from degense.widgets.qt_images import to_array
 from degense.widgets.splats.gaussians import Gaussians
 from degense.widgets.splats.scene_painter import ScenePainter
 

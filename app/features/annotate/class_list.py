@@ -9,7 +9,7 @@ from PySide6.QtCore import QPoint, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
 from PySide6.QtWidgets import QAbstractItemView, QColorDialog, QListWidget, QListWidgetItem, QMenu, QWidget
 
-from degense.widgets.frame.images import to_qimage
+from degense.widgets.qt_images import to_qimage
 from degense.widgets.theme import CLASS_COLOURS
 
 SWATCH = 22

@@ -15,7 +15,7 @@ from degense.app.features.annotate.state import Tool
 from degense.app.features.prompts.controller import rgb
 from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.viewer.controller import Viewer
-from degense.app.features.viewer.view import View
+from degense.app.features.viewer.view_rendering import View
 from degense.engine.annotation.edits import STATUSES, Status
 from degense.engine.annotation.overlay import label_overlay
 from degense.engine.annotation.painting import PixelRegion, brush, fill, holes, polygon, region_of, smaller_islands, whole_regions

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from degense.app.features.cameras.state import CameraPath, Stop
-from degense.app.features.viewer.pictures import Movie, get_layer
-from degense.app.features.viewer.view import View, ViewRequest, draw_view
+from degense.app.features.viewer.layer_images import Movie, get_layer
+from degense.app.features.viewer.view_rendering import View, ViewRequest, draw_view
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
@@ -61,7 +61,7 @@ def flat(view: View, opacity: float) -> np.ndarray:
 
 
 def _span(scene: Scene, view_state: ViewState) -> tuple[float, float]:
-    from degense.app.features.viewer.view import layer_request
+    from degense.app.features.viewer.view_rendering import layer_request
     from degense.engine.layers import layer_range
 
     chosen = view_state.range(view_state.layer)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from degense.app.features.clip_check.dialog import CheckDialog
+from degense.app.features.clip_check.check_dialog import CheckDialog
 from degense.app.features.documents.controller import Documents
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, QTimer
 
 from degense.app.features.viewer.controller import Viewer
-from degense.app.features.viewer.view import View, ViewRequest, draw_view
+from degense.app.features.viewer.view_rendering import View, ViewRequest, draw_view
 from degense.engine.errors import RunError
 from degense.widgets.frame.render_panel import RenderPanel
 

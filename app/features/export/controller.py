@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject
 
 from degense.app.features.export.formats import FORMATS, ExportOptions
 from degense.app.features.viewer.controller import Viewer
-from degense.app.features.viewer.pictures import get_layer, with_colour_bar, write_png
+from degense.app.features.viewer.layer_images import get_layer, with_colour_bar, write_png
 
 
 class Exporter(QObject):

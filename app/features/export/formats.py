@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from degense.app.features.annotate.label_sets import empty_folder, label_source, write_labels
-from degense.app.features.viewer.pictures import Movie, check_frame, get_layer, layer_picture
+from degense.app.features.viewer.layer_images import Movie, check_frame, get_layer, layer_picture
 from degense.engine.annotation.formats import LABEL_FORMATS
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.features.viewer.pictures import get_layer
-from degense.app.features.viewer.view import layer_request
+from degense.app.features.viewer.layer_images import get_layer
+from degense.app.features.viewer.view_rendering import layer_request
 from degense.app.session.targets import Found, Target, material
 from degense.app.session.view_state import ViewState
 from degense.engine.progress import Steps

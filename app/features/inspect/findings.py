@@ -1,70 +1,121 @@
-"""A ranking taken away: as a table, or as a sheet of pictures of the worst places."""
+"""The worst frames and places of the layer that is shown: searched in the worker, listed, and gone to."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cv2
-import numpy as np
+from PySide6.QtCore import QObject
 
-from degense.app.features.inspect.curves import table_of
-from degense.app.features.viewer.pictures import BACKGROUND, FONT, INK, get_layer, layer_picture, write_png
+from degense.app.features.inspect.findings_files import findings_sheet, findings_table
+from degense.app.features.inspect.findings_list import RankingList
+from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.layer_images import get_layer
+from degense.app.features.viewer.view_rendering import layer_request
+from degense.app.session.targets import Spot
+from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
-from degense.engine.progress import Steps
+from degense.engine.files import write_text
 
 if TYPE_CHECKING:
-    from degense.engine.layers import LayerRequest
     from degense.engine.layers.ranking import Finding, Ranking
-    from degense.engine.scene import Scene
-
-#: Pictures on a sheet, beside each other and in all, and the width of one.
-ACROSS, PICTURES, WIDTH = 4, 12, 320
-LINE = 26
 
 
-def findings_table(findings: tuple[Finding, ...], unit: str, fps: float) -> str:
-    """Comma-separated values, the worst first."""
-    columns = {
-        "rank": np.arange(1, len(findings) + 1),
-        "frame": np.array([finding.frame for finding in findings]),
-        "time [s]": np.array([finding.frame / fps for finding in findings], float),
-        "x [px]": np.array([finding.x for finding in findings], float),
-        "y [px]": np.array([finding.y for finding in findings], float),
-        f"value [{unit}]" if unit else "value": np.array([finding.value for finding in findings], float),
-    }
-    return table_of(columns)
+class Findings(QObject):
+    """Fills the list while it searches; another layer empties it."""
 
+    def __init__(self, viewer: Viewer) -> None:
+        super().__init__(viewer)
+        self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
+        self.ranking: Ranking | None = None
+        self.list = RankingList()
+        self.dock = self.shell.add_dock("Findings", self.list)
+        self.list.search_requested.connect(self.search)
+        self.list.kind_changed.connect(lambda kind: self._list())
+        self.list.chosen.connect(self._go)
+        session = self.session
+        session.opened.connect(self._forget)
+        session.view_state_changed.connect(self._view_state_changed)
 
-def findings_sheet(
-    scene: Scene, ranking: Ranking, findings: tuple[Finding, ...], request: LayerRequest, span: tuple[float, float], out: Path
-) -> Steps[str]:
-    """A PNG with the layer's picture at each of the worst findings, circled, the worst first. Yields (fraction, words)."""
-    from dataclasses import replace
+    def can_search(self) -> bool:
+        """Whether the layer that is shown has worst places."""
+        scene, view_state = self.session.scene, self.session.view_state
+        layer = get_layer(view_state.layer)
+        return scene is not None and layer.of_motion and not layer.missing(scene, ())
 
-    if not findings:
-        raise DegenseError("Nothing has been found yet, so there is nothing to draw.")
-    layer, shown = get_layer(ranking.layer), findings[:PICTURES]
-    tiles = []
-    for done, finding in enumerate(shown):
-        yield done / len(shown), f"frame {finding.frame}"
-        picture = layer_picture(scene, layer, replace(request, frame=finding.frame), span)
-        scale = WIDTH / picture.shape[1]
-        tile = cv2.resize(picture, (WIDTH, round(picture.shape[0] * scale)), interpolation=cv2.INTER_AREA)
-        at = (round(finding.x * scale), round(finding.y * scale))
-        for colour, width in ((0, 4), (255, 2)):
-            cv2.circle(tile, at, WIDTH // 16, (colour,) * 3, width, cv2.LINE_AA)
-        caption = np.full((LINE, WIDTH, 3), BACKGROUND, np.uint8)
-        words = f"{done + 1}  frame {finding.frame}  {finding.value:.3g} {ascii_unit(ranking.unit)}"
-        cv2.putText(caption, words, (6, LINE - 8), FONT, 0.5, (INK,) * 3, 1, cv2.LINE_AA)
-        tiles.append(np.vstack([tile, caption]))
-    blank = np.full_like(tiles[0], BACKGROUND)
-    tiles += [blank] * (-len(tiles) % min(ACROSS, len(tiles)))
-    across = min(ACROSS, len(tiles))
-    write_png(out, np.vstack([np.hstack(tiles[i : i + across]) for i in range(0, len(tiles), across)]))
-    return f"{out}: {len(shown)} pictures"
+    def search(self) -> None:
+        scene, view_state = self.session.scene, self.session.view_state
+        layer = get_layer(view_state.layer)
+        if scene is None or not self.can_search():
+            self.list.set_note("Show a layer of motion first, such as displacement, speed or spurious warp.")
+            return
+        from degense.engine.layers.ranking import rank
 
+        def failed(message: str) -> None:
+            self.list.set_note(message)
 
-def ascii_unit(unit: str) -> str:
-    """A unit in the letters that OpenCV can write."""
-    return unit.replace("°", "deg").replace("log₂", "log2")
+        request = layer_request(view_state, 0)
+        self.shell.docks.bring(self.dock)
+        self.worker.submit("rank", lambda: rank(scene, layer, request), self._take, failed, self._take)
+
+    def _take(self, ranking: Ranking) -> None:
+        self.ranking = ranking
+        assert self.session.scene is not None
+        frames, title = self.session.scene.frames, get_layer(ranking.layer).title
+        searching = ranking.done < frames
+        self.list.set_note(f"{title}: looking, {ranking.done} of {frames} frames" if searching else title)
+        self._list()
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What is listed."""
+        if self.ranking is None:
+            return ()
+        return self.ranking.frames if self.list.kind() == "frames" else self.ranking.places
+
+    def _list(self) -> None:
+        unit = self.ranking.unit if self.ranking is not None else ""
+        self.list.set_findings(unit, [(f.frame, f.x, f.y, f.value) for f in self.findings()])
+        self.shell.refresh()
+
+    def _go(self, row: int) -> None:
+        finding = self.findings()[row]
+        self.session.pause()
+        self.session.go_to(finding.frame)
+        self.session.probe = Spot(finding.frame, finding.x, finding.y)
+        self.dock.raise_()  # the probe's panel came to the front
+
+    def go_on(self, step: int) -> None:
+        """To the next finding, or back."""
+        self.list.choose(step)
+
+    def _forget(self) -> None:
+        self.worker.cancel("rank")
+        self.ranking = None
+        self.list.set_note("")
+        self._list()
+
+    def _view_state_changed(self, before: ViewState, after: ViewState) -> None:
+        if before.layer != after.layer:
+            self._forget()
+
+    # Taking it away
+
+    def save(self, path: Path) -> None:
+        """The list as a table (`.csv`), or as a sheet of pictures (`.png`), which the worker draws.
+
+        Raises
+        ------
+        DegenseError
+            When nothing has been found yet, or the file cannot be written.
+        """
+        scene, ranking, findings = self.session.scene, self.ranking, self.findings()
+        if scene is None or ranking is None or not findings:
+            raise DegenseError("Look for the worst frames first: nothing is listed yet.")
+        if path.suffix.lower() == ".csv":
+            write_text(path, findings_table(findings, ranking.unit, scene.fps))
+            self.shell.say(f"Saved {path}")
+            return
+        request, view = layer_request(self.session.view_state, 0), self.viewer.view
+        span = view.span if view is not None and view.span is not None else (0.0, 1.0)
+        words = f"Drawing {path.name}"
+        self.shell.run_task("export", words, lambda: findings_sheet(scene, ranking, findings, request, span, path))

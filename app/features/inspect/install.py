@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from degense.app.features.inspect.findings import Findings
 from degense.app.features.inspect.probe import Probe
-from degense.app.features.inspect.ranking import Findings
 from degense.app.features.viewer.controller import Viewer
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell

@@ -14,15 +14,15 @@ from degense.app.features.inspect.curves import Curves, follow, to_csv
 from degense.app.features.inspect.probe_maps import ProbeMaps, probe_maps
 from degense.app.features.inspect.probe_panel import ProbePanel
 from degense.app.features.viewer.controller import Viewer
-from degense.app.features.viewer.pictures import get_layer, write_png
-from degense.app.features.viewer.view import View
+from degense.app.features.viewer.layer_images import get_layer, write_png
+from degense.app.features.viewer.view_rendering import View
 from degense.app.session.targets import Found, Region, Spot, Target, material
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 from degense.widgets.curve_plot import CurvePlot
-from degense.widgets.frame.images import to_array
 from degense.widgets.frame.panel_tools import RegionTool
+from degense.widgets.qt_images import to_array
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene

@@ -8,14 +8,33 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.features.prompts.statistics import ClassDirections
-from degense.app.features.viewer.pictures import get_layer
+from degense.app.features.viewer.layer_images import get_layer
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
+#: Classes that are listed for a pixel.
+BEST = 5
 #: Values that are looked up under the pointer, those that cost little first.
 PROBED = ("depth", "displacement", "speed", "rotation", "scale", "warp")
+
+
+class ClassDirections:
+    """Every class of a scene and of its vocabulary, as directions of the latent."""
+
+    def __init__(self, scene: Scene) -> None:
+        assert scene.encoder is not None
+        assert scene.basis is not None
+        self.names = tuple(dict.fromkeys([*scene.classes, *scene.encoder.complete("")]))
+        self._rows = scene.basis.project(scene.encoder.encode(list(self.names)))
+
+    def best(self, latent: np.ndarray) -> list[tuple[str, float]]:
+        """The classes most similar to a latent [d], with their cosines, the best first; none for a latent that says nothing."""
+        length = float(np.linalg.norm(latent))
+        if not length > 1e-6:
+            return []
+        cosines = self._rows @ (latent / length)
+        return [(self.names[index], float(cosines[index])) for index in np.argsort(-cosines, kind="stable")[:BEST]]
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from PySide6.QtWidgets import (
 )
 
 from degense.widgets.curve_plot import CurvePlot
-from degense.widgets.frame.images import to_array
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import ARROWS, keep_keys
+from degense.widgets.qt_images import to_array
 
 #: Rows of values that are seen without scrolling however little room there is.
 FEWEST_ROWS = 4

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from degense.app.features.prompts.clip_query import CHANNEL, ClipQuery
 from degense.app.features.prompts.controller import PromptControls
-from degense.app.features.prompts.statistics_controller import PromptStatistics
+from degense.app.features.prompts.prompt_statistics import PromptStatistics
+from degense.app.features.prompts.whole_clip_query import CHANNEL, ClipQuery
 from degense.app.features.viewer.controller import Viewer
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell

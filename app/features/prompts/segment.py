@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from degense.app.features.viewer.pictures import write_png
+from degense.app.features.viewer.layer_images import write_png
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 from degense.engine.progress import Steps

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from degense.app.features.documents.controller import Documents
-from degense.app.features.runs.dialog import Runs
+from degense.app.features.runs.runs_dialog import Runs
 from degense.app.features.train.controller import Training
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell

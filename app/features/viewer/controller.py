@@ -12,9 +12,18 @@ from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QKeyEvent
 
 from degense.app.features.timeline.controller import TimeControl
-from degense.app.features.viewer.pictures import get_layer
-from degense.app.features.viewer.view import EXCLUDED, SplatArrays, View, ViewRequest, draw_clip, draw_snapshot, draw_view, layer_request
+from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.view_bar import ViewBar
+from degense.app.features.viewer.view_rendering import (
+    EXCLUDED,
+    SplatArrays,
+    View,
+    ViewRequest,
+    draw_clip,
+    draw_snapshot,
+    draw_view,
+    layer_request,
+)
 from degense.app.session.view_state import ViewState
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN

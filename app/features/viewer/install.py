@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from degense.app.features.viewer.actions import add_actions
 from degense.app.features.viewer.controller import Viewer
-from degense.app.features.viewer.layers import LayerControls
-from degense.app.features.viewer.layout import WindowLayout
+from degense.app.features.viewer.layer_controls import LayerControls
+from degense.app.features.viewer.window_layout import WindowLayout
 from degense.app.shell.shell import Shell
 
 

@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from degense.engine.colour_maps import colour_table
-from degense.widgets.frame.images import to_qimage
+from degense.widgets.qt_images import to_qimage
 from degense.widgets.ticks import short
 
 _EDGE, _BAR, _GAP, _HEIGHT = 8, 12, 5, 110

@@ -12,9 +12,9 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFileDialog
 
-from degense.app.features.clip_check import clip_plan
-from degense.app.features.clip_check.dialog import CheckDialog
-from degense.app.features.clip_check.state import check_picture
+from degense.app.features.clip_check import camera_plan as clip_plan
+from degense.app.features.clip_check.check_dialog import CheckDialog
+from degense.app.features.clip_check.check_frames import check_picture
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from tests.app import installed as on
 from tests.fakes import MemoryClip

@@ -13,7 +13,7 @@ from degense.app.features.cameras.state import CameraPath
 from degense.app.session.targets import Spot
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.shell import Shell
-from degense.widgets.frame.images import to_array
+from degense.widgets.qt_images import to_array
 from tests.app import installed as on
 
 
@@ -173,7 +173,7 @@ def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, 
     assert np.abs(late.astype(int) - early).mean() > 1
     qtbot.keyClick(splats.focusProxy(), Qt.Key.Key_Right)
     assert session.camera_mode == "free"
-    qtbot.waitUntil(lambda: not splats._idle.isActive())
+    qtbot.waitUntil(lambda: not splats.camera.is_moving())
     turned = splats.screenshot_image()
     assert turned.std() > 10
     assert not np.array_equal(turned, late)

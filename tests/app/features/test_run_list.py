@@ -8,7 +8,7 @@ import shutil
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog
 
-from degense.app.features.runs.dialog import COLUMNS, RunsDialog
+from degense.app.features.runs.runs_dialog import COLUMNS, RunsDialog
 from tests.app import installed as on
 
 

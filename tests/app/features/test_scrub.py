@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 
-from degense.widgets.frame.images import to_array
+from degense.widgets.qt_images import to_array
 from degense.widgets.splats.camera_moves import letterboxed
 from tests.app import installed as on
 

@@ -10,10 +10,9 @@ import pytest
 
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.inspect.curves import follow, summary, to_csv
-from degense.app.features.inspect.probe_maps import probe_maps
-from degense.app.features.prompts.area_curves import AreaBook
-from degense.app.features.prompts.statistics import ClassDirections, answers
-from degense.app.features.viewer.view import ViewRequest, draw_view
+from degense.app.features.inspect.probe_maps import ClassDirections, probe_maps
+from degense.app.features.prompts.mask_statistics import AreaCurves, measure_masks
+from degense.app.features.viewer.view_rendering import ViewRequest, draw_view
 from degense.app.session.targets import Found, Region, Spot, inside_of, material
 from degense.app.session.view_state import Prompt, ViewState
 from degense.engine.errors import DegenseError, RunError
@@ -161,7 +160,7 @@ def test_why_a_pixel_is_what_it_is(scene):
 
 def test_answers_know_area_confidence_and_similarities(scene):
     view_state = replace(LOOK, decoder="threshold")
-    known = result_of(answers(scene, 3, view_state))
+    known = result_of(measure_masks(scene, 3, view_state))
     assert [answer.text for answer in known] == ["gallbladder", "liver"]
     query, meaning = scene.query(3), scene.included("gallbladder")
     mask = query.similarity(meaning) > view_state.threshold
@@ -188,14 +187,14 @@ def test_a_negative_takes_its_pixels(scene):
 
 
 def test_areas_are_kept_and_saved_when_whole():
-    book, view_state = AreaBook(), LOOK
+    book, view_state = AreaCurves(), LOOK
     assert book.missing(view_state, 4, around=2) == [2, 1, 3, 0]
     for prompt in view_state.prompts:
         book.curve(prompt.text, view_state, 4)[:] = 0.25
     book.curve("liver", view_state, 4)[3] = np.nan
     assert book.missing(view_state, 4, around=0) == [3]
     assert book.missing(replace(view_state, threshold=0.6), 4, around=0) == [0, 1, 2, 3]
-    again = AreaBook()
+    again = AreaCurves()
     again.from_json(json.loads(json.dumps(book.to_json())), "here")
     assert again.curve("gallbladder", view_state, 4).tolist() == [0.25] * 4
     assert np.isnan(again.curve("liver", view_state, 4)).all()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from degense.app.features.runs.catalogue import list_runs, training_answers
+from degense.app.features.runs.run_summaries import list_runs, training_answers
 from degense.app.features.train.job import TrainingJob, parse_settings
 from degense.app.features.train.queue import TrainingQueue
 from degense.app.features.train.settings_help import TEACHER_WORDS, explanations, settings_of

@@ -24,7 +24,7 @@ from degense.app.shell.settings import SettingsFile
 from degense.app.application import FEATURES
 from degense.app.shell.shell import Shell
 from tests.app import installed as on
-from degense.widgets.frame.images import to_array
+from degense.widgets.qt_images import to_array
 from degense.widgets.theme import apply_theme
 import numpy as np
 

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from degense.app.features.clip_check.state import ASPECTS, CheckPicture, check_picture, field_of_view_words
+from degense.app.features.clip_check.check_frames import ASPECTS, CheckPicture, check_picture, field_of_view_words
 from degense.app.shell.worker import Worker
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions
 from degense.widgets.frame.render_panel import RenderPanel

@@ -9,9 +9,9 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
 
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.layer_list import LayerList
-from degense.app.features.viewer.pictures import get_layer
-from degense.app.features.viewer.view import View
+from degense.app.features.viewer.view_rendering import View
 from degense.app.session.view_state import ColourRange, RangeMode, ViewState
 from degense.widgets.colour_bar import ColourBar
 

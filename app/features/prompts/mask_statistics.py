@@ -1,8 +1,9 @@
-"""How large each prompt's mask is over time: computed once in the background, and saved with the session."""
+"""Statistics of the masks of prompts: area, confidence and similarities in a frame, and areas over time, which are saved. No Qt."""
 
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from degense.engine.errors import RunError
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
+#: Steps of a histogram of similarities from 0 to 1; what is smaller or larger falls into the first or last.
+BINS = 50
 #: Curves kept; the oldest go first.
 KEPT = 64
 LONGEST = 1_000_000
@@ -21,13 +24,53 @@ LONGEST = 1_000_000
 Key = tuple[str, str, float, tuple[str, ...]]
 
 
+@dataclass(frozen=True)
+class MaskStatistics:
+    """The mask of a prompt in one frame.
+
+    Attributes
+    ----------
+    area : float
+        Share of the frame that the mask covers.
+    confidence : float
+        In [0, 1]: mean refined similarity in the mask, less that of the best rival class (`FrameSemantics.confidence`).
+    histogram : int [BINS]
+        Pixels by the similarity that the decoder compares with the threshold.
+    """
+
+    text: str
+    area: float
+    confidence: float
+    histogram: np.ndarray
+
+
+def measure_masks(
+    scene: Scene, frame: int, view_state: ViewState
+) -> Generator[tuple[MaskStatistics, ...], None, tuple[MaskStatistics, ...]]:
+    """The statistics of each visible prompt; yields those that are known."""
+    from degense.engine.scene.clip_query import decode_frame
+    from degense.engine.semantics.prompts import reads_regions
+
+    query, prompts = scene.query(frame), view_state.prompt_set
+    classes = scene.vectors((*scene.classes, *prompts.negatives))
+    similarity = query.refined if reads_regions(prompts.decoder) else query.similarity
+    known: tuple[MaskStatistics, ...] = ()
+    for text in prompts.prompts:
+        included = scene.included(text)
+        [mask] = decode_frame(scene, replace(prompts, prompts=(text,)), frame).masks
+        counts, _ = np.histogram(np.clip(similarity(included), 0.0, 1.0), BINS, (0.0, 1.0))
+        known = (*known, MaskStatistics(text, float(mask.mean()), query.confidence(included, mask, classes), counts))
+        yield known
+    return known
+
+
 def key_of(text: str, view_state: ViewState) -> Key:
     """What the area of a prompt depends on: its words, and how masks are decided."""
     return text.casefold(), view_state.decoder, round(view_state.threshold, 4), view_state.negative_texts
 
 
-class AreaBook(PersistentState):
-    """Curves of area by prompt and way to decide; NaN where a frame has not been looked at."""
+class AreaCurves(PersistentState):
+    """Curves of area by prompt and way to decide; NaN where a frame has not been computed."""
 
     counts = False  # they can be computed anew
 

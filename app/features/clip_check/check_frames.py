@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.features.clip_check.clip_plan import angle_plan, field_of_view, path_plan
+from degense.app.features.clip_check.camera_plan import angle_plan, field_of_view, path_plan
 from degense.app.session.view_state import PROMPT_COLOURS, Colour
 from degense.engine.colour_maps import UNKNOWN, colourise, mask_overlay
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QObject
 
-from degense.app.features.prompts.area_curves import areas
+from degense.app.features.prompts.mask_statistics import areas
+from degense.app.features.prompts.prompt_statistics import PromptStatistics
 from degense.app.features.prompts.segment import write_clip_masks
-from degense.app.features.prompts.statistics_controller import PromptStatistics
 from degense.app.shell.shell import Shell
 
 CHANNEL = "query"

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
 )
 
 from degense.app.features.documents.controller import Documents
-from degense.app.features.runs.catalogue import SCORES, RunSummary, list_runs, training_answers
+from degense.app.features.runs.run_summaries import SCORES, RunSummary, list_runs, training_answers
 from degense.app.features.train.controller import Training
 from degense.app.features.train.monitor import duration
 from degense.app.shell.messages import show_error

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.features.viewer.pictures import get_layer
+from degense.app.features.viewer.layer_images import get_layer
 from degense.app.session.view_state import ViewState
 from degense.engine.colour_maps import colourise, greyed, mask_overlay
 from degense.engine.errors import DegenseError

@@ -8,7 +8,7 @@ from PySide6.QtCore import QObject, QRectF, QTimer
 from PySide6.QtGui import QImage, QPainter
 from PySide6.QtWidgets import QWidget
 
-from degense.widgets.frame.images import DrawableFrame, to_qimage
+from degense.widgets.qt_images import DrawableFrame, to_qimage
 
 COMPARE_MODES = ("off", "wipe", "blink", "difference")
 

@@ -1,4 +1,4 @@
-"""What is known of each prompt: area, confidence and similarities now, and its area over time under the timeline."""
+"""Statistics of the prompts in the window: area, confidence and similarities in the bar, areas over time under the timeline."""
 
 from __future__ import annotations
 
@@ -7,34 +7,33 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QColor
 
-from degense.app.features.prompts.area_curves import AreaBook, areas
+from degense.app.features.prompts.mask_statistics import AreaCurves, MaskStatistics, areas, measure_masks
 from degense.app.features.prompts.panel import PromptBar
-from degense.app.features.prompts.statistics import Answer, answers
 from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.viewer.controller import Viewer
-from degense.app.features.viewer.view import View
+from degense.app.features.viewer.view_rendering import View
 from degense.app.session.view_state import ViewState
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
-#: The areas of other frames are computed when nothing was drawn for so long, milliseconds: whoever scrubs does not wait for them.
+#: The areas of other frames are computed when nothing was drawn for so long, milliseconds: so that scrubbing does not wait for them.
 QUIET_MS = 700
 
 
 class PromptStatistics(QObject):
-    """Follows the view: after each one the answers of its frame, and when all is quiet the areas of the other frames."""
+    """After each view computes the statistics of its frame, and when nothing changes any more the areas in the other frames."""
 
     def __init__(self, viewer: Viewer, bar: PromptBar) -> None:
         super().__init__(viewer)
         self.shell, self.session, self.worker, self.bar = viewer.shell, viewer.session, viewer.worker, bar
         session = self.session
-        self.areas = AreaBook()
+        self.areas = AreaCurves()
         session.register("areas", self.areas)
         self._quiet = QTimer(self)
         self._quiet.setSingleShot(True)
         self._quiet.setInterval(QUIET_MS)
-        self._quiet.timeout.connect(self._look_further)
+        self._quiet.timeout.connect(self._compute_areas)
         viewer.shown.connect(self._drawn)
         session.view_state_changed.connect(self._view_state_changed)
         session.frame_changed.connect(lambda frame: self._wait())
@@ -60,9 +59,11 @@ class PromptStatistics(QObject):
             self._show_answers(())
             return
         frame = round(view.frame)
-        self.worker.submit("answers", lambda: answers(scene, frame, view_state), self._show_answers, self.shell.say, self._show_answers)
+        self.worker.submit(
+            "answers", lambda: measure_masks(scene, frame, view_state), self._show_answers, self.shell.say, self._show_answers
+        )
 
-    def _show_answers(self, known: tuple[Answer, ...]) -> None:
+    def _show_answers(self, known: tuple[MaskStatistics, ...]) -> None:
         bar, view_state = self.bar, self.session.view_state
         by_text = {answer.text.casefold(): answer for answer in known}
         for chip in bar.prompts():
@@ -73,7 +74,7 @@ class PromptStatistics(QObject):
 
     # Over time
 
-    def _look_further(self) -> None:
+    def _compute_areas(self) -> None:
         scene, view_state = self.session.scene, self.session.view_state
         if scene is None or not scene.has_semantics or self.session.playing or not view_state.visible_prompts:
             return

@@ -1,0 +1,70 @@
+"""A ranking taken away: as a table, or as a sheet of pictures of the worst places."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from degense.app.features.inspect.curves import table_of
+from degense.app.features.viewer.layer_images import BACKGROUND, FONT, INK, get_layer, layer_picture, write_png
+from degense.engine.errors import DegenseError
+from degense.engine.progress import Steps
+
+if TYPE_CHECKING:
+    from degense.engine.layers import LayerRequest
+    from degense.engine.layers.ranking import Finding, Ranking
+    from degense.engine.scene import Scene
+
+#: Pictures on a sheet, beside each other and in all, and the width of one.
+ACROSS, PICTURES, WIDTH = 4, 12, 320
+LINE = 26
+
+
+def findings_table(findings: tuple[Finding, ...], unit: str, fps: float) -> str:
+    """Comma-separated values, the worst first."""
+    columns = {
+        "rank": np.arange(1, len(findings) + 1),
+        "frame": np.array([finding.frame for finding in findings]),
+        "time [s]": np.array([finding.frame / fps for finding in findings], float),
+        "x [px]": np.array([finding.x for finding in findings], float),
+        "y [px]": np.array([finding.y for finding in findings], float),
+        f"value [{unit}]" if unit else "value": np.array([finding.value for finding in findings], float),
+    }
+    return table_of(columns)
+
+
+def findings_sheet(
+    scene: Scene, ranking: Ranking, findings: tuple[Finding, ...], request: LayerRequest, span: tuple[float, float], out: Path
+) -> Steps[str]:
+    """A PNG with the layer's picture at each of the worst findings, circled, the worst first. Yields (fraction, words)."""
+    from dataclasses import replace
+
+    if not findings:
+        raise DegenseError("Nothing has been found yet, so there is nothing to draw.")
+    layer, shown = get_layer(ranking.layer), findings[:PICTURES]
+    tiles = []
+    for done, finding in enumerate(shown):
+        yield done / len(shown), f"frame {finding.frame}"
+        picture = layer_picture(scene, layer, replace(request, frame=finding.frame), span)
+        scale = WIDTH / picture.shape[1]
+        tile = cv2.resize(picture, (WIDTH, round(picture.shape[0] * scale)), interpolation=cv2.INTER_AREA)
+        at = (round(finding.x * scale), round(finding.y * scale))
+        for colour, width in ((0, 4), (255, 2)):
+            cv2.circle(tile, at, WIDTH // 16, (colour,) * 3, width, cv2.LINE_AA)
+        caption = np.full((LINE, WIDTH, 3), BACKGROUND, np.uint8)
+        words = f"{done + 1}  frame {finding.frame}  {finding.value:.3g} {ascii_unit(ranking.unit)}"
+        cv2.putText(caption, words, (6, LINE - 8), FONT, 0.5, (INK,) * 3, 1, cv2.LINE_AA)
+        tiles.append(np.vstack([tile, caption]))
+    blank = np.full_like(tiles[0], BACKGROUND)
+    tiles += [blank] * (-len(tiles) % min(ACROSS, len(tiles)))
+    across = min(ACROSS, len(tiles))
+    write_png(out, np.vstack([np.hstack(tiles[i : i + across]) for i in range(0, len(tiles), across)]))
+    return f"{out}: {len(shown)} pictures"
+
+
+def ascii_unit(unit: str) -> str:
+    """A unit in the letters that OpenCV can write."""
+    return unit.replace("°", "deg").replace("log₂", "log2")
