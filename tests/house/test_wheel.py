@@ -66,7 +66,7 @@ def test_it_holds_one_package_with_every_file(wheel):
         f"degense/{path.relative_to(ROOT).as_posix()}"
         for folder in FOLDERS
         for path in (ROOT / folder).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith(".")
     }
     assert {name for name in names if name.startswith("degense/")} == here
 
