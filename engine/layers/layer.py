@@ -85,8 +85,10 @@ class Layer:
     of_motion : bool
         Whether large values are findings about motion, whose worst frames and places are worth a list.
     pixels : callable (scene, request) -> ndarray
-    per_splat : callable (scene, request) -> ndarray [N] or [N, 3]
-    unit_of : callable (scene) -> str
+        As `LayerImage.values`.
+    splats : callable (scene, request) -> ndarray
+        Values of every Gaussian: [N, 3] colours, or [N] scalars (NaN unknown) or mask values.
+    unit : callable (scene) -> str
     uncertain, uncertain_splats : callable (scene, request) -> bool [H, W] or [N], or None
         Where the value is a guess; None where the scene cannot tell.
     uncertain_words : str
@@ -98,8 +100,8 @@ class Layer:
     kind: Kind
     description: str
     pixels: Callable[[Scene, LayerRequest], np.ndarray]
-    per_splat: Callable[[Scene, LayerRequest], np.ndarray]
-    unit_of: Callable[[Scene], str]
+    splats: Callable[[Scene, LayerRequest], np.ndarray]
+    unit: Callable[[Scene], str]
     cmap: str = "viridis"
     signed: bool = False
     from_zero: bool = False
@@ -117,16 +119,9 @@ class Layer:
     def title(self) -> str:
         return LAYER_TITLES[self.name]
 
-    def unit(self, scene: Scene) -> str:
-        return self.unit_of(scene)
-
     def image(self, scene: Scene, request: LayerRequest) -> LayerImage:
         """Draw the layer. DegenseError when the scene cannot show it."""
         return LayerImage(self.pixels(scene, request), self.unit(scene), self.kind, self.uncertain(scene, request))
-
-    def splats(self, scene: Scene, request: LayerRequest) -> np.ndarray:
-        """Values of every Gaussian: [N, 3] colours, or [N] scalars (NaN unknown) or mask indices."""
-        return self.per_splat(scene, request)
 
     def missing(self, scene: Scene, prompts: tuple[str, ...]) -> str:
         """Why the scene cannot show this layer now, in one sentence; empty when it can."""

@@ -26,7 +26,7 @@ class Basis:
 
         |∠(Bz, v) − ∠(f, v)| ≤ ∠(Bz, f) = arcsin √(1 − ‖Bᵀf‖² / ‖f‖²)
 
-    (triangle inequality on the sphere), whatever v is. `angular_error` gives the right side.
+    (triangle inequality on the sphere), whatever v is.
     ‖v‖ is the length before projection: texts unlike anything in the scene have a cosine near 0.
 
     Attributes
@@ -56,12 +56,6 @@ class Basis:
         if vectors.shape[-1] != self.dimension:
             raise ValueError(f"this basis takes vectors of length {self.dimension}, not {vectors.shape[-1]}")
         return vectors @ self.matrix
-
-    def angular_error(self, vectors: Float[np.ndarray, "*batch D"]) -> Float[np.ndarray, "*batch"]:
-        """The bound above, radians in [0, π/2], float64 [...], of non-zero vectors [..., D]."""
-        vectors = np.asarray(vectors, np.float64)
-        outside = vectors - vectors @ self.matrix.astype(np.float64) @ self.matrix.T.astype(np.float64)
-        return np.arcsin(np.clip(np.linalg.norm(outside, axis=-1) / np.linalg.norm(vectors, axis=-1), 0.0, 1.0))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """`matrix` and `energy`, as they are saved."""

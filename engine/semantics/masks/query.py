@@ -90,11 +90,6 @@ class FrameSemantics:
         self._has_picture = rgb is not None
         self._maps: dict[tuple[bool, bytes], Any] = {}
 
-    @property
-    def superpixels(self) -> np.ndarray:
-        """Regions of the rendered colour, int32 [H, W], 0 … K − 1."""
-        return self._aggregation.regions
-
     def similarity(self, vectors: np.ndarray) -> np.ndarray:
         """Cosine with the prompt, pixelwise, float32 [H, W] in [−1, 1]."""
         return self._read(self._best(vectors, refined=False))

@@ -25,8 +25,7 @@ from degense.engine.data.readers import fingerprint
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing, write_text
 from degense.engine.progress import Progress, silent
-from degense.engine.semantics.teachers.teacher import Targets, Teacher
-from degense.engine.semantics.text.encoder import TextEncoder
+from degense.engine.semantics.teachers.teacher import Described, Targets, Teacher
 
 FORMAT = 1
 LIMIT = 4 << 30  # bytes, unless the user chose otherwise
@@ -35,7 +34,7 @@ _BROKEN = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.err
 
 
 @runtime_checkable
-class CostlyTeacher(Protocol):
+class CostlyTeacher(Described, Protocol):
     """A teacher whose targets are worth caching: as `Teacher`, but it computes many frames in an order of its own.
 
     Attributes
@@ -43,12 +42,6 @@ class CostlyTeacher(Protocol):
     settings : dict
         Everything its targets depend on beside the program itself; JSON values.
     """
-
-    name: str
-    provenance: str
-    frames: list[int]
-    encoder: TextEncoder
-    pixelwise: bool
 
     @property
     def settings(self) -> dict[str, Any]: ...

@@ -14,8 +14,8 @@ Targets = tuple[np.ndarray, np.ndarray]
 LEVELS = 8  # steps of a mixture of two classes, from half and half to the first class alone
 
 
-class Teacher(Protocol):
-    """A source of unit feature vectors per pixel.
+class Described(Protocol):
+    """What is known of a teacher.
 
     Attributes
     ----------
@@ -36,6 +36,10 @@ class Teacher(Protocol):
     frames: list[int]
     encoder: TextEncoder
     pixelwise: bool
+
+
+class Teacher(Described, Protocol):
+    """A source of unit feature vectors per pixel."""
 
     def targets(self, frame: int) -> Targets | None:
         """Vectors and index map of a frame, or None when it has no targets."""

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from degense.engine.semantics.text.encoder import VocabularyEncoder
+from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.vocabulary.concepts import Vocabulary
 
 
-class EmbeddedEncoder(VocabularyEncoder):
+class EmbeddedEncoder(TextEncoder):
     """The surgical vocabulary as a vector space; needs no download and gives the same numbers on every machine.
 
     Each concept owns one axis. A concept of a kind (a grasper of instrument) is √share · kind + √(1 − share) · own axis:

@@ -4,55 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 import numpy as np
 
 from degense.engine.errors import PromptError
 from degense.engine.vocabulary.concepts import Vocabulary, split_negatives, surgical_vocabulary
 from degense.engine.vocabulary.spelling import key, words
-
-
-class TextEncoder(Protocol):
-    """Turns wordings into vectors of one space.
-
-    Attributes
-    ----------
-    name : str
-        Written into a run; features of one encoder mean nothing to another. It changes with everything that changes a vector.
-    dimension : int
-        D, the length of a vector.
-    classes : tuple of str
-        The session's classes.
-    """
-
-    name: str
-    dimension: int
-    classes: tuple[str, ...]
-
-    def encode(self, texts: Sequence[str]) -> np.ndarray:
-        """float32 [n, D], unit rows. PromptError for a wording that is not understood, naming the nearest ones."""
-        ...
-
-    def with_classes(self, classes: Sequence[str]) -> TextEncoder:
-        """The same space, in which each of the session's class names is understood literally."""
-        ...
-
-    def for_run(self, name: str) -> TextEncoder | None:
-        """The encoder of the name that a run holds: this one, or this model with the templates of that run; None for another."""
-        ...
-
-    def expand(self, text: str) -> np.ndarray:
-        """float32 [m, D], m ≥ 1: a row for each session class that the text covers (all instruments for "tool"), else its own row."""
-        ...
-
-    def exclude(self, text: str) -> np.ndarray:
-        """float32 [k, D], k ≥ 0: a row for each thing that the text excludes ("tool, not grasper")."""
-        ...
-
-    def complete(self, prefix: str) -> list[str]:
-        """Wordings to offer for a beginning, the session's classes first."""
-        ...
 
 
 class ClassNames:
@@ -98,14 +55,21 @@ class ClassNames:
         return own or [name for name, c in self.concepts.items() if concept in self.vocabulary.ancestors(c)]
 
 
-class VocabularyEncoder(ABC):
-    """What all encoders share: a prompt names session classes or concepts of the vocabulary, and each of those has a vector.
+class TextEncoder(ABC):
+    """Turns wordings into vectors of one space: a prompt names session classes or concepts of the vocabulary, each of which has a vector.
 
     Parameters
     ----------
     classes : sequence of str
         Names of the session's classes; they win over the vocabulary.
     vocabulary : Vocabulary, optional
+
+    Attributes
+    ----------
+    name : str
+        Written into a run, whose features fit no other encoder. It changes with everything that changes a vector.
+    dimension : int
+        D, the length of a vector.
     """
 
     name: str
@@ -125,10 +89,11 @@ class VocabularyEncoder(ABC):
         """Unit vectors, by name, of a concept that no session class is or belongs to. PromptError where there is none."""
 
     @abstractmethod
-    def with_classes(self, classes: Sequence[str]) -> VocabularyEncoder:
-        """The same space for other session classes."""
+    def with_classes(self, classes: Sequence[str]) -> TextEncoder:
+        """The same space, in which each of these class names is understood literally."""
 
-    def for_run(self, name: str) -> VocabularyEncoder | None:
+    def for_run(self, name: str) -> TextEncoder | None:
+        """The encoder of the name that a run holds: this one, or this model with the templates of that run; None for another."""
         return self if name == self.name else None
 
     def encode(self, texts: Sequence[str]) -> np.ndarray:
@@ -154,6 +119,7 @@ class VocabularyEncoder(ABC):
         return np.array(list(self._read(text)[1].values()), np.float32).reshape(-1, self.dimension)
 
     def complete(self, prefix: str) -> list[str]:
+        """Wordings to offer for a beginning, the session's classes first."""
         return self.vocabulary.complete(prefix, self.classes)
 
     def _read(self, text: str) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

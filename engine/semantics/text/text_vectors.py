@@ -12,7 +12,7 @@ from safetensors.numpy import save_file
 
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.files import replacing
-from degense.engine.semantics.text.encoder import ClassNames, VocabularyEncoder
+from degense.engine.semantics.text.encoder import ClassNames, TextEncoder
 from degense.engine.vocabulary.concepts import Vocabulary
 
 MOST_NAMES, MOST_DIMENSIONS, LONGEST_NAME = 10_000, 65_536, 200
@@ -21,7 +21,7 @@ MOST_BYTES = 256 << 20
 ENCODER = "encoder"
 
 
-class TextVectors(VocabularyEncoder):
+class TextVectors(TextEncoder):
     """An encoder that knows the vectors of some names and of no others.
 
     Wordings of a name (plurals, synonyms, other languages) are understood where the vocabulary has a concept of that name.

@@ -16,7 +16,7 @@ from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import find_model, model_config, model_digest, transformers_library
 from degense.engine.semantics.models.templates import Embed, template_encoders
 from degense.engine.semantics.models.vlm_models import DenseModel
-from degense.engine.semantics.text.encoder import TextEncoder, VocabularyEncoder
+from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
 from degense.engine.vocabulary.concepts import Vocabulary, surgical_vocabulary
 
@@ -26,7 +26,7 @@ MODULES = ("Transformer", "Pooling", "Normalize")
 BATCH = 32
 
 
-class TextTower(VocabularyEncoder):
+class TextTower(TextEncoder):
     """A model's vectors of the session's classes, of the vocabulary's concepts and, in quotes, of anything.
 
     A wording is replaced by the name of its class or concept, so synonyms, misspellings and other languages work with a model that knows

@@ -174,7 +174,7 @@ def test_no_picture_is_too_odd(decoder, shape, kind):
     vectors = np.eye(4, dtype=np.float32)[:2]
     assert np.isfinite(query.similarity(vectors[0])).all()
     assert np.isfinite(query.refined(vectors[0])).all()
-    assert query.superpixels.shape == shape
+    assert query._aggregation.regions.shape == shape
     mask, labels = mask_of(query, vectors[0], decoder, 0.5, vectors), labels_of(query, vectors, decoder)
     assert mask.shape == labels.shape == shape
     assert np.isfinite(query.confidence(vectors[0], mask, vectors))

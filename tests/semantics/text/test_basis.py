@@ -15,6 +15,13 @@ def unit(rows):
     return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
 
 
+def angular_error(basis, vectors):
+    """The bound that `Basis` states, radians, of non-zero vectors [n, D]."""
+    vectors, matrix = vectors.astype(float), basis.matrix.astype(float)
+    outside = np.linalg.norm(vectors - vectors @ matrix @ matrix.T, axis=1)
+    return np.arcsin(np.clip(outside / np.linalg.norm(vectors, axis=1), 0.0, 1.0))
+
+
 @settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1), n=st.integers(1, 40), dimension=st.integers(1, 48), energy=st.floats(0.3, 1.0), rank=st.integers(1, 48)
@@ -28,7 +35,7 @@ def test_cosines_of_latents_stay_within_the_bound(seed, n, dimension, energy, ra
     latents, projected = basis.project(features), basis.project(queries)
     cosine = latents @ projected.T / np.maximum(np.linalg.norm(latents, axis=1, keepdims=True), 1e-12)
     bent = np.abs(np.arccos(np.clip(cosine, -1, 1)) - np.arccos(np.clip(features @ queries.T, -1, 1)))
-    bound = basis.angular_error(features)[:, None]
+    bound = angular_error(basis, features)[:, None]
     sound = np.linalg.norm(latents, axis=1) > 1e-4
     assert (bent[sound] <= np.broadcast_to(bound, bent.shape)[sound] + 2e-3).all()
 
@@ -56,7 +63,7 @@ def test_rank_is_the_smallest_that_keeps_enough(seed, n, energy):
 def test_a_rare_class_is_not_dropped():
     vectors = EmbeddedEncoder(CLASSES).encode(CLASSES)
     basis = fit_basis(vectors, np.array([1e6, 1e6, 1e6, 1e6, 3, 1e6]))
-    assert basis.angular_error(vectors).max() < 0.33
+    assert angular_error(basis, vectors).max() < 0.33
     assert np.linalg.norm(basis.project(vectors[4])) > 0.94
 
 
