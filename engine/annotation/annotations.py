@@ -39,7 +39,6 @@ class Annotations:
 
     Parameters
     ----------
-    classes : sequence of LabelClass
     shape : (height, width)
     count : int
         Frames of the clip.
@@ -201,12 +200,9 @@ class Annotations:
 
 
 class Stroke:
-    """Painting that is one step of undo. A frame that shows a proposal is painted on the proposal, which thereby is accepted.
+    """Painting that is one step of undo; `labels`, uint8 [H, W], are as painted so far.
 
-    Attributes
-    ----------
-    labels : uint8 [H, W]
-        As painted so far.
+    A frame that shows a proposal is painted on the proposal, which thereby is accepted.
     """
 
     def __init__(self, annotations: Annotations, frame: int, name: str):

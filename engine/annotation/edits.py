@@ -19,7 +19,6 @@ class Piece:
 
     Attributes
     ----------
-    frame : int
     top, left, height, width : int
         The box; an empty one (height 0) where the edit does not touch pixels.
     packed : bytes
@@ -28,7 +27,6 @@ class Piece:
         Whether the frame has a label map of its own.
     by_hand : bool
         Whether it was edited by hand: such frames are propagated to the others.
-    status : Status
     proposal : Proposal or None
         The proposal from other frames that waits for an answer.
     """

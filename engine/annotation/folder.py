@@ -29,12 +29,7 @@ FILE = re.compile(r"\d{1,9}-[0-9a-f]{8}\.png")
 
 
 class StoredMap:
-    """A label map on disk, read when it is called.
-
-    Attributes
-    ----------
-    path : Path
-    """
+    """A label map on disk, read when it is called."""
 
     def __init__(self, path: Path, shape: tuple[int, int], classes: int):
         self.path, self._shape, self._classes = path, shape, classes

@@ -42,7 +42,6 @@ def label_overlay(
 
     Parameters
     ----------
-    labels, classes
     box : (rows, columns), optional
         The part that is wanted; default: all.
     proposed : bool

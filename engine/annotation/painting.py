@@ -12,14 +12,7 @@ Point = tuple[float, float]
 
 
 class PixelRegion(NamedTuple):
-    """Some pixels of a picture: a box and which of its pixels count.
-
-    Attributes
-    ----------
-    top, left : int
-    mask : bool [h, w]
-        At least one pixel is true.
-    """
+    """Some pixels of a frame: the corner of a box, and which of its pixels count, bool [h, w], at least one."""
 
     top: int
     left: int

@@ -46,7 +46,6 @@ def shading(rgb: np.ndarray, usable: np.ndarray, camera: Camera) -> Shading | No
     rgb : uint8 [H, W, 3]
     usable : bool [H, W]
         Pixels that show tissue, as far as known.
-    camera : Camera
 
     Returns
     -------
@@ -114,7 +113,6 @@ class DepthPrior:
         Some frames of the clip.
     usable : list of bool [H, W]
         Their pixels that show tissue.
-    camera : Camera
 
     Attributes
     ----------

@@ -19,7 +19,6 @@ class LabelFormat:
 
     Attributes
     ----------
-    title : str
     suffix : str
         Of the file; empty for a folder.
     write : (maps, out) → frames done, one by one

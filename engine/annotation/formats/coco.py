@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import pycocotools.mask as coco_mask
 
-from degense.engine.annotation.classes import check_classes, named_classes
-from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, mask_of_runs, read_text
-from degense.engine.annotation.painting import polygon
-from degense.engine.clip import UNLABELLED
+from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, checked_classes, drawn, frame_of, mask_of_runs, read_text
+from degense.engine.annotation.painting import polygon, region_of
 from degense.engine.data.files.numbered import shown
-from degense.engine.errors import ClipError, DegenseError
+from degense.engine.errors import ClipError
 from degense.engine.files import write_text
 
 
@@ -50,8 +49,7 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
     try:
         data = json.loads(read_text(path))
         categories = {item["id"]: index for index, item in enumerate(data["categories"])}
-        classes = named_classes(str(item["name"]) for item in data["categories"])
-        check_classes(classes)
+        classes = checked_classes(named_classes(str(item["name"]) for item in data["categories"]), path)
         frames: dict[Any, int] = {}
         for image in data["images"]:
             check_picture_size((image["width"], image["height"]), shape, path)
@@ -61,16 +59,9 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
             found[frames[item["image_id"]]].append((categories[item["category_id"]], item["segmentation"]))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise ClipError(f"{shown(path)} is not a COCO file that can be read ({type(error).__name__}: {error}).") from error
-    except ClipError:
-        raise
-    except DegenseError as error:
-        raise ClipError(f"{shown(path)}: {error}") from error
 
     def labels(frame: int) -> np.ndarray:
-        drawn = np.full(shape, UNLABELLED, np.uint8)
-        for index, segmentation in found[frame]:
-            drawn[_mask(segmentation, shape, path)] = index
-        return drawn
+        return drawn(shape, ((region_of(_mask(segmentation, shape, path)), index) for index, segmentation in found[frame]))
 
     return MapSet(classes, shape, tuple(names), tuple(sorted(found)), labels)
 

@@ -26,7 +26,6 @@ class ColourTable:
 
     Attributes
     ----------
-    title : str
     classes : tuple of LabelClass
         In the data set's own colours.
     ending : str

@@ -9,12 +9,11 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from degense.engine.annotation.classes import LabelClass, check_classes, default_colour
-from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, frame_of, mask_of_runs, read_text
+from degense.engine.annotation.classes import LabelClass, default_colour
+from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, checked_classes, drawn, frame_of, mask_of_runs, read_text
 from degense.engine.annotation.painting import PixelRegion, polygon, region_of
-from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
-from degense.engine.errors import ClipError, DegenseError
+from degense.engine.errors import ClipError
 from degense.engine.files import write_text
 
 
@@ -64,12 +63,8 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
         check_picture_size((_number(image, "width", path), _number(image, "height", path)), shape, path)
 
     def labels(frame: int) -> np.ndarray:
-        drawn = np.full(shape, UNLABELLED, np.uint8)
-        for item in sorted(images[frame], key=lambda item: _number(item, "z_order", path, 0)):
-            region = _region(item, shape, path)
-            if region is not None:
-                drawn[region.box][region.mask] = index[item.get("label", "")]
-        return drawn
+        items = sorted(images[frame], key=lambda item: _number(item, "z_order", path, 0))
+        return drawn(shape, ((_region(item, shape, path), index[item.get("label", "")]) for item in items))
 
     return MapSet(classes, shape, tuple(names), tuple(sorted(images)), labels)
 
@@ -86,11 +81,7 @@ def _classes(root: Element, path: Path) -> tuple[LabelClass, ...]:
         known = len(digits) == 6 and all(digit in "0123456789abcdefABCDEF" for digit in digits)
         colour = tuple(bytes.fromhex(digits)) if known else default_colour(len(classes))
         classes.append(LabelClass(name, (colour[0], colour[1], colour[2])))
-    try:
-        check_classes(classes)
-    except DegenseError as error:
-        raise ClipError(f"{shown(path)}: {error}") from error
-    return tuple(classes)
+    return checked_classes(classes, path)
 
 
 def _region(item: Element, shape: tuple[int, int], path: Path) -> PixelRegion | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pycocotools.mask as coco_mask
 
-from degense.engine.annotation.classes import LabelClass
+from degense.engine.annotation.classes import LabelClass, check_classes
+from degense.engine.annotation.painting import PixelRegion
+from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import last_number, shown
-from degense.engine.errors import ClipError
+from degense.engine.errors import ClipError, DegenseError
 
 #: Text files larger than this are refused.
 LARGEST_TEXT = 512 << 20
@@ -27,7 +29,6 @@ class MapSet:
 
     Attributes
     ----------
-    classes : tuple of LabelClass
     shape : (height, width)
     names : tuple of str
         Of all frames of the clip: the stems of their files.
@@ -42,6 +43,25 @@ class MapSet:
     names: tuple[str, ...]
     frames: tuple[int, ...]
     read: Callable[[int], np.ndarray]
+
+
+def checked_classes(classes: Iterable[LabelClass], path: Path) -> tuple[LabelClass, ...]:
+    """The classes that a file names. ClipError when they are too many or two have one name."""
+    found = tuple(classes)
+    try:
+        check_classes(found)
+    except DegenseError as error:
+        raise ClipError(f"{shown(path)}: {error}") from error
+    return found
+
+
+def drawn(shape: tuple[int, int], regions: Iterable[tuple[PixelRegion | None, int]]) -> np.ndarray:
+    """The label map, uint8 [H, W], of regions and their labels, later ones on top."""
+    labels = np.full(shape, UNLABELLED, np.uint8)
+    for region, value in regions:
+        if region is not None:
+            labels[region.box][region.mask] = value
+    return labels
 
 
 def frame_of(name: str, names: Sequence[str], source: Path) -> int:

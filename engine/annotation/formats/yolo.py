@@ -13,12 +13,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from degense.engine.annotation.classes import check_classes, named_classes
-from degense.engine.annotation.formats.map_set import MapSet, frame_of, read_text
-from degense.engine.annotation.painting import polygon
-from degense.engine.clip import UNLABELLED
+from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.formats.map_set import MapSet, checked_classes, drawn, frame_of, read_text
+from degense.engine.annotation.painting import PixelRegion, polygon
 from degense.engine.data.files.numbered import list_files, regular_file, shown
-from degense.engine.errors import ClipError, DegenseError
+from degense.engine.errors import ClipError
 from degense.engine.files import write_text
 
 _ENTRY = re.compile(r"^\s+(?:(\d+)\s*:|-)\s*(.+?)\s*$")
@@ -44,17 +43,12 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
     yaml = path / "data.yaml"
     if not yaml.exists():
         raise ClipError(f"{shown(path)} has no data.yaml that names the classes; choose the folder that holds it.")
-    classes = named_classes(_names(read_text(regular_file(yaml, path)), yaml))
-    try:
-        check_classes(classes)
-    except DegenseError as error:
-        raise ClipError(f"{shown(yaml)}: {error}") from error
+    classes = checked_classes(named_classes(_names(read_text(regular_file(yaml, path)), yaml)), yaml)
     files = {frame_of(file.name, names, file): file for file in list_files(path / "labels", path, (".txt",))}
     if not files:
         raise ClipError(f"{shown(path / 'labels')} holds no .txt files.")
 
-    def labels(frame: int) -> np.ndarray:
-        drawn = np.full(shape, UNLABELLED, np.uint8)
+    def segments(frame: int) -> Iterator[tuple[PixelRegion | None, int]]:
         for number, line in enumerate(read_text(files[frame]).splitlines(), 1):
             if not line.strip():
                 continue
@@ -63,14 +57,11 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
                 corners = np.array([float(share) for share in shares]).reshape(-1, 2)
                 if not 0 <= int(index) < len(classes) or not ((corners >= 0) & (corners <= 1)).all():
                     raise ValueError("a class or a corner that there is not")
-                region = polygon([(x * shape[1], y * shape[0]) for x, y in corners.tolist()], shape)
+                yield polygon([(x * shape[1], y * shape[0]) for x, y in corners.tolist()], shape), int(index)
             except ValueError as error:
                 raise ClipError(f"{shown(files[frame])}, line {number}, is no YOLO segment ({error}).") from error
-            if region is not None:
-                drawn[region.box][region.mask] = int(index)
-        return drawn
 
-    return MapSet(classes, shape, tuple(names), tuple(sorted(files)), labels)
+    return MapSet(classes, shape, tuple(names), tuple(sorted(files)), lambda frame: drawn(shape, segments(frame)))
 
 
 def outlines(mask: np.ndarray) -> Iterator[np.ndarray]:

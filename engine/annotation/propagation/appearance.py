@@ -24,8 +24,6 @@ class AppearanceVotes:
     pictures : sequence of uint8 [H, W, 3]
     labels : sequence of int64 [H, W]
         Values 0 … count − 1.
-    count : int
-    seed : int
     """
 
     def __init__(self, pictures: Sequence[np.ndarray], labels: Sequence[np.ndarray], count: int, seed: int = 0):

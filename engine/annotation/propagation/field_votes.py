@@ -29,7 +29,6 @@ class FieldVotes:
         Values 0 … count − 1.
     valid : mapping of frame to bool [H, W]
         Pixels that the scene reconstructs.
-    count : int
     """
 
     def __init__(self, scene: Scene, labels: Mapping[int, np.ndarray], valid: Mapping[int, np.ndarray], count: int):
@@ -44,14 +43,7 @@ class FieldVotes:
 
     @torch.no_grad()
     def at(self, frame: int, observed: np.ndarray) -> np.ndarray:
-        """Shares of the labels in each pixel, float32 [H, W, count]; their sum is below 1 where little is known.
-
-        Parameters
-        ----------
-        frame : int
-        observed : uint8 [H, W, 3]
-            The recorded frame.
-        """
+        """Shares of the labels in each pixel, float32 [H, W, count], less where the recorded frame, uint8 [H, W, 3], looks different."""
         weights = nearness(frame, list(self._seen))
         total = sum(weight * seen for weight, seen in zip(weights, self._seen.values(), strict=True))
         assert isinstance(total, Tensor)

@@ -28,10 +28,8 @@ class FlowVotes:
 
     Parameters
     ----------
-    clip : Clip
     labels : mapping of frame to int64 [H, W]
         Values 0 … count − 1.
-    count : int
     frames : sequence of int
         Where votes are wanted, ascending, without gaps.
     """

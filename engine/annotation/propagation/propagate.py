@@ -42,7 +42,6 @@ def propagate(
 
     Parameters
     ----------
-    clip : Clip
     corrected : mapping of frame to uint8 [H, W]
         `UNLABELLED` is propagated like a class.
     scene : Scene, optional
@@ -50,14 +49,7 @@ def propagate(
     frames : sequence of int, optional
         Where to, ascending without gaps; default: the whole clip.
 
-    Yields
-    ------
-    (fraction, words)
-
-    Returns
-    -------
-    dict of frame to Proposal
-        For all `frames` but the corrected ones.
+    Yields fractions with words, and returns proposals for all `frames` but the corrected ones.
     """
     wanted = list(frames if frames is not None else range(len(clip)))
     values, indices = _indexed(clip, corrected)

@@ -88,17 +88,9 @@ def _found(cameras: list[Camera], poses: str | None, focal: str, options: ClipOp
 
 
 def llff_viewmats(poses: np.ndarray, axes: str = "llff") -> np.ndarray:
-    """World-to-camera matrices (OpenCV axes) of LLFF camera-to-world poses; the world is the first camera.
+    """World-to-camera matrices (OpenCV axes), float64 [N, 4, 4], of camera-to-world poses [R | t], float [N, 3, 4]; the first is identity.
 
-    Parameters
-    ----------
-    poses : float [N, 3, 4]
-        [R | t]; the columns of R are the camera's down, right and back axes in the world ("llff"), or right, down and forward ("opencv").
-
-    Returns
-    -------
-    float64 [N, 4, 4]
-        The first is the identity.
+    The columns of R are the camera's down, right and back axes in the world ("llff"), or right, down and forward ("opencv").
     """
     columns = np.moveaxis(poses[:, :, :3], 2, 0)
     right, down, forward = (columns[1], columns[0], -columns[2]) if axes == "llff" else columns

@@ -18,7 +18,6 @@ class DepthFiles:
 
     Parameters
     ----------
-    files : list of Path
     size : (width, height)
     limits : (float, float), optional
         Depths are clipped to this range; see `robust_limits`.

@@ -30,21 +30,11 @@ def brightest(frames: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def field_of_view(bright: np.ndarray) -> np.ndarray | None:
-    """Pixels inside the optical field of view, or None when the frame has no dark border.
+    """Pixels inside the optical field of view, bool [H, W], from the `brightest` of some frames; None when there is no dark border.
 
     An optical field of view cut by the frame is convex, so the hull of what is bright takes dark tissue at the rim back in. Thin bright
-    things, such as text on the border, are opened away first.
-
-    Parameters
-    ----------
-    bright : uint8 [H, W]
-        From `brightest`.
-
-    Returns
-    -------
-    bool [H, W] or None
-        None also when all is dark, when less than 1 % of the frame is outside, or when fewer than two corners are: a dark corner alone
-        may be a shadow or an instrument.
+    things, such as text on the border, are opened away first. None also when all is dark, when less than 1 % of the frame is outside, or
+    when fewer than two corners are: a dark corner alone may be a shadow or an instrument.
     """
     height, width = bright.shape
     radius = max(2, round(min(height, width) / 100))

@@ -109,13 +109,7 @@ def check_sizes(files: Iterable[Path], size: tuple[int, int] | None = None) -> t
 
 
 class ImageFiles:
-    """Frames stored as one picture each.
-
-    Attributes
-    ----------
-    files : list of Path
-    size : (width, height)
-    """
+    """Frames stored as one picture each, all of one size (width, height)."""
 
     def __init__(self, files: list[Path]):
         self.files = files

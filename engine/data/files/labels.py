@@ -24,13 +24,7 @@ class LabelMaps(Protocol):
 
 
 class IndexMaps:
-    """Label maps whose values index the classes.
-
-    Attributes
-    ----------
-    files : dict of frame index to Path
-    classes : tuple of str
-    """
+    """Label maps whose values index the classes."""
 
     def __init__(self, files: dict[int, Path], classes: tuple[str, ...], size: tuple[int, int]):
         self.files, self.classes, self.size = files, classes, size
@@ -69,7 +63,6 @@ def index_maps(
 
     Parameters
     ----------
-    root : Path
     frames : sequence of Path
         A map is named like its frame.
     size : (width, height)
@@ -85,15 +78,22 @@ def index_maps(
         if not (root / "classes.json").exists():
             raise ClipError(f"{shown(root)} has {folder}/ but no classes.json that names their values; add one.")
         classes = read_classes(regular_file(root / "classes.json", root))
-    index = {frame.stem: i for i, frame in enumerate(frames)}
-    for file in files:
-        if file.stem not in index:
-            raise ClipError(f"{shown(file)} belongs to no frame; it must be named like one, for example {frames[0].stem}.png.")
-    check_sizes(files, size)
-    maps = IndexMaps({index[f.stem]: f for f in files}, classes, size)
+    maps = IndexMaps(by_frame(files, frames, size), classes, size)
     for i in sorted(maps.files)[:: max(1, len(maps.files) // 4)]:
         maps.read(i)
     return maps
+
+
+def by_frame(files: Sequence[Path], frames: Sequence[Path], size: tuple[int, int]) -> dict[int, Path]:
+    """Label files by the index of the frame that they are named like. ClipError for one of another name or size."""
+    index = {frame.stem: i for i, frame in enumerate(frames)}
+    for file in files:
+        if file.stem not in index:
+            where = f" in {frames[0].parent.name}/" if frames[0].parent.name else ""
+            raise ClipError(f"{shown(file)} belongs to no frame{where}; it must be named like one, for example {frames[0].stem}.png.")
+    if files:
+        check_sizes(files, size)
+    return {index[file.stem]: file for file in files}
 
 
 def _packed(rgb: np.ndarray) -> np.ndarray:

@@ -21,14 +21,7 @@ from degense.engine.data.files.numpy_files import TruthFile
 
 
 class Pictures(Protocol):
-    """Where a clip's frames come from.
-
-    Attributes
-    ----------
-    files : list of Path
-        The files that hold the frames: one each, or one for all.
-    size : (width, height)
-    """
+    """Where a clip's frames come from: files that hold one each, or one for all; their size is (width, height)."""
 
     files: list[Path]
     size: tuple[int, int]
@@ -40,13 +33,7 @@ class Pictures(Protocol):
 
 
 class ArrayCache:
-    """Least-recently-used arrays up to `limit` bytes. Safe to use from several threads; who asks gets a copy of their own.
-
-    Parameters
-    ----------
-    limit : int
-        Bytes. One array larger than that is handed through and not kept.
-    """
+    """Least-recently-used arrays up to `limit` bytes together, given out as copies; safe to use from several threads."""
 
     def __init__(self, limit: int = 256 * 2**20):
         self.limit = limit
@@ -74,15 +61,7 @@ class ArrayCache:
 class StoredClip(Clip):
     """A clip on disk. Frames, validity and depth are read when asked for; the ones used last stay in memory, up to 256 MB together.
 
-    Attributes
-    ----------
-    pictures : Pictures
-    inside : bool [H, W]
-        The optical field of view; all true when there is no dark border.
-    masks : MaskFiles, optional
-    distances : DepthFiles or DepthPrior
-    label_maps, stroke_maps : LabelMaps, optional
-    truth_file : TruthFile, optional
+    `inside`, bool [H, W], is the optical field of view.
     """
 
     pictures: Pictures
@@ -153,14 +132,8 @@ def clip_with_prior(
 ) -> StoredClip:
     """A clip without depth files: its depth is a prior, from some of its frames.
 
-    Parameters
-    ----------
-    field : bool [H, W], optional
-        The field of view; None: the whole frame.
-    words : dict of str to str
-        Provenance of all but depth and cameras.
-    others
-        Further attributes of `StoredClip`.
+    `field`, bool [H, W], is the field of view, None the whole frame; `words` are the provenance of all but depth and cameras; `others` are
+    further attributes of `StoredClip`.
     """
     inside = np.ones(pictures.size[::-1], bool) if field is None else field
     prior = DepthPrior(some, [inside] * len(some), found.cameras[0])

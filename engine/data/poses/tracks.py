@@ -24,7 +24,6 @@ class Track:
 
     Attributes
     ----------
-    key, frame : int
     index : int [n]
         Which of the key frame's points.
     pixels : float64 [n, 2]
@@ -109,12 +108,9 @@ def _flows(views: Views, key: int, frames: list[int]) -> Iterator[tuple[np.ndarr
 
 
 def close_loops(keys: list[Key], viewmats: np.ndarray, progress: Progress) -> list[Track]:
-    """Tracks between key frames that do not follow each other but see the same tissue, searched from where the poses so far say that it is.
+    """Tracks between key frames that do not follow each other but see the same tissue.
 
-    Parameters
-    ----------
-    viewmats : float64 [T, 4, 4]
-        In the unit of the views.
+    They are searched from where the poses so far, float64 [T, 4, 4] in the unit of the views, predict the tissue.
     """
     found = []
     for i, key in enumerate(keys[2:], 2):

@@ -27,7 +27,6 @@ class ClipEntry:
 
     Attributes
     ----------
-    path : Path
     layout : str
         As `detect` names it; "unknown" where that fails.
     split : str

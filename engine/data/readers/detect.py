@@ -76,15 +76,9 @@ def _detect_folder(path: Path) -> str:
 
 
 def open_clip(path: str | Path, options: ClipOptions | None = None) -> Clip:
-    """Open a clip. What was decided on the way stands in its `provenance`, in words.
+    """Open a clip: a folder in a known layout, a folder of frames, or a video file. Its `provenance` says in words what was decided.
 
-    ClipError: one sentence, which file, what is wrong, what to do.
-
-    Parameters
-    ----------
-    path : str or Path
-        A folder in a known layout, a folder of frames, or a video file.
-    options : ClipOptions, optional
+    ClipError in one sentence: which file, what is wrong, what to do.
     """
     options = options or ClipOptions()
     path = Path(path)

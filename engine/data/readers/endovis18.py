@@ -7,7 +7,6 @@ challenge's published table does. The right view is not used.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,8 @@ from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.files.cameras import ClipCameras, calibrated_cameras, guessed_cameras, read_json
 from degense.engine.data.files.field_of_view import border_words, brightest, field_of_view
-from degense.engine.data.files.images import ImageFiles, check_sizes
-from degense.engine.data.files.labels import ColourCodes, ColourMaps, index_maps
+from degense.engine.data.files.images import ImageFiles
+from degense.engine.data.files.labels import ColourCodes, ColourMaps, by_frame, index_maps
 from degense.engine.data.files.numbered import list_files, regular_file, shown
 from degense.engine.data.files.stored import clip_with_prior, colour_map_words, counted, map_words, sampled
 from degense.engine.errors import ClipError
@@ -51,7 +50,8 @@ def open_endovis18(path: Path, options: ClipOptions) -> Clip:
     size, count = pictures.size, len(frames)
     table, origin = class_table(path)
     names = tuple(name for name, _ in table)
-    maps = _label_maps(path, frames, table, size)
+    files = by_frame(list_files(path / "labels", path, (".png",)), frames, size)
+    maps = ColourMaps(files, ColourCodes(colour for _, colour in table), size)
     strokes = index_maps(path, frames, size, "strokes", names)
     some = [pictures.read(i) for i in sampled(count)]
     field = field_of_view(brightest(some))
@@ -90,17 +90,6 @@ def _read_table(file: Path) -> list[tuple[str, tuple[int, int, int]]]:
     if len({colour for _, colour in table}) < len(table) or len({name for name, _ in table}) < len(table):
         raise ClipError(f"{shown(file)} gives two classes one colour or one name; each needs its own.")
     return [(name, (colour[0], colour[1], colour[2])) for name, colour in table]
-
-
-def _label_maps(path: Path, frames: list[Path], table: Sequence[tuple[str, tuple[int, int, int]]], size: tuple[int, int]) -> ColourMaps:
-    index = {frame.stem: i for i, frame in enumerate(frames)}
-    files = list_files(path / "labels", path, (".png",))
-    for file in files:
-        if file.stem not in index:
-            raise ClipError(f"{shown(file)} belongs to no frame in {FRAMES}/; it must be named like one, for example {frames[0].name}.")
-    if files:
-        check_sizes(files, size)
-    return ColourMaps({index[file.stem]: file for file in files}, ColourCodes(colour for _, colour in table), size)
 
 
 def _cameras(path: Path, count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions) -> ClipCameras:

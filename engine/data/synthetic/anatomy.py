@@ -63,7 +63,6 @@ class Anatomy:
         Vertices at frame 0, mm, camera frame of frame 0.
     sheet : Sheet
         Grid of the texture: the same rectangle, `finer` times finer.
-    finer : int
     texture : float32 [Ht, Wt, 8]
         Linear RGB, slope of the fine relief (2), wetness, start of charring (clip time in [0, 1]) and its final strength in [0, 1].
     labels : uint8 [Ht, Wt]

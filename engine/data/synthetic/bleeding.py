@@ -21,15 +21,9 @@ ABOVE, BELOW, BED = range(3)  # patches of the kidney
 
 
 class Bleeding:
-    """See `engine.data.synthetic.stage.Stage`. Blood is a change of look: it moves as the tissue under it.
+    """See `engine.data.synthetic.stage.PhantomStage`. Blood is a change of appearance: it moves as the tissue under it.
 
-    Parameters
-    ----------
-    half : (float, float)
-        Half extent in x and y, material mm.
-    cells : int
-        Mesh cells across the width.
-    rng : Generator
+    `half` is the half extent in x and y, material mm; `cells` are the mesh cells across the width.
     """
 
     classes: tuple[str, ...] = CLASSES

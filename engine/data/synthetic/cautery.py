@@ -14,16 +14,7 @@ FINER = 3  # texture points along a mesh cell
 
 
 class Cautery:
-    """See `engine.data.synthetic.stage.Stage`.
-
-    Parameters
-    ----------
-    half : (float, float)
-        Half extent in x and y, material mm.
-    cells : int
-        Mesh cells across the width.
-    rng : Generator
-    """
+    """See `engine.data.synthetic.stage.PhantomStage`; `half` and `cells` are those of `Bleeding`."""
 
     classes: tuple[str, ...] = CLASSES
     palette: tuple[tuple[int, int, int], ...] = (

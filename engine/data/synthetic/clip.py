@@ -79,16 +79,11 @@ def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress
     `images/NNNNNN.png`; `labels/NNNNNN.png` (8-bit index with a palette) and `classes.json`; `depth/NNNNNN.npy` (float32 camera z, mm);
     `camera.json` (intrinsics, `viewmats` world → camera); `gt.npz` with `displacement` float32 [T, H, W, 3], mm, and `cautery` bool
     [T, H, W], see `engine.clip.Truth`. Displacement is a property of the tissue: it is in the axes of the camera at frame 0, which are
-    the world's, even when the camera moves. `cautery` marks tissue from its first visible change of
-    colour on: charred tissue stands still, bled tissue moves as it would without the blood. What a cut lays open was hidden at frame 0;
-    its place there is exact too. DegenseError when `out` is in use or cannot be written.
+    the world's, even when the camera moves. `cautery` marks tissue from its first visible change of colour on: charred tissue stands still,
+    bled tissue moves as it would without the blood. What a cut lays open was hidden at frame 0; its place there is exact too.
 
-    Parameters
-    ----------
-    out : Path
-        A folder that does not exist yet or is empty. It appears when everything is written, so a stopped run leaves nothing behind.
-    options : PhantomOptions
-    progress : Progress
+    The folder `out` must not exist yet or be empty. It appears when everything is written, so a stopped run leaves nothing behind.
+    DegenseError when it is in use or cannot be written.
     """
     out = Path(out).absolute()
     if out.exists() and (not out.is_dir() or any(out.iterdir())):

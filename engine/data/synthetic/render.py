@@ -78,7 +78,6 @@ class Mesh(NamedTuple):
         In the camera's frame.
     attributes : float64 [V, 5]
         Of tissue: texture x, y (in texels) and displacement; of tools: linear RGB.
-    tissue_triangles : int
     tool_labels : uint8 [F - tissue_triangles]
         Label of each triangle of a tool.
     """
@@ -92,7 +91,7 @@ class Mesh(NamedTuple):
     tool_labels: np.ndarray
 
 
-class Surface(NamedTuple):
+class TissueSurface(NamedTuple):
     """How tissue looks at one clip time.
 
     Attributes
@@ -130,7 +129,7 @@ class Shaded(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def shade(owner: np.ndarray, mesh: Mesh, surface: Surface, intrinsics: np.ndarray) -> Shaded:
+def shade(owner: np.ndarray, mesh: Mesh, surface: TissueSurface, intrinsics: np.ndarray) -> Shaded:
     """Colour and truth of every pixel of `owner`, int32 [3H, 3W] from `cover`, −1 where nothing is; fx, fy, cx, cy in samples."""
     pixels, z, triangles, normals, attributes, tissue_triangles, tool_labels = mesh
     texture, organs, axes, kind, changed_label, s, change_time = surface

@@ -12,10 +12,10 @@ from degense.engine.data.synthetic.anatomy import REFERENCE_DEPTH
 from degense.engine.data.synthetic.bleeding import Bleeding
 from degense.engine.data.synthetic.cautery import Cautery
 from degense.engine.data.synthetic.motion import camera_path
-from degense.engine.data.synthetic.render import CHANGE_BEGUN, SAMPLES, Mesh, Surface, cover, shade
-from degense.engine.data.synthetic.stage import Stage
+from degense.engine.data.synthetic.render import CHANGE_BEGUN, SAMPLES, Mesh, TissueSurface, cover, shade
+from degense.engine.data.synthetic.stage import PhantomStage
 
-KINDS: dict[str, Callable[[tuple[float, float], int, np.random.Generator], Stage]] = {"cautery": Cautery, "bleeding": Bleeding}
+KINDS: dict[str, Callable[[tuple[float, float], int, np.random.Generator], PhantomStage]] = {"cautery": Cautery, "bleeding": Bleeding}
 FOCAL = 0.9  # of the width: 58° across
 MESH_CELLS = (96, 480)  # across the view
 
@@ -55,7 +55,6 @@ class PhantomScene:
         One of `KINDS`.
     width, height : int
         Pixels.
-    seed : int
     camera_motion : float
         Amplitude of the camera's path, mm.
     """
@@ -67,7 +66,7 @@ class PhantomScene:
         half_x = 0.5 * width / self.focal * REFERENCE_DEPTH * margin
         half_y = 0.5 * height / self.focal * REFERENCE_DEPTH * margin + 2.0
         cells = int(np.clip(width, *MESH_CELLS) * margin)
-        self.stage: Stage = KINDS[kind]((half_x, half_y), cells, np.random.default_rng(seed))
+        self.stage: PhantomStage = KINDS[kind]((half_x, half_y), cells, np.random.default_rng(seed))
         self._triangles = _grid_triangles([patch.rest.shape[:2] for patch in self.stage.patches])
         self._texels = np.concatenate([patch.texels.reshape(-1, 2) for patch in self.stage.patches])
 
@@ -104,7 +103,7 @@ class PhantomScene:
         cover(pixels, z, triangles, np.zeros(owner.shape), owner, 0)
         mesh = Mesh(pixels, z, triangles, normals, attributes, len(self._triangles), tool_labels)
         axes = np.ascontiguousarray(rotation.T[:2])
-        surface = Surface(stage.texture, stage.organs, axes, stage.change, stage.changed_label, s, stage.change_time)
+        surface = TissueSurface(stage.texture, stage.organs, axes, stage.change, stage.changed_label, s, stage.change_time)
         shaded = shade(owner, mesh, surface, np.array([focal, focal, *centre]))
         rgb = np.clip(shaded.colour, 0, 1) ** (1 / 2.2)
         tools = np.any((owner >= len(self._triangles)).reshape(self.height, SAMPLES, self.width, SAMPLES), axis=(1, 3))

@@ -26,7 +26,7 @@ class Patch:
     texels: np.ndarray
 
 
-class Stage(Protocol):
+class PhantomStage(Protocol):
     """Tissue, what happens to it, and the tools, of one seed.
 
     Attributes
@@ -43,7 +43,6 @@ class Stage(Protocol):
         Clip time that the change takes at one place.
     texture : float32 [Ht, Wt, 8 or 9]
     organs : uint8 [Ht, Wt]
-    patches : list of Patch
     """
 
     classes: tuple[str, ...]

@@ -29,7 +29,6 @@ class Tool:
     triangles : int32 [F, 3]
     colours : float32 [V, 3]
         Linear RGB.
-    label : int
     """
 
     vertices: np.ndarray
