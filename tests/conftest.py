@@ -65,7 +65,7 @@ def own_folders(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mo
 def qtbot(qtbot, monkeypatch: pytest.MonkeyPatch):
     """pytest-qt's, more patient: a wait ends when what it waits for has happened, and a busy machine may stand still for seconds."""
     for name in ("waitUntil", "waitSignal"):
-        monkeypatch.setattr(qtbot, name, functools.partial(getattr(qtbot, name), timeout=60_000))
+        monkeypatch.setattr(qtbot, name, functools.partial(getattr(qtbot, name), timeout=120_000))
     return qtbot
 
 

@@ -33,15 +33,24 @@ def masked(tiny_clip, tmp_path) -> Path:
     return clip
 
 
+def asked_again(window) -> dict:
+    """What the dialog answers when it is opened once more."""
+    window.registry.run("file.check")
+    again = next(dialog for dialog in window.findChildren(CheckDialog) if dialog.isVisible())
+    answers = again.answers
+    again.reject()
+    return answers
+
+
 def test_check_and_correct_a_clip(qtbot, window, masked, idle, monkeypatch, screenshot):
     before = {path: path.stat().st_mtime_ns for path in masked.rglob("*")}
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *args: str(masked))
     window.registry.run("file.open-clip")
-    qtbot.waitUntil(lambda: window.findChild(CheckDialog) is not None, timeout=20_000)
+    qtbot.waitUntil(lambda: window.findChild(CheckDialog) is not None)
     dialog = window.findChild(CheckDialog)
 
     def settled() -> None:
-        qtbot.waitUntil(lambda: dialog.use.isEnabled() and not window.worker.busy("check-picture"), timeout=20_000)
+        qtbot.waitUntil(lambda: dialog.use.isEnabled() and not window.worker.busy("check-picture"))
 
     settled()
     dialog.mask_means.setFocus(Qt.FocusReason.TabFocusReason)  # the picture follows the control
@@ -79,7 +88,7 @@ def test_check_and_correct_a_clip(qtbot, window, masked, idle, monkeypatch, scre
         settled()
         screenshot(window, f"check-{aspect}")
     dialog.layout_choice.setCurrentIndex(dialog.layout_choice.findData("cholecseg8k"))
-    qtbot.waitUntil(lambda: dialog.complaint.isVisible(), timeout=20_000)
+    qtbot.waitUntil(lambda: dialog.complaint.isVisible())
     assert not dialog.use.isEnabled()
     dialog.layout_choice.setCurrentIndex(0)
     settled()
@@ -92,10 +101,7 @@ def test_check_and_correct_a_clip(qtbot, window, masked, idle, monkeypatch, scre
     assert clip.options == {"mask_means": other, "focal": 123.0, "poses": "still"}
     assert clip.cameras[0].fx == 123.0
     assert on.documents(window).clip_options == clip.options  # the training begins with them
-    window.registry.run("file.check")
-    again = next(dialog for dialog in window.findChildren(CheckDialog) if dialog.isVisible())
-    assert again.answers == clip.options
-    again.reject()
+    assert asked_again(window) == clip.options
 
 
 def test_pictures_say_what_they_show():
@@ -156,6 +162,6 @@ def test_the_path_of_a_moving_clip_is_seen(qtbot, window, tmp_path, idle, screen
         idle()
         pictures.append(dialog.panel.grab_image())
     assert not np.array_equal(*pictures)
-    assert "the camera moves" in dialog.panel._legend[0][0]
+    assert "the camera moves" in dialog.panel.marks._legend[0][0]
     screenshot(window, "check-poses")
     dialog.reject()

@@ -34,7 +34,7 @@ def test_a_part_is_played_over_and_over(qtbot, opened, idle, run, screenshot):
     seen: list[int] = []
     session.frame_changed.connect(seen.append)
     qtbot.keyClick(panel, Qt.Key.Key_Space)
-    qtbot.waitUntil(lambda: seen.count(3) >= 2 and 6 in seen, timeout=10_000)
+    qtbot.waitUntil(lambda: seen.count(3) >= 2 and 6 in seen)
     rate = timeline._rate.text()
     assert rate.endswith("/ 25 fps")
     qtbot.keyClick(panel, Qt.Key.Key_Space)
@@ -70,7 +70,7 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     assert session.frame == 0
     assert not np.allclose(splats.camera.current().viewmat, there.viewmat)
     press(qtbot, listed, "Fly")
-    qtbot.waitUntil(lambda: on.cameras(opened)._flight is None, timeout=20_000)
+    qtbot.waitUntil(lambda: on.cameras(opened)._flight is None)
     idle()
     assert session.frame == 8
     assert np.allclose(splats.camera.current().viewmat, there.viewmat, atol=1e-9)
@@ -109,10 +109,10 @@ def test_a_movie_is_stopped_and_leaves_nothing(qtbot, opened, idle, tmp_path):
     idle()
     on.cameras(opened).book.change(0, seconds=600.0)
     on.cameras(opened).write_movie(tmp_path / "long.mp4")
-    qtbot.waitUntil(lambda: ": picture" in opened.docks.busy_text.text(), timeout=20_000)
+    qtbot.waitUntil(lambda: ": picture" in opened.docks.busy_text.text())
     opened.registry.run("export.stop")
     idle()
-    qtbot.waitUntil(lambda: list(tmp_path.glob("*long*")) == [], timeout=5_000)
+    qtbot.waitUntil(lambda: list(tmp_path.glob("*long*")) == [])
 
 
 def test_a_screenshot_of_the_3d_view(opened, idle, tmp_path):
@@ -146,7 +146,7 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
         for _ in range(2):
             qtbot.keyClick(splats._canvas, Qt.Key.Key_Right)
             idle()
-        qtbot.waitUntil(lambda: len(sizes) > 2 and sizes[-1] == splats._canvas.width(), timeout=10_000)
+        qtbot.waitUntil(lambda: len(sizes) > 2 and sizes[-1] == splats._canvas.width())
         assert min(sizes) == splats._canvas.width() // 2
         shown = to_array(splats._canvas._image)
         rendered = opened.session.scene.renderer.draw(8, splats.camera.current(), ("rgb",))
@@ -159,16 +159,16 @@ def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, 
     monkeypatch.setattr("degense.widgets.splats.surface.has_gpu", lambda: True)
     window = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
     qtbot.addWidget(window)
-    with qtbot.waitSignal(on.viewer(window).splats_added, timeout=20_000):
+    with qtbot.waitSignal(on.viewer(window).splats_added):
         window.show()
     on.documents(window).open_path(run)
     session, splats = window.session, on.viewer(window).splats
-    qtbot.waitUntil(lambda: session.scene is not None and window.worker.idle(), timeout=20_000)
+    qtbot.waitUntil(lambda: session.scene is not None and window.worker.idle())
     assert splats._snapshots is None
     early = splats.screenshot_image()
     session.go_to(8)
     session.probe = Spot(8, 40.5, 40.5)
-    qtbot.waitUntil(window.worker.idle, timeout=20_000)
+    qtbot.waitUntil(window.worker.idle)
     late = splats.screenshot_image()
     assert np.abs(late.astype(int) - early).mean() > 1
     qtbot.keyClick(splats.focusProxy(), Qt.Key.Key_Right)

@@ -102,7 +102,7 @@ def test_recent_files_and_the_place_of_the_window_come_back(qtbot, opened, run, 
     menu = next(action.menu() for action in recent if action.text() == "Recent")
     menu.aboutToShow.emit()
     menu.actions()[0].trigger()
-    qtbot.waitUntil(lambda: again.session.scene is not None, timeout=20_000)
+    qtbot.waitUntil(lambda: again.session.scene is not None)
     qtbot.waitUntil(lambda: on.viewer(again).view is not None)
     assert again.session.scene.run.path == run
 

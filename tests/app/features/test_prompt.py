@@ -200,7 +200,7 @@ def test_area_over_time_lies_under_the_timeline_and_is_saved(qtbot, opened, idle
     session, track = opened.session, on.time(opened).timeline
     session.view.add_prompt("gallbladder")
     curve = on.statistics(opened).areas.curve("gallbladder", session.view_state, 10)
-    qtbot.waitUntil(lambda: bool(np.isfinite(curve).all()), timeout=30_000)
+    qtbot.waitUntil(lambda: bool(np.isfinite(curve).all()))
     idle()
     mask = decode_frame(session.scene, PromptSet(("gallbladder",)), 4).masks[0]
     assert curve[4] == pytest.approx(mask.mean())

@@ -39,7 +39,7 @@ def test_runs_are_compared_scored_and_reused(qtbot, opened, run, trained, idle, 
         dialog.choose("copy")
         qtbot.mouseClick(dialog.score_button, Qt.MouseButton.LeftButton)
         assert not dialog.score_button.isEnabled()
-        qtbot.waitUntil(lambda: not on.runs(opened).scoring, timeout=90_000)
+        qtbot.waitUntil(lambda: not on.runs(opened).scoring)
         scores = json.loads((run / "scores.json").read_text())
         assert column(dialog, "PSNR")["copy"] == f"{scores['psnr_mask']:.2f} dB"
         assert column(dialog, "mIoU")["copy"] == f"{scores['miou']['rnse']:.1%}"

@@ -86,7 +86,7 @@ def test_space_plays_and_pauses(qtbot, opened, idle):
     qtbot.keyClick(on.viewer(opened).panel, Qt.Key.Key_Space)
     assert opened.session.playing
     assert on.time(opened).timeline.is_playing()
-    qtbot.waitUntil(lambda: len(seen) >= 4, timeout=10_000)
+    qtbot.waitUntil(lambda: len(seen) >= 4)
     qtbot.keyClick(on.viewer(opened).panel, Qt.Key.Key_Space)
     assert not opened.session.playing
     assert not on.time(opened).timeline.is_playing()

@@ -120,12 +120,12 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     box = with_clip.findChild(QMessageBox, "error")
     assert "in the queue already" in box.text()
     box.close()
-    qtbot.waitUntil(lambda: monitor._preview.has_image() and monitor._preview.comparison.observed is not None, timeout=90_000)
+    qtbot.waitUntil(lambda: monitor._preview.has_image() and monitor._preview.comparison.observed is not None)
     assert len(monitor._plot.series_names()) == len(monitor._scores.series_names()) == 1
     with_clip.session.go_to(5)  # the window goes on working
     screenshot(with_clip, "train")
     with_clip.menus.actions["train.pause"].trigger()
-    qtbot.waitUntil(lambda: training.queue.paused is not None, timeout=20_000)
+    qtbot.waitUntil(lambda: training.queue.paused is not None)
     assert with_clip.menus.actions["train.resume-paused"].isEnabled()
     assert (monitor.state(), training.running) == ("paused", False)
     assert [job.out.name for job in training.queue.waiting] == ["second"]  # nobody takes the machine meanwhile
@@ -134,12 +134,12 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     assert training.process.job.resume
     seen: list[int] = []
     training.process.told.connect(lambda event: seen.append(event.iteration) if isinstance(event, TrainingProgress) else None)
-    qtbot.waitUntil(lambda: bool(seen), timeout=90_000)
+    qtbot.waitUntil(lambda: bool(seen))
     assert seen[0] > stopped_at
     with_clip.registry.run("train.cancel")
-    qtbot.waitUntil(lambda: training.queue.running is not None and training.queue.running.out.name == "second", timeout=20_000)
+    qtbot.waitUntil(lambda: training.queue.running is not None and training.queue.running.out.name == "second")
     with_clip.registry.run("train.cancel")
-    qtbot.waitUntil(lambda: not training.running, timeout=20_000)
+    qtbot.waitUntil(lambda: not training.running)
     assert monitor.state() == "cancelled"
     assert json.loads((tmp_path / "run" / "run.json").read_text())["state"] == "stopped"
     jobs: list[TrainingJob] = []
@@ -154,18 +154,18 @@ def test_a_killed_training_is_said_and_goes_on(qtbot, with_clip, tmp_path):
     job = TrainingJob(with_clip.session.clip.path, tmp_path / "run", "quick", iterations=100_000, device="cpu", settings=settings)
     training = on.training(with_clip)
     training.start(job)
-    qtbot.waitUntil(lambda: (tmp_path / "run" / "checkpoints" / "last.json").is_file(), timeout=90_000)
+    qtbot.waitUntil(lambda: (tmp_path / "run" / "checkpoints" / "last.json").is_file())
     os.kill(training.process._process.processId(), signal.SIGKILL)
-    qtbot.waitUntil(lambda: on.training(with_clip).monitor.state() == "failed", timeout=20_000)
+    qtbot.waitUntil(lambda: on.training(with_clip).monitor.state() == "failed")
     box = with_clip.findChild(QMessageBox, "error")
     assert "ended by the system" in box.text()
     box.close()
     training.resume(tmp_path / "run")
     seen: list[Event] = []
     training.process.told.connect(seen.append)
-    qtbot.waitUntil(lambda: any(isinstance(event, TrainingProgress) for event in seen), timeout=90_000)
+    qtbot.waitUntil(lambda: any(isinstance(event, TrainingProgress) for event in seen))
     training.cancel()
-    qtbot.waitUntil(lambda: not training.running, timeout=20_000)
+    qtbot.waitUntil(lambda: not training.running)
     assert next(event.iteration for event in seen if isinstance(event, TrainingProgress)) > 25  # not from the start
 
 
@@ -174,7 +174,7 @@ def test_a_finished_training_is_opened(qtbot, with_clip, tmp_path, idle):
     job = replace(dialog.job(), preset="quick", iterations=5, max_gaussians=300, device="cpu", out=tmp_path / "run")
     dialog.reject()
     on.training(with_clip).start(job)
-    qtbot.waitUntil(lambda: with_clip.session.scene is not None, timeout=90_000)
+    qtbot.waitUntil(lambda: with_clip.session.scene is not None)
     idle()
     assert with_clip.session.scene.run.path == tmp_path / "run"
     assert on.training(with_clip).monitor.state() == "finished"
@@ -185,7 +185,7 @@ def test_a_failure_is_one_sentence(qtbot, with_clip, tmp_path, idle):
     job = replace(dialog.job(), teacher="precomputed", out=tmp_path / "run")
     dialog.reject()
     on.training(with_clip).start(job)
-    qtbot.waitUntil(lambda: not on.training(with_clip).running, timeout=60_000)
+    qtbot.waitUntil(lambda: not on.training(with_clip).running)
     assert on.training(with_clip).monitor.state() == "failed"
     box = with_clip.findChild(QMessageBox, "error")
     assert box.text()
@@ -199,7 +199,7 @@ def test_closing_while_training_asks_and_saves(qtbot, with_clip, tmp_path):
     dialog.reject()
     training = on.training(with_clip)
     training.start(job)
-    qtbot.waitUntil(lambda: (tmp_path / "run" / "metrics.jsonl").is_file(), timeout=90_000)
+    qtbot.waitUntil(lambda: (tmp_path / "run" / "metrics.jsonl").is_file())
     with_clip.close()
     assert with_clip.isVisible()
     box = with_clip.findChild(QMessageBox, "training runs")
@@ -208,7 +208,7 @@ def test_closing_while_training_asks_and_saves(qtbot, with_clip, tmp_path):
     with_clip.close()
     box = next(box for box in with_clip.findChildren(QMessageBox, "training runs") if box.isVisible())
     next(button for button in box.buttons() if "Stop" in button.text()).click()
-    qtbot.waitUntil(lambda: not with_clip.isVisible(), timeout=20_000)
+    qtbot.waitUntil(lambda: not with_clip.isVisible())
     assert json.loads((tmp_path / "run" / "run.json").read_text())["state"] == "stopped"
 
 
@@ -217,19 +217,19 @@ def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
     training, clip = on.training(with_clip), with_clip.session.clip.path
     for name in ("first", "second"):
         training.start(TrainingJob(clip, tmp_path / name, "quick", iterations=100_000, device="cpu"))
-    qtbot.waitUntil(lambda: (tmp_path / "first" / "metrics.jsonl").is_file(), timeout=90_000)
+    qtbot.waitUntil(lambda: (tmp_path / "first" / "metrics.jsonl").is_file())
     kept = json.loads((tmp_path / "settings.json").read_text())["trainings"]  # what a kill leaves
     assert [entry["out"] for entry in kept] == [str(tmp_path / name) for name in ("first", "second")]
     with_clip.close()
     box = with_clip.findChild(QMessageBox, "training runs")
     assert "the queue of 1" in box.text()
     next(button for button in box.buttons() if "Stop" in button.text()).click()
-    qtbot.waitUntil(lambda: not with_clip.isVisible(), timeout=20_000)
+    qtbot.waitUntil(lambda: not with_clip.isVisible())
     stopped_at = json.loads((tmp_path / "first" / "run.json").read_text())["iteration"]
 
     again = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
     qtbot.addWidget(again)
-    with qtbot.waitSignal(on.viewer(again).splats_added, timeout=20_000):
+    with qtbot.waitSignal(on.viewer(again).splats_added):
         again.show()
     monitor = on.training(again).monitor
     assert monitor.isVisible()
@@ -238,10 +238,10 @@ def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
     qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
     seen: list[int] = []
     on.training(again).process.told.connect(lambda event: seen.append(event.iteration) if isinstance(event, TrainingProgress) else None)
-    qtbot.waitUntil(lambda: bool(seen), timeout=90_000)
+    qtbot.waitUntil(lambda: bool(seen))
     assert seen[0] > stopped_at
     again.registry.run("train.pause")
-    qtbot.waitUntil(lambda: monitor.state() == "paused", timeout=20_000)
+    qtbot.waitUntil(lambda: monitor.state() == "paused")
     for name in ("second", None):
         qtbot.mouseClick(monitor._cancel, Qt.MouseButton.LeftButton)
         paused = on.training(again).queue.paused
