@@ -17,7 +17,7 @@ from importlib.resources import files
 from typing import Any
 
 from degense.engine.errors import PromptError
-from degense.engine.vocabulary.spelling import HAN, allowed_errors, allowed_errors_abroad, american, key, slips, words
+from degense.engine.vocabulary.spelling import HAN, allowed_errors, allowed_errors_foreign, american, key, spelling_errors, words
 
 #: A prompt longer than this is not a name of anything, and matching would only waste time.
 MAX_PROMPT = 200
@@ -39,7 +39,7 @@ class Concept:
         Cosine between two children of this concept.
     also : tuple of str
         Other wordings that a class of a session may bear too, which then has the concept's vector.
-    names, abroad : tuple of str
+    names, foreign : tuple of str
         Wordings that were added later, in English and in other languages: for prompts only, because runs exist whose classes bear them.
     later : bool
         The concept itself was added later: a class of its name has a vector of its own, like any class that is no concept.
@@ -50,13 +50,13 @@ class Concept:
     share: float = 0.0
     also: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
-    abroad: tuple[str, ...] = ()
+    foreign: tuple[str, ...] = ()
     later: bool = False
 
     @property
     def wordings(self) -> tuple[str, ...]:
         """All of them, the name first."""
-        return (self.name, *self.also, *self.names, *self.abroad)
+        return (self.name, *self.also, *self.names, *self.foreign)
 
 
 class Vocabulary:
@@ -67,7 +67,7 @@ class Vocabulary:
     concepts : sequence of Concept
         In the order that fixes their vectors; names are unique, and a whole comes before its parts.
     fillers, prepositions, not_misspellings : iterable of str
-        Words that say nothing about what is meant; words that end a noun phrase; real words that look like a misspelt name and are none.
+        Words without information; words that end a noun phrase; real words that look like a misspelt name and are none.
     """
 
     def __init__(
@@ -85,9 +85,9 @@ class Vocabulary:
         self._of_classes = {
             key(wording): concept.name for concept in self.concepts if not concept.later for wording in (concept.name, *concept.also)
         }
-        # names that a misspelling may be taken for, and how many slips are forgiven; English first: it wins where languages share a name
-        self._forgiven = {key(wording): allowed_errors_abroad(key(wording)) for concept in self.concepts for wording in concept.abroad}
-        self._forgiven |= {
+        # names that a misspelling may be taken for, and how many errors are tolerated; English first: it wins where languages share a name
+        self._tolerance = {key(wording): allowed_errors_foreign(key(wording)) for concept in self.concepts for wording in concept.foreign}
+        self._tolerance |= {
             key(wording): allowed_errors(key(wording))
             for concept in self.concepts
             for wording in (concept.name, *concept.also, *concept.names)
@@ -170,7 +170,7 @@ class Vocabulary:
     def _read(self, tokens: list[str]) -> tuple[list[str], list[str]]:
         """Concepts named in the tokens, longest names first at each place, and the words that were not understood."""
         named: list[str] = []
-        in_passing: list[str] = []
+        fillers_named: list[str] = []
         unknown: list[str] = []
         at = 0
         while at < len(tokens):
@@ -178,11 +178,11 @@ class Vocabulary:
             filler = used == 1 and tokens[at] in self.fillers
             if name is not None:
                 # "highlight" names a reflection when it stands alone, and is a verb in "highlight the hook"
-                (in_passing if filler else named).append(name)
+                (fillers_named if filler else named).append(name)
             elif not filler:
                 unknown.append(tokens[at])
             at += used
-        return list(dict.fromkeys(named or in_passing)), unknown
+        return list(dict.fromkeys(named or fillers_named)), unknown
 
     def _name_at(self, tokens: list[str], at: int) -> tuple[str | None, int]:
         sizes = range(min(LONGEST_NAME, len(tokens) - at), 0, -1)
@@ -200,8 +200,8 @@ class Vocabulary:
     def _misspelt(self, wording: str) -> str | None:
         """The concept whose wording differs by no more than `allowed_errors`; None when there is none, or two are equally near."""
         best: dict[str, int] = {}
-        for known, allowed in self._forgiven.items():
-            if (distance := slips(wording, known, allowed)) is not None:
+        for known, allowed in self._tolerance.items():
+            if (distance := spelling_errors(wording, known, allowed)) is not None:
                 name = self._by_key[known]
                 best[name] = min(distance, best.get(name, distance))
         nearest = [name for name, distance in best.items() if distance == min(best.values())]
@@ -222,10 +222,10 @@ def surgical_vocabulary() -> Vocabulary:
     concepts = []
     for entry in entries:
         more = names.get(entry["name"], {})
-        abroad = tuple(wording for language, wordings in more.items() if language not in ("of", "en") for wording in wordings)
+        foreign = tuple(wording for language, wordings in more.items() if language not in ("of", "en") for wording in wordings)
         also = tuple(entry.get("also", ()))
         of, share, later = entry.get("of"), entry.get("share", 0.0), entry.get("later", False)
-        concepts.append(Concept(entry["name"], of, share, also, tuple(more.get("en", ())), abroad, later))
+        concepts.append(Concept(entry["name"], of, share, also, tuple(more.get("en", ())), foreign, later))
     fillers, prepositions = ([word for of in added[what].values() for word in of] for what in ("fillers", "prepositions"))
     return Vocabulary(
         concepts, fixed["fillers"] + fillers, fixed["prepositions"] + prepositions, fixed["not_misspellings"] + added["not_misspellings"]

@@ -1,4 +1,4 @@
-"""How wordings are compared: case, accents, plurals, British and American spelling, and slips of the finger aside."""
+"""How wordings are compared: case, accents, plurals, British and American spelling, and small misspellings aside."""
 
 from __future__ import annotations
 
@@ -69,18 +69,18 @@ def edit_distance(a: str, b: str) -> int:
 
 
 def allowed_errors(name: str) -> int:
-    """Slips of the finger that are forgiven in a name; short words differ by one letter from too many others, and many share an ending."""
+    """Errors that are tolerated in a name: none in short words, which differ by one letter from too many others; endings do not count."""
     letters = len(_ENDING.sub("", name))
     return 0 if len(name) < 5 else 1 if letters < 8 else 2 if letters < 13 else 3
 
 
-def allowed_errors_abroad(name: str) -> int:
-    """The same for a name of another language: half as many, for the words of all languages lie close together; none in Chinese."""
+def allowed_errors_foreign(name: str) -> int:
+    """The same for a name of another language: half as many, because words of all languages are compared at once; none in Chinese."""
     return allowed_errors(name) // 2 if name.isascii() else 0
 
 
-def slips(typed: str, name: str, allowed: int) -> int | None:
-    """How many slips make `typed` out of `name`; None for more than `allowed`, and for other consonants in a short name."""
+def spelling_errors(typed: str, name: str, allowed: int) -> int | None:
+    """Edit distance of `typed` from `name`; None for more than `allowed`, and for other consonants in a short name."""
     if not allowed or typed[0] != name[0] or abs(len(typed) - len(name)) > allowed:
         return None
     distance = edit_distance(typed, name)

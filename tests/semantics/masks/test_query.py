@@ -142,6 +142,19 @@ def test_frames_asked_in_several_threads_at_once_are_the_same(asked, device):
 
 
 @pytest.mark.parametrize("decoder", DECODERS)
+def test_latents_without_a_picture_are_decoded_pixel_by_pixel(asked, decoder):
+    """As those of Gaussians are, in memory and as tensors."""
+    query, vectors, _, _ = asked
+    latents = query._aggregation.unit.reshape(1, -1, query.basis.rank)
+    prompts = PromptVectors(tuple(vectors), (), vectors, decoder, 0.4)
+    expected = query.decode(prompts, pixelwise=True)
+    for values in (latents, torch.from_numpy(latents)):
+        found = FrameSemantics(None, values, query.basis).decode(prompts)
+        assert np.mean(found.masks.reshape(expected.masks.shape) == expected.masks) > 0.9999
+        assert np.mean(found.labels.reshape(expected.labels.shape) == expected.labels) > 0.9999
+
+
+@pytest.mark.parametrize("decoder", DECODERS)
 def test_what_is_excluded_leaves_the_mask_whatever_the_decoder(asked, decoder):
     query, vectors, encoder, labels = asked
     mask = mask_of(query, encoder.expand("tool, not grasper"), decoder, 0.3, vectors, encoder.exclude("tool, not grasper"))
