@@ -1,4 +1,7 @@
-"""A camera's matrices as tensors, kept per device: a copy to the GPU at every call would cost more than the drawing's own overhead."""
+"""A camera in tensors, and its projection.
+
+Matrices are kept per device: a copy to the GPU at every call would cost more than drawing.
+"""
 
 from __future__ import annotations
 
@@ -32,6 +35,19 @@ def camera_depths(means: Tensor, camera: Camera) -> Tensor:
     means = means if means.dtype == torch.float64 else means.float()
     row = view_matrix(camera, means.device, means.dtype)[2]
     return means @ row[:3] + row[3]
+
+
+def project(points: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
+    """Image positions as fractions of width and height [N, 2], and depths z [N], seen by a camera's `view_and_lens` [5, 4]."""
+    local = points @ camera[:3, :3].T + camera[:3, 3]
+    z = local[:, 2].clamp_min(1e-3)
+    return local[:, :2] / z[:, None] * camera[4, :2] + camera[4, 2:], z
+
+
+def unproject(position: Tensor, z: Tensor, camera: Tensor) -> Tensor:
+    """World points [N, 3] of image positions (fractions) [N, 2] at depths z [N]."""
+    lateral = (position - camera[4, 2:]) / camera[4, :2] * z[:, None]
+    return (torch.cat([lateral, z[:, None]], 1) - camera[:3, 3]) @ camera[:3, :3]
 
 
 @lru_cache(maxsize=1024)

@@ -31,7 +31,7 @@ from degense.engine.training.flow.observability import motion_observability
 from degense.engine.training.passes import draw
 from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
 from degense.engine.training.semantic.codebook import fit_codebook
-from degense.engine.training.semantic.distillation import fit_meaning
+from degense.engine.training.semantic.distillation import distill
 from degense.engine.training.trainer import Diverged, Trainer
 
 REPORT_EVERY = 25  # steps
@@ -221,7 +221,7 @@ class TrainingRun:
         """Semantics for the finished geometry, where they were not trained with it; False when `stop()` asked to leave."""
         if not self.distils or self.inputs.semantics is None:
             return True
-        fit = fit_codebook if self.config.codebook else fit_meaning
+        fit = fit_codebook if self.config.codebook else distill
         tell = begin_stage("meaning", self.events)
         return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell)
 

@@ -135,6 +135,11 @@ def chord(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
     return (2 * angular(latent, target) + 1e-4).sqrt()
 
 
+def l1(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
+    """‖f_pred − f_gt‖₁ per pixel, which the coupled baseline distils with."""
+    return (latent - target).abs().sum(-1)
+
+
 def unit(vectors: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
     """v / √(‖v‖² + ε²): unit length for what is longer than ε = 1e-4, finite both ways at zero and near the largest numbers."""
     vectors = vectors.float() if vectors.dtype == torch.float16 else vectors

@@ -14,7 +14,7 @@ from degense.engine.field import SceneModel
 from degense.engine.raster import Render, camera_depths, rasterize
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
-from degense.engine.training.flow.supervision import motion_error, surface_visibility
+from degense.engine.training.flow.motion_error import motion_error, surface_visibility
 from degense.engine.training.loss_terms import Loss
 from degense.engine.training.losses import inverse_depth, nearest_neighbours, photometric, rigidity
 

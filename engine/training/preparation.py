@@ -140,5 +140,5 @@ def semantic_provenance(teacher: Teacher | CostlyTeacher | None, semantics: Sema
     """Where semantics come from: the teacher, and the frames its labels were propagated to."""
     if teacher is None or semantics is None:
         return "no semantics"
-    others = len(semantics.frames) - len(semantics.spoken)
+    others = len(semantics.frames) - len(semantics.labelled_frames)
     return teacher.provenance + (f"; propagated along the optical flow to {others} other frames" if others else "")

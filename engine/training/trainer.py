@@ -21,6 +21,7 @@ from degense.engine.training.fitting.early_stopping import EarlyStopping
 from degense.engine.training.flow.supervision import FlowSupervision, Pair
 from degense.engine.training.frames import FrameOrder, TrainingFrames
 from degense.engine.training.loss_terms import Loss, LossSums
+from degense.engine.training.losses import angular, l1
 from degense.engine.training.optimiser import learned_state, make_optimiser, restore_learned, set_rates
 from degense.engine.training.passes import FieldState, Passes, draw, draw_latents
 from degense.engine.training.semantic.targets import SemanticTargets
@@ -197,7 +198,7 @@ class Trainer:
         means, quats, scales, opacities, latents, regularizer = self.passes("semantic", self.times[frame])
         splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
         latent = draw_latents(splats, self.frames.cameras[frame], detached=config.routing == "isolated")
-        terms = self.semantics.loss(latent, frame, use_angles=config.angular, region_weight=config.region)
+        terms = self.semantics.loss(latent, frame, angular if config.angular else l1, config.region)
         return Loss.of("semantic", {**terms, "delta_semantics": regularizer}, regularizer.new_zeros(())).times(config.semantic)
 
     # -- between steps ---------------------------------------------------------------------------------------------------------------------

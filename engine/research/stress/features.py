@@ -23,7 +23,7 @@ from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.masks.similarity import SHORTEST
 from degense.engine.semantics.prompts import DECODERS, PromptVectors
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.losses import angular
+from degense.engine.training.losses import angular, l1
 from degense.engine.training.semantic.targets import SemanticTargets
 
 HEIGHT, WIDTH, RANK, DIMENSION = 48, 64, 6, 32
@@ -163,10 +163,10 @@ def teacher_finding(change: Callable[[np.ndarray], np.ndarray], folder: Path, de
         targets = SemanticTargets(SpoiltTeacher(frames, change), frames)
         out: list[Tensor | np.ndarray] = [targets.basis.matrix]
         width, height = frames.size
-        for use_angles in (True, False):
+        for distance in (angular, l1):
             for length in (0.0, 1.0):
                 latent = (torch.randn(height, width, targets.basis.rank, device=device) * length).requires_grad_()
-                terms = targets.loss(latent, targets.frames[0], use_angles=use_angles, region_weight=0.1)
+                terms = targets.loss(latent, targets.frames[0], distance, 0.1)
                 loss = torch.stack(list(terms.values())).sum()
                 loss.backward()
                 assert latent.grad is not None

@@ -12,8 +12,9 @@ from degense.engine.motion import confidence
 from degense.engine.motion.observed import TEXTURE
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import camera_depths, rasterize
-from degense.engine.raster.camera_tensors import view_and_lens
-from degense.engine.training.flow.supervision import FlowSupervision, look_up, project, surface_visibility
+from degense.engine.raster.camera_tensors import project, view_and_lens
+from degense.engine.training.flow.motion_error import look_up, surface_visibility
+from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 
 

@@ -1,7 +1,6 @@
-"""Motion evidence: optical flow between training frames, lifted to 3D where depth was measured.
+"""Flow supervision: optical flow between training frames, from which motion is learned.
 
-A photometric loss alone lets Gaussians fade and recolour in place. Flow says where each visible point went, so that colour is explained by
-colour and motion by motion.
+A photometric loss alone lets Gaussians fade and change colour in place. Flow shows where each visible point went.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from itertools import tee
 import cv2
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from degense.engine.motion import consistent, follow, sample, steps_between
@@ -23,10 +21,8 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.vocabulary import instruments
 
 FLOW_PIXELS = 100_000
-PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller pictures; four pairs a frame, six bytes each
-DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
+PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller frames; four pairs a frame, six bytes each
 STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
-SOFTNESS = 0.0005  # scene units (median depth 1) below which the robust norm is quadratic: flow is mostly right, and far off in places
 
 
 @dataclass
@@ -67,14 +63,14 @@ class FlowSupervision:
         pixels = min(FLOW_PIXELS, PAIR_BYTES // (BYTES_A_PIXEL * len(train)))
         shrink = min(1.0, (pixels / (width * height)) ** 0.5)
         self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
-        pictures = [cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train]
+        small = [cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train]
         tissue = [self._inside(tissue_pixels(frames, i)) for i in train]
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
 
-        neighbours, steps = tee(steps_between(pictures))
+        neighbours, steps = tee(steps_between(small))
         found: list[tuple[int, Future[Pair]]] = []
         with ThreadPoolExecutor() as pool:
-            for k, (step, far) in enumerate(zip(neighbours, follow(pictures, steps), strict=True)):
+            for k, (step, far) in enumerate(zip(neighbours, follow(small, steps), strict=True)):
                 progress(k / len(train), "following tissue through the clip")
                 # the second frame is the first one's neighbour
                 for a, (there, back) in ((k, step), (0, far)) if k else ((0, step),):
@@ -94,21 +90,21 @@ class FlowSupervision:
         relative = np.moveaxis(forward / np.array(self.size, np.float32), -1, 0).copy()
         return Pair(to, *(torch.from_numpy(array).to(self.frames.device).half() for array in (relative, weight[None])))
 
-    def warped(self, picture: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """A picture of one training frame, moved to where its tissue is in another, by way of the first training frame.
+    def warped(self, values: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values of one training frame, warped to where its tissue is in another, by way of the first training frame.
 
         Parameters
         ----------
-        picture : [H, W] or [H, W, C]
+        values : [H, W] or [H, W, C]
             At the working size.
 
         Returns
         -------
-        picture, known
+        values, known
             Nearest pixels of the source, and bool [H, W] where flow could say which; elsewhere as the nearest pixel where it could.
         """
         first = self.frames.clip.train_frames[0]
-        known = np.ones(picture.shape[:2], bool)
+        known = np.ones(values.shape[:2], bool)
         for here, there in ((first, source), (frame, first)):
             pair = self.pair(here, there)
             if pair is None:
@@ -120,9 +116,9 @@ class FlowSupervision:
             flow = from_nearest(flow, sure)
             x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
             x, y = x + flow[..., 0], y + flow[..., 1]
-            picture = cv2.remap(picture, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+            values = cv2.remap(values, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
             known = sure & (cv2.remap(known.astype(np.uint8), x, y, cv2.INTER_NEAREST, borderValue=0) > 0)
-        return picture, known
+        return values, known
 
     def velocity(self, frame: int, pixels: np.ndarray) -> np.ndarray:
         """How fast what is seen at `pixels` of a training frame moves, instruments included, scene units in a unit of the clip's time.
@@ -193,54 +189,6 @@ def _relative(pair: Pair) -> np.ndarray:
     return pair.flow.float().cpu().numpy().transpose(1, 2, 0)
 
 
-def motion_error(
-    here: Tensor,
-    there: Tensor,
-    visible: Tensor,
-    camera: Tensor,
-    other: Tensor,
-    flow: Tensor,
-    weight: Tensor,
-    before: Tensor | None = None,
-    after: Tensor | None = None,
-) -> Tensor:
-    """Robust distance between the model's motion and the observed one, averaged over visible Gaussians with evidence.
-
-    With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion across
-    the line of sight is compared, at the Gaussian's own depth.
-
-    Parameters
-    ----------
-    here, there : float [N, 3]
-        Centres at the times of two frames.
-    visible : float [N]
-        Weight of each Gaussian: 0 hidden, 1 on the surface.
-    camera, other : float [5, 4]
-        `view_and_lens` at both frames.
-    flow, weight : float16 [2, h, w], [1, h, w]
-        See `Pair`.
-    before, after : float [H, W] or None
-        Measured depth of both frames, 0 where unknown.
-    """
-    start, z = project(here, camera)
-    end, z_end = project(there, other)
-    grid = start.detach() * 2 - 1
-    way = look_up(flow.float(), grid)
-    target = start.detach() + way
-    believed = (look_up(weight.float(), grid)[:, 0] > 0.99) * visible  # at all four pixels around, but for rounding
-    if before is not None and after is not None:
-        z_before = look_up(before[None], grid)[:, 0]
-        z_after = look_up(after[None], target * 2 - 1)[:, 0]
-        believed = believed * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < STEADY * z_before)
-        error = (there - here) - (unproject(target, z_after, other) - unproject(start.detach(), z_before, camera))
-    else:
-        lateral = ((end - start) - way) / other[4, :2] * z.detach()[:, None]
-        error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
-    error = torch.where(believed[:, None] > 0, error, 0.0)  # elsewhere it may be beyond all numbers, which no weight would undo
-    distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
-    return (distance * believed).sum() / believed.sum().clamp_min(1)
-
-
 def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
     """Valid pixels that no label map calls an instrument, bool [H, W] at the working size."""
     valid = frames.valid(index)
@@ -251,36 +199,3 @@ def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
         return valid
     tool = np.isin(labels, tools).astype(np.uint8)
     return valid & (cv2.resize(tool, frames.size, interpolation=cv2.INTER_NEAREST) == 0)
-
-
-def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Tensor) -> Tensor:
-    """1 for Gaussians that are drawn, lie on the drawn surface (within 3 % of its depth) and are not faint; else 0. Float [N], no gradient.
-
-    Parameters
-    ----------
-    depth, alpha : float [H, W]
-        Blended z (not divided) and coverage.
-    camera : float [5, 4]
-        `view_and_lens`.
-    """
-    position, z = project(means.detach(), camera)
-    surface = look_up((depth / alpha.clamp_min(1e-6)).detach()[None], position * 2 - 1)[:, 0]
-    return ((z - surface).abs() < DEPTH_TOLERANCE * surface).float() * (radii > 0) * (opacities.detach() > 0.1)
-
-
-def project(points: Tensor, camera: Tensor) -> tuple[Tensor, Tensor]:
-    """Image positions as fractions of width and height [N, 2], and depths z [N], seen by a camera's `view_and_lens` [5, 4]."""
-    local = points @ camera[:3, :3].T + camera[:3, 3]
-    z = local[:, 2].clamp_min(1e-3)
-    return local[:, :2] / z[:, None] * camera[4, :2] + camera[4, 2:], z
-
-
-def unproject(position: Tensor, z: Tensor, camera: Tensor) -> Tensor:
-    """World points [N, 3] of image positions (fractions) [N, 2] at depths z [N]."""
-    lateral = (position - camera[4, 2:]) / camera[4, :2] * z[:, None]
-    return (torch.cat([lateral, z[:, None]], 1) - camera[:3, 3]) @ camera[:3, :3]
-
-
-def look_up(picture: Tensor, grid: Tensor) -> Tensor:
-    """Bilinear samples [N, C] of `picture` [C, H, W] at `grid` [N, 2] in [-1, 1]; 0 outside."""
-    return F.grid_sample(picture[None], grid[None, None].to(picture.dtype), align_corners=False)[0, :, 0].T

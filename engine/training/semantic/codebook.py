@@ -1,4 +1,4 @@
-"""Meaning by clusters of Gaussians: instance features learned from segments, a codebook of two levels, one vector of words each cluster.
+"""Semantics by clusters of Gaussians: instance features learned from segments, a codebook of two levels, one latent each cluster.
 
 The way of OpenGaussian (Wu et al., NeurIPS 2024), for comparison; `engine.research.systems` says what differs from it.
 """
@@ -20,15 +20,15 @@ from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import rows_of
-from degense.engine.training.semantic.distillation import heard
+from degense.engine.training.semantic.distillation import backprojected_targets
 from degense.engine.training.semantic.targets import SemanticTargets
 
 INSTANCE = 6  # length of an instance feature
 CODES = (64, 5)  # coarse clusters, and fine ones in each of them
-SEGMENTS = 10  # along the longer side of a picture, where the teacher draws no borders of its own
+SEGMENTS = 10  # along the longer side of a frame, where the teacher draws no borders of its own
 NEAR = 0.01  # squared distance of two segments' features below which they are not pushed apart any harder
-KEPT = 128  # frames whose segments are kept
-TELL_EVERY = 25  # steps
+KEPT_FRAMES = 128  # frames whose segments are kept
+REPORT_EVERY = 25  # steps
 
 
 def fit_codebook(
@@ -40,15 +40,15 @@ def fit_codebook(
     progress: Progress = silent,
 ) -> bool:
     """Give every Gaussian of a finished geometry the latent of its cluster, in place; False when `stop()` asked to leave."""
-    features = instance_features(model, targets, frames, config, stop, lambda f, words: progress(0.8 * f, words))
+    features = instance_features(model, targets, frames, config, stop, lambda f, text: progress(0.8 * f, text))
     if features is None:
         return False
     clusters = two_levels(features.cpu().numpy(), model.canonical["means"].detach().cpu().numpy(), CODES, config.seed)
     of = torch.from_numpy(clusters).to(features.device)
-    said = features.new_zeros(len(model), targets.basis.rank)
-    for words in heard(model, targets, frames, lambda f, words: progress(0.8 + 0.2 * f, words)):
-        said += words.said
-    vectors = said.new_zeros(int(of.max()) + 1, said.shape[1]).index_add(0, of, said)
+    totals = features.new_zeros(len(model), targets.basis.rank)
+    for back in backprojected_targets(model, targets, frames, lambda f, text: progress(0.8 + 0.2 * f, text)):
+        totals += back.total
+    vectors = totals.new_zeros(int(of.max()) + 1, totals.shape[1]).index_add(0, of, totals)
     model.canonical["semantics"].data.copy_(torch.nn.functional.normalize(vectors, dim=1)[of])
     return True
 
@@ -61,25 +61,25 @@ def instance_features(
     start = random.normal(0, 1, (len(model), INSTANCE))
     raw = torch.from_numpy(start).float().to(model.bounds.device).requires_grad_()
     optimizer = torch.optim.Adam([raw], lr=config.rate_semantics)
-    segments_of = lru_cache(KEPT)(lambda frame: segments(targets, frames, frame))
+    segments_of = lru_cache(KEPT_FRAMES)(lambda frame: segments(targets, frames, frame))
     for step in range(config.semantic_steps):
         if stop():
             return None
         frame = int(random.choice(targets.frames))
         with torch.no_grad():
-            s = model.at(frames.clip.time(frame), semantics=False).splats
+            splats = model.at(frames.clip.time(frame), semantics=False).splats
         unit = torch.nn.functional.normalize(raw, dim=1)
-        picture = rasterize(s, unit, frames.cameras[frame]).image
+        image = rasterize(splats, unit, frames.cameras[frame]).image
         optimizer.zero_grad(set_to_none=True)
-        separation(picture.reshape(-1, INSTANCE), segments_of(frame)).backward()
+        separation(image.reshape(-1, INSTANCE), segments_of(frame)).backward()
         optimizer.step()
-        if step % TELL_EVERY == 0:
+        if step % REPORT_EVERY == 0:
             progress(step / config.semantic_steps, "learning to tell segments apart")
     return torch.nn.functional.normalize(raw.detach(), dim=1)
 
 
 def segments(targets: SemanticTargets, frames: TrainingFrames, frame: int) -> Tensor:
-    """Segment of each pixel, int32 [H × W], −1 for none: the regions of a pixelwise teacher, else large superpixels of the picture."""
+    """Segment of each pixel, int32 [H × W], −1 for none: the regions of a pixelwise teacher, else large superpixels of the frame."""
     if targets.pixelwise:
         target = targets.target(frame)
         found = torch.full((frames.size[0] * frames.size[1],), -1, dtype=torch.int32, device=frames.device)

@@ -1,8 +1,7 @@
-"""Meaning for a finished geometry: what the teacher said of all frames is lifted to the Gaussians at once, then refined.
+"""Semantic distillation onto a finished geometry: all frames' labels are back-projected to the Gaussians at once, then refined.
 
-With routing `isolated` no semantic gradient may reach geometry, so geometry need not wait for meaning nor pay for it: all semantic
-supervision comes after it, on Gaussians that neither move on nor multiply any more. A run from zero follows the errors of single
-frames; the mean over all frames, which is known in closed form, does not.
+With routing `isolated` no semantic gradient reaches geometry, so all semantic supervision comes after it, on Gaussians that neither move
+nor multiply any more. Training from zero would follow the errors of single frames; the mean over all frames, in closed form, does not.
 """
 
 from __future__ import annotations
@@ -22,57 +21,61 @@ from degense.engine.raster import backproject
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.losses import angular, chord, l1
 from degense.engine.training.passes import SemanticPass, draw_latents
-from degense.engine.training.semantic.consistency import consent, trust
+from degense.engine.training.semantic.consistency import label_confidence, label_consistency
 from degense.engine.training.semantic.targets import SemanticTargets
 
-TELL_EVERY = 25  # steps
-#: What is left of the learning rates after a lift: canonical latents, planes, networks. A coarse teacher's frames contradict each other;
-#: steps as large as from nothing, or twice as many, would follow each of them in turn and lose what their mean says.
-GENTLE = (0.3, 0.05, 0.1)
-CONSENT = 0.8  # of a pixelwise teacher's words with each other, from which on each frame is followed
-LOOK_RIDGE = 5e-4  # variance of a Gaussian's colour, of 1, below which its look does not explain what is said of it
+REPORT_EVERY = 25  # steps
+#: Factors of the learning rates of canonical latents, planes and networks where labels are noisy: frames contradict each other, and larger
+#: or more steps would follow each of them in turn and lose their mean.
+LOW_RATES = (0.3, 0.05, 0.1)
+CONSISTENT = 0.8  # `label_consistency` of a pixelwise teacher from which on its labels are not noisy
+COLOR_RIDGE = 5e-4  # variance of a Gaussian's colour, of 1, below which its colour does not explain its labels
 
 
-class Heard(NamedTuple):
-    """What the teacher says of each of N Gaussians in one frame.
+class BackProjectedTarget(NamedTuple):
+    """One frame's target on N Gaussians.
 
     Attributes
     ----------
-    said : float [N, d]
-        Σ_p w_p a_ip v_p: a_ip is the share of Gaussian i in pixel p, w_p the target's weight, v_p its vector.
-    share : float [N]
-        Σ_p w_p a_ip: how much of it was spoken of.
-    recoloured : float [N, 3]
-        Δcolour: how it looked then, beside its canonical colour.
+    total : float [N, d]
+        Σ_p m_p w_ip v_p: w_ip is the share of Gaussian i in pixel p, m_p the target's weight, v_p its vector.
+    weight : float [N]
+        Σ_p m_p w_ip.
+    color_change : float [N, 3]
+        Δcolour at that time, beside the canonical colour.
     """
 
-    said: Tensor
-    share: Tensor
-    recoloured: Tensor
+    total: Tensor
+    weight: Tensor
+    color_change: Tensor
 
 
-def heard(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> Iterator[Heard]:
-    """All that the teacher says, frame by frame."""
+def backprojected_targets(
+    model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent
+) -> Iterator[BackProjectedTarget]:
+    """The targets of all frames, one after the other, on the Gaussians."""
     for done, i in enumerate(targets.frames):
-        progress(done / len(targets.frames), "lifting the teacher's words")
+        progress(done / len(targets.frames), "back-projecting labels")
         with torch.no_grad():
-            s = model.at(frames.clip.time(i), semantics=False).splats
-        target = targets.target(i)
-        camera = frames.cameras[i]
-        values = s.means.new_zeros(camera.height * camera.width, target.latents.shape[1])
-        weight = s.means.new_zeros(len(values))
-        values[target.pixels], weight[target.pixels] = target.latents[target.index], target.weight
+            splats = model.at(frames.clip.time(i), semantics=False).splats
+        target, camera = targets.target(i), frames.cameras[i]
+        values = splats.means.new_zeros(camera.height * camera.width, target.latents.shape[1])
+        weights = splats.means.new_zeros(len(values))
+        values[target.pixels], weights[target.pixels] = target.latents[target.index], target.weight
         shape = (camera.height, camera.width)
-        total, share = backproject(s, values.reshape(*shape, -1), camera, confidence=weight.reshape(shape))
-        yield Heard(total, share, s.colors - model.canonical["colors"].detach())
+        total, weight = backproject(splats, values.reshape(*shape, -1), camera, confidence=weights.reshape(shape))
+        yield BackProjectedTarget(total, weight, splats.colors - model.canonical["colors"].detach())
 
 
-def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent) -> tuple[Tensor, Tensor]:
-    """Canonical latents and how they follow colour, from all that the teacher says of the pixels a Gaussian shows.
+def backproject_features(
+    model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent
+) -> tuple[Tensor, Tensor]:
+    """Canonical latents and how they follow colour, from all labels of the pixels that a Gaussian shows.
 
-    A Gaussian that always looks the same gets the mean of all frames. One that changed its look (charred, bled over, an instrument that
-    came over it) gets the line through what was said of it at each look, by ridge regression over the frames:
+    A Gaussian of constant colour gets the mean of all frames. One whose colour changes (charred, bled over, covered by an instrument) gets
+    the line through its labels at each colour, by ridge regression over the frames:
 
         f_i(t) = f_i + R_iᵀ Δc_i(t)        R_i = (Σ_cc + λI)⁻¹ Σ_cv        f_i = v̄_i − R_iᵀ c̄_i
 
@@ -81,26 +84,26 @@ def lift(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, pr
     Returns
     -------
     latents : float [N, d]
-        f_i; zero for Gaussians never seen where the teacher speaks.
+        f_i; zero for Gaussians never seen at a labelled pixel.
     semantic_coefficients : float [N, 3, d]
         R_i.
     """
     count, rank = model.canonical["semantics"].shape
-    moments = model.bounds.new_zeros(count, 4, rank + 4)  # Σ share (1, c)ᵀ (v, 1, c): all sums of the line at once
-    for said, share, colour in heard(model, targets, frames, progress):
-        view_state = torch.nn.functional.pad(colour, (1, 0), value=1.0)
-        moments += view_state[:, :, None] * torch.cat([said, share[:, None] * view_state], 1)[:, None]
+    moments = model.bounds.new_zeros(count, 4, rank + 4)  # Σ weight (1, c)ᵀ (v, 1, c): all sums of the line at once
+    for total, weight, color_change in backprojected_targets(model, targets, frames, progress):
+        regressors = torch.nn.functional.pad(color_change, (1, 0), value=1.0)
+        moments += regressors[:, :, None] * torch.cat([total, weight[:, None] * regressors], 1)[:, None]
     moments = moments / moments[:, :1, rank : rank + 1].clamp_min(1e-12)
-    words, view_state = moments[:, 0, :rank], moments[:, 0, rank + 1 :]
-    both = moments[:, 1:, :rank] - view_state[:, :, None] * words[:, None]
-    colours = moments[:, 1:, rank + 1 :] - view_state[:, :, None] * view_state[:, None]
-    semantic_coefficients = torch.linalg.solve(colours + LOOK_RIDGE * torch.eye(3, device=view_state.device), both)
-    length = words.norm(dim=1).clamp_min(1e-12)[:, None]
-    latents = (words - (view_state[:, :, None] * semantic_coefficients).sum(1)) / length
+    labels, colors = moments[:, 0, :rank], moments[:, 0, rank + 1 :]
+    covariance = moments[:, 1:, :rank] - colors[:, :, None] * labels[:, None]
+    variance = moments[:, 1:, rank + 1 :] - colors[:, :, None] * colors[:, None]
+    semantic_coefficients = torch.linalg.solve(variance + COLOR_RIDGE * torch.eye(3, device=colors.device), covariance)
+    length = labels.norm(dim=1).clamp_min(1e-12)[:, None]
+    latents = (labels - (colors[:, :, None] * semantic_coefficients).sum(1)) / length
     return latents, semantic_coefficients / length[:, None]
 
 
-def fit_meaning(
+def distill(
     model: SceneModel,
     targets: SemanticTargets,
     frames: TrainingFrames,
@@ -116,57 +119,72 @@ def fit_meaning(
         `lift`, `semantic_steps`, `angular`, `region`, `delta_semantics` and the learning rates.
     """
     random = np.random.default_rng(config.seed)
-    if config.lift:
-        _settle(model, *lift(model, targets, frames, lambda f, words: progress((0.2 if targets.pixelwise else 0.1) * f, words)))
-    gentle = config.lift and (not targets.pixelwise or consent(model, targets, frames) < CONSENT)
-    targets.doubted = gentle and targets.pixelwise
-    if gentle and config.angular and not targets.pixelwise:
-        targets.trust = trust(model, targets, frames)
-        _settle(model, *lift(model, targets, frames, lambda f, words: progress(0.1 + 0.1 * f, words)))
-    loss_of, spoken = (targets.patch_loss, targets.spoken) if targets.shared else (targets.loss, targets.frames)
+    targets, noisy = _initialise(model, targets, frames, config, progress)
+    patchwise = targets.upsampled
+    loss_of, labelled = (targets.patch_loss, targets.labelled_frames) if patchwise else (targets.loss, targets.frames)
+    distance = (chord if patchwise or (noisy and targets.pixelwise) else angular) if config.angular else l1
     steps, order = min(config.semantic_steps, config.iterations), list[int]()  # a training cut short is cut short here too
-    if gentle:
+    if noisy:
         steps //= 2
-    with _only_meaning(model, config, gentle=gentle) as optimizer:
-        moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in spoken}
-        scene = graphed(SemanticPass(model, config, deform=True), (moments[spoken[0]],), list(model.parameters()))
+    with _semantic_optimizer(model, config, low_rates=noisy) as optimizer:
+        moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in labelled}
+        scene = graphed(SemanticPass(model, config, deform=True), (moments[labelled[0]],), list(model.parameters()))
         for step in range(steps):
             if stop():
-                model.semantic_coefficients = None  # a resumed training lifts again
+                model.semantic_coefficients = None  # a resumed training back-projects again
                 return False
             for group in optimizer.param_groups:
                 group["lr"] = group["first"] * config.rate_final ** (step / steps)
-            order = order or [spoken[k] for k in random.permutation(len(spoken))]
+            order = order or [labelled[k] for k in random.permutation(len(labelled))]
             frame = order.pop()
             means, quats, scales, opacities, latents, regularizer = scene(moments[frame])
             splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
             latent = draw_latents(splats, frames.cameras[frame], detached=True)
-            terms = loss_of(latent, frame, use_angles=config.angular, region_weight=config.region)
-            loss = sum(terms.values()) + regularizer / config.semantic
+            loss = sum(loss_of(latent, frame, distance, config.region).values()) + regularizer / config.semantic
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             optimizer.step()
-            if step % TELL_EVERY == 0:
-                progress(0.2 + 0.8 * step / steps, "refining meaning")
+            if step % REPORT_EVERY == 0:
+                progress(0.2 + 0.8 * step / steps, "refining semantics")
     return True
 
 
-def _settle(model: SceneModel, latents: Tensor, semantic_coefficients: Tensor) -> None:
-    """Give the Gaussians what `lift` found."""
+def _initialise(
+    model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, config: TrainConfig, progress: Progress
+) -> tuple[SemanticTargets, bool]:
+    """Start from the mean of all labels, if `config.lift` says so.
+
+    Returns the targets to refine with, those of a coarse teacher weighted by their confidence, and whether the labels are noisy: then
+    the refinement takes fewer and smaller steps.
+    """
+    if not config.lift:
+        return targets, False
+    first = 0.2 if targets.pixelwise else 0.1
+    _set_semantics(model, *backproject_features(model, targets, frames, lambda f, text: progress(first * f, text)))
+    if targets.pixelwise:
+        return targets, label_consistency(model, targets, frames) < CONSISTENT
+    if config.angular:
+        targets = targets.reweighted(label_confidence(model, targets, frames))
+        _set_semantics(model, *backproject_features(model, targets, frames, lambda f, text: progress(0.1 + 0.1 * f, text)))
+    return targets, True
+
+
+def _set_semantics(model: SceneModel, latents: Tensor, semantic_coefficients: Tensor) -> None:
+    """Give the Gaussians what `backproject_features` found."""
     model.canonical["semantics"].data.copy_(latents)
     model.set_semantic_coefficients(semantic_coefficients)
 
 
 @contextmanager
-def _only_meaning(model: SceneModel, config: TrainConfig, *, gentle: bool) -> Iterator[torch.optim.Adam]:
+def _semantic_optimizer(model: SceneModel, config: TrainConfig, *, low_rates: bool) -> Iterator[torch.optim.Adam]:
     """An optimiser of the semantic parameters; all others need no gradient meanwhile."""
     planes, networks = ([] if part is None else list(part.parameters()) for part in (model.semantic_planes, model.semantic))
-    slower = GENTLE if gentle else (1.0, 1.0, 1.0)
+    factors = LOW_RATES if low_rates else (1.0, 1.0, 1.0)
     rates = (config.rate_semantics, config.rate_planes, config.rate_field)
     parts = ([model.canonical["semantics"]], planes, networks)
-    groups = [{"params": part, "lr": rate * s, "first": rate * s} for part, rate, s in zip(parts, rates, slower, strict=True) if part]
-    meaning = {id(parameter) for part in parts for parameter in part}
-    others = [parameter for parameter in model.parameters() if id(parameter) not in meaning and parameter.requires_grad]
+    groups = [{"params": part, "lr": rate * f, "first": rate * f} for part, rate, f in zip(parts, rates, factors, strict=True) if part]
+    semantic = {id(parameter) for part in parts for parameter in part}
+    others = [parameter for parameter in model.parameters() if id(parameter) not in semantic and parameter.requires_grad]
     for parameter in others:
         parameter.requires_grad_(False)
     try:

@@ -1,4 +1,4 @@
-"""What the patches of a coarse teacher see of a drawn picture: the mean over each patch and a little of those around it."""
+"""What the patches of a coarse teacher see of a drawn frame: the mean over each patch and a little of those around it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Patches(NamedTuple):
     Attributes
     ----------
     owner : int32 [H × W]
-        Patch of each pixel; k where the teacher says nothing.
+        Patch of each pixel; k where it has no label.
     size : float [k]
         Pixels of each.
     near : int64 [k, n]
@@ -36,33 +36,50 @@ class Patches(NamedTuple):
 
     @classmethod
     def of(cls, index: np.ndarray, count: int, device: torch.device) -> Patches:
-        """From the patch of each pixel, int [H, W], −1 where the teacher says nothing."""
-        spoken = index >= 0
-        owner = index[spoken]
+        """From the patch of each pixel, int [H, W], −1 where it has no label."""
+        labelled = index >= 0
+        owner = index[labelled]
         size = np.bincount(owner, minlength=count)
-        place = means_of(owner, np.argwhere(spoken), count)
+        place = means_of(owner, np.argwhere(labelled), count)
         near = cKDTree(place).query(place, np.arange(min(AROUND, count)) + 1)[1]
         far = np.square(place[near] - place[:, None]).sum(-1) / patch_side(index, size) ** 2
         share = np.exp(-far / (2 * BLUR**2)) * size[near]
         share /= np.maximum(share.sum(1, keepdims=True), 1e-12)
-        arrays = np.where(spoken, index, count).ravel().astype(np.int32), size.astype(np.float32), near, share.astype(np.float32)
+        arrays = np.where(labelled, index, count).ravel().astype(np.int32), size.astype(np.float32), near, share.astype(np.float32)
         return cls(*(torch.from_numpy(a).to(device) for a in arrays))
 
     def see(self, flat: Tensor) -> Tensor:
-        """What each patch sees of a picture [H × W, d]: float [k, d]."""
+        """What each patch sees of a frame [H × W, d]: float [k, d]."""
         count = len(self.size)
         total = flat.new_zeros(count + 1, flat.shape[1]).index_add(0, self.owner, flat)[:count]
         mean = total / self.size.clamp_min(1)[:, None]
         return (rows_of(mean, self.near) * self.share[:, :, None]).sum(1)
 
 
+class PatchTarget(NamedTuple):
+    """A coarse teacher's supervision of one frame, patch by patch.
+
+    Attributes
+    ----------
+    patches : Patches
+    latents : float [k, d]
+        Its vectors, projected to the basis.
+    weight : float [k]
+        As a target's, summed over the pixels of a patch; sum 1.
+    """
+
+    patches: Patches
+    latents: Tensor
+    weight: Tensor
+
+
 def patch_side(index: np.ndarray, size: np.ndarray) -> float:
-    """Side of a square with the mean area of the patches that say something, pixels.
+    """Side of a square with the mean area of the labelled patches, pixels.
 
     Parameters
     ----------
     index : int [H, W]
-        Patch of each pixel; −1 where the teacher says nothing.
+        Patch of each pixel; −1 where it has no label.
     size : int [k]
         Pixels of each patch.
     """

@@ -1,10 +1,12 @@
-"""Semantic supervision: what a teacher says of each training frame, in the latent space of a basis."""
+"""Semantic supervision: a teacher's labels of each training frame, as targets in the latent space of a basis."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -19,20 +21,22 @@ from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.semantics.teachers import Teacher
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.losses import angular, chord, region_smoothness
-from degense.engine.training.semantic.guided_upsampling import refined_by_regions
-from degense.engine.training.semantic.patches import Patches
+from degense.engine.training.losses import region_smoothness
+from degense.engine.training.semantic.guided_upsampling import upsample_to_regions
+from degense.engine.training.semantic.patches import Patches, PatchTarget
 
-SPARSE = 0.25  # a teacher that speaks about a smaller share of the training frames has its words carried to the others
-LIKE = 8  # power of the cosine with which vectors count as saying the same
+SPARSE = 0.25  # a teacher that labels a smaller share of the training frames has its labels warped to the others
+SIMILARITY_POWER = 8  # of the cosine with which vectors count as of one kind
 BASIS_VECTORS = 20_000  # of all frames' vectors, that the basis is fitted to
 TARGET_BYTES = 3 << 28  # of supervision kept
-PIXEL_BYTES = 24  # of one pixel's: its word, its patch, and what a target holds
+PIXEL_BYTES = 24  # of one pixel's: its label, its patch, and what a target holds
 
-Words = tuple[np.ndarray, np.ndarray]
+#: A teacher's answer for a frame: unit vectors [k, D], and which of them each pixel has, int32 [H, W], −1 for none.
+Answer = tuple[np.ndarray, np.ndarray]
+#: Distance of rows of latents [P, d], [P, d] → [P].
+Distance = Callable[[Tensor, Tensor], Tensor]
 
-
-Kept = TypeVar("Kept")
+Value = TypeVar("Value")
 Vectors = TypeVar("Vectors", np.ndarray, Tensor)
 
 
@@ -45,11 +49,11 @@ class Target:
     latents : float [k, d]
         The vectors the teacher used here, projected to the basis.
     index : int32 [P]
-        Which of them each spoken-for pixel has.
+        Which of them each labelled pixel has.
     pixels : int32 [P]
         Flat positions of those pixels.
     weight : float [P]
-        What is rarely said weighs more, with the square root of its rarity, so that thin instruments are not drowned by tissue. Mean 1.
+        What is rare weighs more, with the square root of its rarity, so that thin instruments are not drowned by tissue. Mean 1.
     regions : int32 [H × W]
     region_count : int
     """
@@ -62,21 +66,23 @@ class Target:
     region_count: int
 
 
-class PatchTarget(NamedTuple):
-    """What a coarse teacher says of one frame, patch by patch.
+class Latest(OrderedDict[int, Value]):
+    """Values of at most `capacity` frames; the frame least recently used makes room."""
 
-    Attributes
-    ----------
-    patches : Patches
-    latents : float [k, d]
-        Its vectors, projected to the basis.
-    weight : float [k]
-        As a target's, summed over the pixels of a patch; sum 1.
-    """
+    def __init__(self, capacity: int):
+        super().__init__()
+        self.capacity = capacity
 
-    patches: Patches
-    latents: Tensor
-    weight: Tensor
+    def latest(self, frame: int) -> Value | None:
+        if frame in self:
+            self.move_to_end(frame)
+        return self.get(frame)
+
+    def keep(self, frame: int, value: Value) -> Value:
+        self[frame] = value
+        if len(self) > self.capacity:
+            self.popitem(last=False)
+        return value
 
 
 class SemanticTargets:
@@ -87,11 +93,11 @@ class SemanticTargets:
     teacher : Teacher
         Asked about its own frames only, so held-out frames stay held out.
     frames : TrainingFrames
-    evidence : MotionEvidence, optional
-        Carries the words of a teacher that speaks about few frames to the others.
+    flow : FlowSupervision, optional
+        Warps the labels of a teacher that has few frames to the others.
     progress : Progress
     guided : bool
-        Whether the vectors of a coarse teacher are shared out over the picture's superpixels (`refined_by_regions`).
+        Whether the vectors of a coarse teacher are upsampled to the superpixels of the frames (`upsample_to_regions`).
     max_rank : int
 
     Attributes
@@ -99,120 +105,113 @@ class SemanticTargets:
     basis : Basis
     frames : list of int
         Frames that have a target.
-    spoken : list of int
-        Those the teacher itself speaks about; the others got its words along the optical flow.
+    labelled_frames : list of int
+        Those that the teacher itself labels; to the others its labels are warped along the optical flow.
     pixelwise : bool
         As the teacher has it.
-    shared : bool
-        Whether its vectors are shared out over superpixels.
-    trust : dict of int → float [k]
-        How far each word of a frame is believed (`consistency`); words of frames that are not in it are believed as they are.
-    doubted : bool
-        Whether a pixelwise teacher contradicts itself, so that mistaken words must not pull harder than others.
+    upsampled : bool
+        Whether its vectors are upsampled to superpixels.
     """
 
     def __init__(
         self,
         teacher: Teacher,
         frames: TrainingFrames,
-        evidence: FlowSupervision | None = None,
+        flow: FlowSupervision | None = None,
         progress: Progress = silent,
         *,
         guided: bool = True,
         max_rank: int = 32,
     ):
         self.pixelwise = teacher.pixelwise
-        self.shared = guided and not teacher.pixelwise
-        self.trust: dict[int, Tensor] = {}
-        self.doubted = False
-        self._teacher, self._working, self._evidence = teacher, frames, evidence
+        self.upsampled = guided and not teacher.pixelwise
+        self._confidence: Mapping[int, Tensor] = {}
+        self._teacher, self._working, self._flow = teacher, frames, flow
         clip = frames.clip
         width, height = frames.size
-        self._capacity = max(2, TARGET_BYTES // (width * height * PIXEL_BYTES))
-        self._words: OrderedDict[int, Words] = OrderedDict()
-        self._targets: OrderedDict[int, Target] = OrderedDict()
-        self._patches: OrderedDict[int, PatchTarget] = OrderedDict()
-        self.spoken: list[int] = []
+        capacity = max(2, TARGET_BYTES // (width * height * PIXEL_BYTES))
+        self._answers, self._targets, self._patches = Latest[Answer](capacity), Latest[Target](capacity), Latest[PatchTarget](capacity)
+        self.labelled_frames: list[int] = []
         vectors, counts = [], []
         for done, i in enumerate(teacher.frames):
             progress(0.7 * done / len(teacher.frames), "asking the teacher")
-            if (answer := self._asked(i)) is not None:
-                self.spoken.append(i)
+            if (answer := self._answer(i)) is not None:
+                self.labelled_frames.append(i)
                 vectors.append(answer[0])
                 counts.append(np.bincount(answer[1][answer[1] >= 0], minlength=len(answer[0])))
-        if not self.spoken:
+        if not self.labelled_frames:
             raise DegenseError(
-                f"{clip.path}: the teacher {teacher.name!r} says nothing about any training frame; "
-                "train with --teacher none or add label maps"
+                f"{clip.path}: the teacher {teacher.name!r} labels no training frame; train with --teacher none or add label maps"
             )
         anchors = None if teacher.pixelwise or not clip.classes else teacher.encoder.encode(clip.classes)
         self.basis: Basis = _basis(np.concatenate(vectors), np.concatenate(counts), anchors, max_rank)
-        self._source = {i: i for i in self.spoken}
-        if evidence is not None and len(self.spoken) < SPARSE * len(clip.train_frames):
+        self._source = {i: i for i in self.labelled_frames}
+        if flow is not None and len(self.labelled_frames) < SPARSE * len(clip.train_frames):
             for done, i in enumerate(clip.train_frames):
-                progress(0.7 + 0.3 * done / len(clip.train_frames), "carrying labels along with the tissue")
-                source = min(self.spoken, key=lambda s: abs(s - i))
-                if i not in self._source and (self._said(i, source)[1] >= 0).any():
+                progress(0.7 + 0.3 * done / len(clip.train_frames), "warping labels along with the tissue")
+                source = min(self.labelled_frames, key=lambda s: abs(s - i))
+                if i not in self._source and (self._labels(i, source)[1] >= 0).any():
                     self._source[i] = source
         self.frames = sorted(self._source)
 
-    def _asked(self, frame: int) -> Words | None:
-        """What the teacher says of a frame, if anything, shared out if it is to be: unit vectors, and which of them each pixel has."""
-        if frame in self._words:
-            self._words.move_to_end(frame)
-            return self._words[frame]
-        words = self._answered(frame)
-        if words is None:
-            return None
-        if self.shared:
-            vectors, index = words
+    def reweighted(self, confidence: Mapping[int, Tensor]) -> SemanticTargets:
+        """The same targets with each pixel's weight times the confidence of its label.
+
+        Parameters
+        ----------
+        confidence : mapping of frame to float [k]
+            Of each label of a frame (`consistency.label_confidence`); labels of frames that are not in it keep their weights.
+        """
+        changed = copy(self)
+        changed._confidence = confidence
+        return changed
+
+    def _answer(self, frame: int) -> Answer | None:
+        """The teacher's answer for a frame, if it has one, upsampled if it is to be."""
+        if frame in self._answers or (answer := self._teacher_answer(frame)) is None:
+            return self._answers.latest(frame)
+        if self.upsampled:
+            vectors, index = answer
             image = self._working.image(frame)
             regions = superpixels(image)
-            vectors = refined_by_regions(vectors, index, image, regions)
-            words = vectors, np.where((index >= 0) & (np.linalg.norm(vectors, axis=1)[regions] > 0), regions, -1).astype(np.int32)
-        return _keep(self._words, frame, words, self._capacity)
+            vectors = upsample_to_regions(vectors, index, image, regions)
+            answer = vectors, np.where((index >= 0) & (np.linalg.norm(vectors, axis=1)[regions] > 0), regions, -1).astype(np.int32)
+        return self._answers.keep(frame, answer)
 
-    def _answered(self, frame: int) -> Words | None:
-        """The teacher's own words: unit vectors, and which of them each pixel has, int32 at the working size.
-
-        −1 where nothing is said or the frame is not valid.
-        """
+    def _teacher_answer(self, frame: int) -> Answer | None:
+        """The teacher's own answer at the working size; −1 also where the frame is not valid."""
         answer = self._teacher.targets(frame)
         if answer is None:
             return None
-        vectors, index = _directed(*answer)
+        vectors, index = _unit_vectors(*answer)
         index = cv2.resize(index.astype(np.float32), self._working.size, interpolation=cv2.INTER_NEAREST).astype(np.int32)
         index = np.where(self._working.valid(frame), index, -1).astype(np.int32)
         return (vectors, index) if (index >= 0).any() else None
 
-    def _said(self, frame: int, source: int) -> Words:
-        """The vectors that `source` has, and which of them each pixel of `frame` should have, int32 at the working size, −1 where none.
-
-        Words of another frame are moved with the tissue, where flow knows how it moved.
-        """
-        answer = self._asked(source)
+    def _labels(self, frame: int, source: int) -> Answer:
+        """The answer for `source`, warped to `frame` with the tissue, where flow knows how it moved."""
+        answer = self._answer(source)
         assert answer is not None
         vectors, index = answer
         if source != frame:
-            assert self._evidence is not None
-            moved, known = self._evidence.warped(index, source, frame)
+            assert self._flow is not None
+            moved, known = self._flow.warped(index, source, frame)
             index = np.where(known & self._working.valid(frame), moved, -1).astype(np.int32)
         return vectors, index
 
     def target(self, frame: int) -> Target:
         """The supervision of one of `frames`."""
-        if frame in self._targets:
-            self._targets.move_to_end(frame)
-        else:
-            _keep(self._targets, frame, self._target(frame, *self._said(frame, self._source[frame])), self._capacity)
-        found = self._targets[frame]
-        return replace(found, weight=found.weight * self.trust[frame][found.index]) if frame in self.trust else found
+        found = self._targets.latest(frame)
+        if found is None:
+            found = self._targets.keep(frame, self._target(frame, *self._labels(frame, self._source[frame])))
+        confidence = self._confidence.get(frame)
+        return found if confidence is None else replace(found, weight=found.weight * confidence[found.index])
 
     def _target(self, frame: int, vectors: np.ndarray, index: np.ndarray) -> Target:
         flat = index.ravel()
         pixels = np.flatnonzero(flat >= 0).astype(np.int32)
         chosen = flat[pixels]
-        weight = _rarity(vectors, np.bincount(chosen, minlength=len(vectors)))[chosen]
+        weight = _rarity_weights(vectors, np.bincount(chosen, minlength=len(vectors)))[chosen]
         weight /= max(weight.mean(), 1e-12) if len(weight) else 1
         regions = superpixels(self._working.image(frame))
         device = self._working.device
@@ -226,59 +225,43 @@ class SemanticTargets:
         )
 
     def patch_target(self, frame: int) -> PatchTarget:
-        """The teacher's own words of one of `spoken`, against which the means over its patches can be held."""
-        if frame in self._patches:
-            self._patches.move_to_end(frame)
-            return self._patches[frame]
-        words = self._answered(frame)
-        assert words is not None
-        vectors, index = words
+        """The teacher's own patches of one of `labelled_frames`, with which the means over them are compared."""
+        if (found := self._patches.latest(frame)) is not None:
+            return found
+        answer = self._teacher_answer(frame)
+        assert answer is not None
+        vectors, index = answer
         size = np.bincount(index[index >= 0], minlength=len(vectors))
-        weight = size * _rarity(vectors, size)
+        weight = size * _rarity_weights(vectors, size)
         device = self._working.device
         target = PatchTarget(
             Patches.of(index, len(vectors), device),
             torch.from_numpy(self.basis.project(vectors)).float().to(device),
             torch.from_numpy(weight / weight.sum()).float().to(device),
         )
-        return _keep(self._patches, frame, target, self._capacity)
+        return self._patches.keep(frame, target)
 
-    def loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> dict[str, Tensor]:
-        """The terms `align` (Eq. 3, or L1 for the coupled baseline; the `chord` where `doubted`) and `region` (w·L_smooth, where w > 0) on
-        a drawn latent map [H, W, d].
+    def loss(self, latent: Tensor, frame: int, distance: Distance, region_weight: float) -> dict[str, Tensor]:
+        """Terms of the loss of a drawn latent map [H, W, d].
+
+        `align`: mean distance (`angular`, Eq. 3, `chord` or `l1`) to the frame's target; `region`: w·L_smooth, where w > 0.
         """
         target = self.target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
-        drawn, wanted = flat[target.pixels], target.latents[target.index]
-        error = (chord if self.doubted else angular)(drawn, wanted) if use_angles else _l1(drawn, wanted)
+        error = distance(flat[target.pixels], target.latents[target.index])
         return {"align": (error * target.weight).sum() / max(len(target.pixels), 1), **self._smoothness(flat, frame, region_weight)}
 
-    def patch_loss(self, latent: Tensor, frame: int, *, use_angles: bool, region_weight: float) -> dict[str, Tensor]:
-        """`loss` with the teacher's patches as they are, each against the mean of what it sees; with angles, their `chord`."""
+    def patch_loss(self, latent: Tensor, frame: int, distance: Distance, region_weight: float) -> dict[str, Tensor]:
+        """`loss` with the teacher's patches as they are, each against the mean of what it sees."""
         patches, wanted, weight = self.patch_target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
-        seen = patches.see(flat)
-        error = chord(seen, wanted) if use_angles else _l1(seen, wanted)
-        return {"align": (error * weight).sum(), **self._smoothness(flat, frame, region_weight)}
+        return {"align": (distance(patches.see(flat), wanted) * weight).sum(), **self._smoothness(flat, frame, region_weight)}
 
     def _smoothness(self, flat: Tensor, frame: int, weight: float) -> dict[str, Tensor]:
         if weight <= 0:
             return {}
         target = self.target(frame)
         return {"region": weight * region_smoothness(flat, target.regions, target.region_count)}
-
-
-def _l1(predicted: Tensor, wanted: Tensor) -> Tensor:
-    """L1 distance of each row of latents."""
-    return (predicted - wanted).abs().sum(-1)
-
-
-def _keep(kept: OrderedDict[int, Kept], frame: int, value: Kept, capacity: int) -> Kept:
-    """Store what a frame has; the frame least recently asked for makes room."""
-    kept[frame] = value
-    if len(kept) > capacity:
-        kept.popitem(last=False)
-    return value
 
 
 def _basis(vectors: np.ndarray, counts: np.ndarray, anchors: np.ndarray | None, max_rank: int) -> Basis:
@@ -288,18 +271,18 @@ def _basis(vectors: np.ndarray, counts: np.ndarray, anchors: np.ndarray | None, 
 
 
 def alike(some: Vectors, others: Vectors) -> Vectors:
-    """How far unit vectors [k, d] and [l, d] say the same, [k, l] in [0, 1]: max(cos, 0)^`LIKE`."""
-    return (some @ others.T).clip(0) ** LIKE
+    """How far unit vectors [k, d] and [l, d] are of one kind, [k, l] in [0, 1]: max(cos, 0)^`SIMILARITY_POWER`."""
+    return (some @ others.T).clip(0) ** SIMILARITY_POWER
 
 
-def _rarity(vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """1/√ of how many pixels say about the same as each vector, Σ_j counts_j · `alike`_ij: float64 [k]."""
+def _rarity_weights(vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """1/√ of how many pixels have about the same vector, Σ_j counts_j · `alike`_ij: float64 [k]."""
     unit = unit_rows(vectors)
     return 1 / np.sqrt(np.maximum(alike(unit, unit) @ counts.astype(np.float64), 1))
 
 
-def _directed(vectors: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A teacher's vectors as float32 of unit length, whatever precision and length they came in; zero and non-finite ones say nothing."""
+def _unit_vectors(vectors: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A teacher's vectors as float32 of unit length, whatever precision and length they came in; zero and non-finite ones are no labels."""
     vectors = np.asarray(vectors, np.float64)  # squares of float16 and float32 must not overflow
     length = np.linalg.norm(vectors, axis=1)
     sound = np.isfinite(length) & (length > 0)

@@ -1,4 +1,4 @@
-"""Semantics for a finished geometry: back-projection, confidence weights, and that nothing else is touched."""
+"""Distillation onto a finished geometry: guided targets, feature back-projection, and that nothing else is touched."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,9 @@ from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
-from degense.engine.training.semantic.consistency import consent, trust
-from degense.engine.training.semantic.distillation import CONSENT, LOOK_RIDGE, _settle, fit_meaning, lift
+from degense.engine.training.losses import angular
+from degense.engine.training.semantic.consistency import label_confidence, label_consistency
+from degense.engine.training.semantic.distillation import COLOR_RIDGE, CONSISTENT, _set_semantics, backproject_features, distill
 from degense.engine.training.semantic.targets import SemanticTargets
 from tests.fakes import MemoryClip
 
@@ -33,7 +34,7 @@ def model_for(frames, targets, color_knots=0):
     return SceneModel(FieldConfig(rank=targets.basis.rank, color_knots=color_knots, resolution=16, time_resolution=4), bounds, canonical)
 
 
-def spoken(model, targets, frames, frame):
+def labels_seen(model, targets, frames, frame):
     """What is said of each Gaussian in a frame, its share [N] and its colour, from blending weights found by drawing each as a channel."""
     with torch.no_grad():
         s = model.at(frames.clip.time(frame), semantics=False).splats
@@ -43,16 +44,16 @@ def spoken(model, targets, frames, frame):
     return shares.T @ target.latents[target.index].double(), shares.sum(0), s.colors.double()
 
 
-def test_where_nothing_changes_colour_the_lift_is_the_weighted_mean_of_what_is_said(stage):
+def test_where_nothing_changes_colour_back_projection_is_the_weighted_mean_of_the_labels(stage):
     frames, targets = stage
     model = model_for(frames, targets)
-    total = sum(spoken(model, targets, frames, frame)[0] for frame in targets.frames)
-    latents, semantic_coefficients = lift(model, targets, frames)
+    total = sum(labels_seen(model, targets, frames, frame)[0] for frame in targets.frames)
+    latents, semantic_coefficients = backproject_features(model, targets, frames)
     np.testing.assert_allclose(latents, torch.nn.functional.normalize(total, dim=1), atol=2e-3)
     assert not semantic_coefficients.any()
 
 
-def test_where_colours_change_the_lift_is_a_ridge_regression_on_them(stage):
+def test_where_colours_change_back_projection_is_a_ridge_regression_on_them(stage):
     """Against a weighted regression of each Gaussian alone, in float64."""
     frames, targets = stage
     model = model_for(frames, targets, color_knots=4)
@@ -60,8 +61,10 @@ def test_where_colours_change_the_lift_is_a_ridge_regression_on_them(stage):
         model.canonical["color_residuals"].copy_(
             0.2 * torch.randn(model.canonical["color_residuals"].shape, generator=torch.Generator().manual_seed(1))
         )
-    said, share, colour = (torch.stack(parts) for parts in zip(*(spoken(model, targets, frames, i) for i in targets.frames), strict=True))
-    latents, semantic_coefficients = lift(model, targets, frames)
+    said, share, colour = (
+        torch.stack(parts) for parts in zip(*(labels_seen(model, targets, frames, i) for i in targets.frames), strict=True)
+    )
+    latents, semantic_coefficients = backproject_features(model, targets, frames)
     canonical = model.canonical["colors"].detach().double()
     checked = 0
     for i in range(0, len(model), 7):
@@ -72,7 +75,7 @@ def test_where_colours_change_the_lift_is_a_ridge_regression_on_them(stage):
         words = said[:, i].sum(0) / share[:, i].sum()
         centred = c - w @ c
         slope = torch.linalg.solve(
-            (centred.T * w) @ centred + LOOK_RIDGE * torch.eye(3, dtype=torch.float64), centred.T @ said[:, i] / share[:, i].sum()
+            (centred.T * w) @ centred + COLOR_RIDGE * torch.eye(3, dtype=torch.float64), centred.T @ said[:, i] / share[:, i].sum()
         )
         np.testing.assert_allclose(semantic_coefficients[i], slope / words.norm(), atol=5e-3)
         np.testing.assert_allclose(latents[i], (words - (w @ c) @ slope) / words.norm(), atol=5e-3)
@@ -112,7 +115,7 @@ def test_what_changes_its_look_changes_its_name():
         x, y = frames.cameras[0].project(model.canonical["means"].double().numpy())[0].T
         inside = torch.from_numpy((x > 16) & (x < 28) & (y > 12) & (y < 24))
         model.canonical["color_residuals"][inside, 5:] = wanted
-    latents, semantic_coefficients = lift(model, targets, frames)
+    latents, semantic_coefficients = backproject_features(model, targets, frames)
     model.canonical["semantics"].data.copy_(latents)
     model.set_semantic_coefficients(semantic_coefficients)
     vectors = torch.from_numpy(targets.basis.project(teacher.vectors)).float()
@@ -144,8 +147,8 @@ def test_words_that_the_other_frames_contradict_are_believed_less():
 
     targets = SemanticTargets(Mistaken(), frames, guided=False)
     model = model_for(frames, targets)
-    _settle(model, *lift(model, targets, frames))
-    found = trust(model, targets, frames)
+    _set_semantics(model, *backproject_features(model, targets, frames))
+    found = label_confidence(model, targets, frames)
     lies = [p for p in range(120) if p // 12 in (6, 7, 8) and p % 12 < 4]
     truths = [p for p in range(120) if p // 12 in (6, 7, 8) and p % 12 > 8]
     assert found[lied][lies].max() < 0.3 * found[lied][truths].min()
@@ -153,16 +156,17 @@ def test_words_that_the_other_frames_contradict_are_believed_less():
     counted = torch.cat([torch.bincount(targets.target(i).index, minlength=120).float() for i in targets.frames])
     assert float((torch.cat([found[i] for i in targets.frames]) * counted).sum() / counted.sum()) == pytest.approx(1, abs=0.1)
     before = targets.target(lied).weight
-    targets.trust = found
-    after = targets.target(lied)
+    reweighted = targets.reweighted(found)
+    after = reweighted.target(lied)
     assert torch.equal(after.weight, before * found[lied][after.index])
-    assert torch.equal(targets.target(lied).weight, after.weight)  # once, not again
+    assert torch.equal(reweighted.target(lied).weight, after.weight)  # once, not again
+    assert torch.equal(targets.target(lied).weight, before)
 
 
-class Fickle:
+class Inconsistent:
     """Label maps, but that every third frame calls most of the wall by the other name."""
 
-    pixelwise, name, provenance = True, "fickle", "made up"
+    pixelwise, name, provenance = True, "inconsistent", "made up"
 
     def __init__(self, exact):
         self.exact, self.encoder, self.frames = exact, exact.encoder, exact.frames
@@ -182,32 +186,29 @@ def test_a_pixelwise_teacher_is_followed_only_while_it_agrees_with_itself(monkey
     config = TrainConfig.preset_of("quick", semantic_steps=200, region=0.0)
 
     def taught(teacher):
-        """Consent after the lift; by how much the wall is rather called by its name where frame 6 calls it otherwise; whether doubted."""
+        """Label consistency after back-projection, and by how much the wall is rather named by its class where frame 6 says otherwise."""
         targets = SemanticTargets(teacher, frames)
         model = model_for(frames, targets)
-        _settle(model, *lift(model, targets, frames))
-        agreed = consent(model, targets, frames)
-        fit_meaning(model, targets, frames, config)
+        _set_semantics(model, *backproject_features(model, targets, frames))
+        agreed = label_consistency(model, targets, frames)
+        distill(model, targets, frames, config)
         with torch.no_grad():
             s = model.at(clip.time(6)).splats
             latent = rasterize(s, s.semantics, clip.cameras[6]).image[30:, 40:]
         wall, other = torch.from_numpy(targets.basis.project(EmbeddedEncoder().encode(clip.classes))).float()
         cosine = torch.nn.functional.cosine_similarity
-        return agreed, float((cosine(latent, wall, dim=-1) - cosine(latent, other, dim=-1)).mean()), targets.doubted
+        return agreed, float((cosine(latent, wall, dim=-1) - cosine(latent, other, dim=-1)).mean())
 
-    agreed, _, doubted = taught(exact)
-    assert agreed > CONSENT
-    assert not doubted
-    agreed, right, doubted = taught(Fickle(exact))
-    assert agreed < CONSENT
-    assert doubted
-    monkeypatch.setattr("degense.engine.training.semantic.distillation.CONSENT", 0.0)
-    _, followed, doubted = taught(Fickle(exact))
-    assert not doubted
+    agreed, _ = taught(exact)
+    assert agreed > CONSISTENT
+    agreed, right = taught(Inconsistent(exact))
+    assert agreed < CONSISTENT
+    monkeypatch.setattr("degense.engine.training.semantic.distillation.CONSISTENT", 0.0)
+    _, followed = taught(Inconsistent(exact))
     assert right > 0.5 > followed + 0.05
 
 
-def test_only_meaning_changes_and_it_gets_better(stage):
+def test_only_semantics_change_and_it_gets_better(stage):
     frames, targets = stage
     model = model_for(frames, targets)
     before = {name: value.clone() for name, value in model.state_dict().items()}
@@ -219,11 +220,11 @@ def test_only_meaning_changes_and_it_gets_better(stage):
             for frame in targets.frames:
                 s = model.at(frames.clip.time(frame)).splats
                 latent = rasterize(s, s.semantics, frames.cameras[frame]).image
-                found += float(targets.loss(latent, frame, use_angles=True, region_weight=0.0)["align"]) / len(targets.frames)
+                found += float(targets.loss(latent, frame, angular, 0.0)["align"]) / len(targets.frames)
             return found
 
     told = []
-    assert fit_meaning(model, targets, frames, config, progress=lambda fraction, words: told.append(fraction))
+    assert distill(model, targets, frames, config, progress=lambda fraction, words: told.append(fraction))
     assert told == sorted(told)
     changed = {name for name, value in model.state_dict().items() if name not in before or not torch.equal(value, before[name])}
     assert changed
@@ -231,7 +232,7 @@ def test_only_meaning_changes_and_it_gets_better(stage):
     assert [name for name, parameter in model.named_parameters() if not parameter.requires_grad] == ["canonical.temporal_windows"]
     assert loss() < 0.25
     again = model_for(frames, targets)
-    fit_meaning(again, targets, frames, config)
+    distill(again, targets, frames, config)
     assert all(torch.equal(a, b) for a, b in zip(model.state_dict().values(), again.state_dict().values(), strict=True))
-    assert not fit_meaning(again, targets, frames, config, stop=lambda: True)
+    assert not distill(again, targets, frames, config, stop=lambda: True)
     assert again.semantic_coefficients is None  # so that a training that is resumed finds the model it knows

@@ -8,7 +8,7 @@ from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.basis import fit_basis
 from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.semantic.guided_upsampling import REACH, RIDGE, refined_by_regions
+from degense.engine.training.semantic.guided_upsampling import RADIUS, RIDGE, upsample_to_regions
 from degense.engine.training.semantic.patches import BLUR
 from degense.engine.training.semantic.targets import SemanticTargets
 from tests.fakes import MemoryClip
@@ -25,7 +25,7 @@ def test_regions_read_a_line_through_the_patches_at_their_colour():
     regions = (np.arange(24)[:, None] // 4 * 8 + np.arange(32)[None] // 4).astype(np.int32)
     vectors = rng.normal(size=(12, 6)).astype(np.float32)
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
-    found = refined_by_regions(vectors, index, image, regions)
+    found = upsample_to_regions(vectors, index, image, regions)
     import cv2
 
     lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
@@ -36,7 +36,7 @@ def test_regions_read_a_line_through_the_patches_at_their_colour():
     colours = np.array([soft[index == p].mean(0) for p in range(12)])
     for region in range(48):
         r = regions == region
-        far = ((np.array([x[r].mean(), y[r].mean()]) - centres) ** 2).sum(1) / (REACH * side) ** 2
+        far = ((np.array([x[r].mean(), y[r].mean()]) - centres) ** 2).sum(1) / (RADIUS * side) ** 2
         w = np.exp(-0.5 * far) * [(index == p).sum() for p in range(12)]
         w /= w.sum()
         c = colours - w @ colours

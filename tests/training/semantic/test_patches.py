@@ -7,6 +7,7 @@ from degense.engine.research.degraded_teachers import Degradation, DegradedTeach
 from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.losses import chord
 from degense.engine.training.semantic.patches import BLUR, Patches
 from degense.engine.training.semantic.targets import SemanticTargets
 from tests.fakes import MemoryClip
@@ -47,7 +48,7 @@ def test_the_patch_loss_is_least_where_each_patch_sees_what_was_said_of_it():
     clip = MemoryClip()
     teacher = DegradedTeacher(LabelTeacher(clip, EmbeddedEncoder()), Degradation(patches=6))
     targets = SemanticTargets(teacher, TrainingFrames(clip, 1 << 20, CPU))
-    frame = targets.spoken[1]
+    frame = targets.labelled_frames[1]
     patches, wanted, weight = targets.patch_target(frame)
     assert abs(float(weight.sum()) - 1) < 1e-5
 
@@ -56,14 +57,14 @@ def test_the_patch_loss_is_least_where_each_patch_sees_what_was_said_of_it():
     unit = torch.nn.functional.normalize
     apart = unit(patches.see(latent.detach().reshape(height * width, -1)), dim=1) - unit(wanted, dim=1)
     by_hand = (apart.square().sum(1) + 0.01**2).sqrt()
-    loss = targets.patch_loss(latent, frame, use_angles=True, region_weight=0.0)["align"]
+    loss = targets.patch_loss(latent, frame, chord, 0.0)["align"]
     assert abs(loss.item() - float((by_hand * weight).sum())) < 1e-5
-    assert sum(targets.patch_loss(latent, frame, use_angles=True, region_weight=1.0).values()) > loss
+    assert sum(targets.patch_loss(latent, frame, chord, 1.0).values()) > loss
 
     optimizer = torch.optim.Adam([latent], lr=0.05)
     for _ in range(150):
         optimizer.zero_grad()
-        loss = targets.patch_loss(latent, frame, use_angles=True, region_weight=0.0)["align"]
+        loss = targets.patch_loss(latent, frame, chord, 0.0)["align"]
         loss.backward()
         optimizer.step()
     assert loss < 0.1

@@ -15,6 +15,7 @@ from degense.engine.training.config import TrainConfig
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
+from degense.engine.training.losses import angular, l1
 from degense.engine.training.preparation import semantic_provenance
 from degense.engine.training.semantic.targets import SemanticTargets
 from degense.engine.training.trainer import Trainer
@@ -25,9 +26,9 @@ CPU = torch.device("cpu")
 
 def prepared(clip, max_pixels=1 << 20, motion=False):
     frames = TrainingFrames(clip, max_pixels, CPU)
-    evidence = FlowSupervision(frames) if motion else None
+    flow = FlowSupervision(frames) if motion else None
     teacher = LabelTeacher(clip, EmbeddedEncoder())
-    return frames, evidence, teacher, SemanticTargets(teacher, frames, evidence)
+    return frames, flow, teacher, SemanticTargets(teacher, frames, flow)
 
 
 def drawn(targets, frame, size):
@@ -42,7 +43,7 @@ def test_targets_say_what_the_labels_say_at_the_working_size():
     clip = MemoryClip(width=96, height=80)
     frames, _, teacher, targets = prepared(clip, max_pixels=48 * 40)
     assert frames.size == (48, 40)
-    assert targets.frames == targets.spoken == clip.train_frames
+    assert targets.frames == targets.labelled_frames == clip.train_frames
     for frame in clip.train_frames:
         picture = drawn(targets, frame, frames.size)
         expected = clip.labels(frame)[::2, ::2].astype(int)
@@ -65,11 +66,11 @@ def test_what_is_invalid_or_unlabelled_carries_nothing(seed):
     generator = torch.Generator().manual_seed(seed)
     latent = torch.randn((40, 48, targets.basis.rank), generator=generator)
     other = torch.where(torch.from_numpy(spoken)[..., None], latent, torch.randn(latent.shape, generator=generator))
-    losses = [targets.loss(x, 2, use_angles=angles, region_weight=0)["align"] for angles in (True, False) for x in (latent, other)]
+    losses = [targets.loss(x, 2, distance, 0)["align"] for distance in (angular, l1) for x in (latent, other)]
     assert losses[0] == losses[1]
     assert losses[2] == losses[3]
     latent.requires_grad_()
-    targets.loss(latent, 2, use_angles=True, region_weight=0)["align"].backward()
+    targets.loss(latent, 2, angular, 0)["align"].backward()
     assert np.array_equal((latent.grad != 0).any(2).numpy(), spoken)
 
 
@@ -95,18 +96,18 @@ def test_the_loss_is_the_weighted_angle():
     for pixel, index, weight in zip(target.pixels.tolist(), target.index.tolist(), weights, strict=True):
         a, b = flat[pixel], target.latents[index].numpy()
         total += weight * (1 - a @ b / np.linalg.norm(a) / np.linalg.norm(b))
-    assert float(targets.loss(latent, 3, use_angles=True, region_weight=0)["align"]) == pytest.approx(total / len(weights), rel=1e-4)
+    assert float(targets.loss(latent, 3, angular, 0)["align"]) == pytest.approx(total / len(weights), rel=1e-4)
     perfect = torch.zeros_like(latent).view(-1, targets.basis.rank)
     perfect[target.pixels] = 7 * target.latents[target.index]
-    assert targets.loss(perfect.view_as(latent), 3, use_angles=True, region_weight=0)["align"] < 1e-5
-    assert targets.loss(latent, 3, use_angles=True, region_weight=1.0)["region"] > 0
-    assert set(targets.loss(latent, 3, use_angles=True, region_weight=0)) == {"align"}
+    assert targets.loss(perfect.view_as(latent), 3, angular, 0)["align"] < 1e-5
+    assert targets.loss(latent, 3, angular, 1.0)["region"] > 0
+    assert set(targets.loss(latent, 3, angular, 0)) == {"align"}
 
 
 def test_sparse_labels_are_carried_with_the_tissue_and_the_run_says_so():
     clip = MovingWall(10, velocity=(0.05, 0.02, 0.0), labelled=[4], hole=np.s_[60:66, 10:20])
     frames, _, teacher, targets = prepared(clip, motion=True)
-    assert targets.spoken == [4]
+    assert targets.labelled_frames == [4]
     assert targets.frames == clip.train_frames
     assert (
         semantic_provenance(teacher, targets)
@@ -126,7 +127,7 @@ def test_sparse_labels_are_carried_with_the_tissue_and_the_run_says_so():
 def test_full_labels_are_not_carried_and_the_run_does_not_say_so():
     clip = MovingWall(10, labelled=range(10))
     _, _, teacher, targets = prepared(clip, motion=True)
-    assert targets.frames == targets.spoken == clip.train_frames
+    assert targets.frames == targets.labelled_frames == clip.train_frames
     assert semantic_provenance(teacher, targets) == teacher.provenance
     assert semantic_provenance(None, None) == "no semantics"
 
@@ -144,9 +145,9 @@ def test_a_silent_teacher_is_refused_in_one_sentence():
             return np.full((40, 48), UNLABELLED, np.uint8)
 
     frames = TrainingFrames(MemoryClip(), 1 << 20, CPU)
-    with pytest.raises(DegenseError, match=r"'mute' says nothing about any training frame; train with --teacher none"):
+    with pytest.raises(DegenseError, match=r"'mute' labels no training frame; train with --teacher none"):
         SemanticTargets(Silent(), frames)
-    with pytest.raises(DegenseError, match="says nothing about any training frame"):
+    with pytest.raises(DegenseError, match="labels no training frame"):
         SemanticTargets(LabelTeacher(Blank(), EmbeddedEncoder()), frames)
 
 
