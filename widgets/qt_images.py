@@ -1,11 +1,11 @@
-"""Frames as numpy arrays and as Qt images."""
+"""Frames and colours as numpy or plain values, and as Qt has them."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from PySide6.QtGui import QImage
+from PySide6.QtGui import QColor, QImage
 
 
 def to_qimage(pixels: np.ndarray) -> QImage:
@@ -37,3 +37,8 @@ class DrawableFrame(NamedTuple):
     @staticmethod
     def of(rgb: np.ndarray | None) -> DrawableFrame | None:
         return None if rgb is None else DrawableFrame(rgb, to_qimage(rgb))
+
+
+def rgb(colour: QColor) -> tuple[int, int, int]:
+    """Red, green and blue, 0 to 255."""
+    return colour.red(), colour.green(), colour.blue()

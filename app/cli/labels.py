@@ -12,7 +12,7 @@ import numpy as np
 
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.annotate.label_sets import label_format, names_of, write_labels
-from degense.app.features.annotate.state import folder_beside
+from degense.app.session.session_file import clip_folder
 from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.classes import LabelClass, merged, named_classes
 from degense.engine.annotation.folder import NAME, load, save
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Subject:
-    """A run or a clip, and where its annotations are kept."""
+    """A run or a clip, and the folder of its annotations."""
 
     def __init__(self, path: Path):
         self.scene: Scene | None = None
@@ -45,11 +45,11 @@ class Subject:
             from degense.engine.data.readers import open_clip
 
             self.clip = open_clip(path)
-            self.folder = folder_beside(self.clip)
+            self.folder = clip_folder(self.clip.path)
         width, height = self.clip.size
         names = self.clip.classes or (self.scene.classes if self.scene else ())
-        kept = load(self.folder, (height, width), len(self.clip), self.clip.labels)
-        self.work = kept or Annotations(named_classes(names), (height, width), len(self.clip), self.clip.labels)
+        saved = load(self.folder, (height, width), len(self.clip), self.clip.labels)
+        self.work = saved or Annotations(named_classes(names), (height, width), len(self.clip), self.clip.labels)
         self.names = names_of(self.clip, len(self.clip))
 
 

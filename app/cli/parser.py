@@ -172,7 +172,7 @@ def _outputs(command: Command) -> None:
 
 def _labels(command: Command) -> None:
     """Label maps made by hand."""
-    sub = command("annotate", "labels:annotate", "carry label maps of some frames to all others")
+    sub = command("annotate", "labels:annotate", "propagate label maps of some frames to all others")
     sub.add_argument("path", type=Path, metavar="PATH", help="a run, or a clip: then along its motion alone")
     sub.add_argument(
         "--labels",

@@ -1,4 +1,4 @@
-"""What was done since the last save, told to a file as it happens: a crash loses nothing that was told."""
+"""The journal: changes since the last save, appended to a file as they happen, so that a crash does not lose them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ LARGEST = 256 << 20
 
 @dataclass(frozen=True)
 class Entry:
-    """A change of a part, as `Part.replay` takes it."""
+    """A change of the state with this name, as `PersistentState.replay` takes it."""
 
-    part: str
+    state: str
     record: Any
 
 
@@ -26,7 +26,7 @@ class Journal:
     """An append-only file of small records: a header, then one JSON line each.
 
     The header names the session file that the records continue, by its id. A crash between saving and emptying the journal leaves records
-    that are in the session file already; their journal names another file and is not read, so nothing is told twice.
+    that are in the session file already; their journal names another file and is not read, so nothing is applied twice.
     Records are handed to the system at once, without waiting for the disk: they survive any end of the program, but no power cut.
 
     Parameters
@@ -44,12 +44,12 @@ class Journal:
             raise DegenseError(f"{path} cannot be written ({error.strerror}): a crash would lose what is not saved.") from error
         self._end = 0
         if fresh:
-            self._append({"journal": 1, "after": after})
+            self._write({"journal": 1, "after": after})
         else:
             self._end = _whole(path)
             os.ftruncate(self._file, self._end)  # what a crash left half written
 
-    def tell(self, part: str, record: Any) -> None:
+    def append(self, state: str, record: Any) -> None:
         """Add a record.
 
         Raises
@@ -57,12 +57,12 @@ class Journal:
         DegenseError
             When it cannot be written whole; the journal ends before it then, and later records may succeed.
         """
-        self._append({"part": part, "record": record})
+        self._write({"part": state, "record": record})
 
     def close(self) -> None:
         os.close(self._file)
 
-    def _append(self, line: dict[str, Any]) -> None:
+    def _write(self, line: dict[str, Any]) -> None:
         data = json.dumps(line, separators=(",", ":")).encode() + b"\n"
         try:
             os.lseek(self._file, self._end, os.SEEK_SET)
@@ -79,13 +79,13 @@ class Journal:
 
 
 def continues(path: Path, after: str) -> bool:
-    """Whether the journal at `path` goes on from the session file with this id."""
+    """Whether the journal at `path` continues the session file with this id."""
     header = next(iter(_lines(path)), None)
     return header == {"journal": 1, "after": after}
 
 
 def entries(path: Path, after: str) -> list[Entry]:
-    """What the journal tells beyond the session file with the id `after`, up to the first line that a crash left half written."""
+    """The changes since the session file with the id `after`, up to the first line that a crash left half written."""
     if not continues(path, after):
         return []
     return [Entry(str(line["part"]), line["record"]) for line in _lines(path)[1:] if set(line) == {"part", "record"}]

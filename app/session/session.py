@@ -6,11 +6,9 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from degense.app.features.annotate.state import AnnotationsPart
 from degense.app.session import session_file
-from degense.app.session.persistent_state import PersistentState
-from degense.app.session.signal import Signal
-from degense.app.session.state import CameraMode, Cursor
+from degense.app.session.cursor import CameraMode, Cursor
+from degense.app.session.state import PersistentState, Signal
 from degense.app.session.store import SessionStore
 from degense.app.session.targets import Target
 from degense.app.session.undo import UndoStack
@@ -19,6 +17,8 @@ from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from degense.engine.clip import Clip
     from degense.engine.scene import Scene
 
@@ -49,24 +49,16 @@ class Session:
         self.store = SessionStore()
         self.dirty_changed = self.store.dirty_changed
         self.view, self._cursor = ViewEditor(self.undo, lambda: self.scene), Cursor()
-        self.view_state_changed = self.view.changed
+        self.view_state_changed = self.view.view_changed
         self._playing = False
-        self.register(session_file.LOOK, self.view.saved)
+        self.register(session_file.VIEW, self.view)
         self.register("place", self._cursor)
-        self.annotations = AnnotationsPart(self)
-        self.register("annotations", self.annotations)
 
     # What is open
 
-    def register(self, name: str, part: PersistentState) -> None:
-        """Hold a part and save it under this name with each run.
-
-        Raises
-        ------
-        ValueError
-            When the name is taken.
-        """
-        self.store.register(name, part)
+    def register(self, name: str, state: PersistentState) -> None:
+        """Save a state under this name with each run and clip. ValueError when the name is taken."""
+        self.store.register(name, state)
 
     def open_scene(self, scene: Scene, keep: bool = True) -> None:
         """Show a run, with the session saved in its folder. `store.unsaved` tells whether a crash left work there: see `recover`.
@@ -74,17 +66,24 @@ class Session:
         Parameters
         ----------
         keep : bool
-            Whether to save and to keep a journal; not for the sample.
+            Whether to save and to write a journal; not for the sample.
 
         Raises
         ------
         DamagedSession
             When the session file is damaged. Nothing is open then.
         """
+        self._open(scene, scene.clip, scene.run.path, keep)
+
+    def open_clip(self, clip: Clip, keep: bool = True) -> None:
+        """Show a clip that has no run yet, with the session saved beside it (`session_file.clip_folder`); otherwise as `open_scene`."""
+        self._open(None, clip, session_file.clip_folder(clip.path), keep)
+
+    def _open(self, scene: Scene | None, clip: Clip | None, folder: Path, keep: bool) -> None:
         self.close()
-        self.scene, self.clip = scene, scene.clip
+        self.scene, self.clip = scene, clip
         try:
-            self.store.open(scene.run.path, keep)
+            self.store.open(folder, keep)
             self._cursor.frame = min(self._cursor.frame, max(0, self.frames - 1))
         except DegenseError:
             self.scene = self.clip = None
@@ -99,35 +98,15 @@ class Session:
             self.probe_changed.emit(self._cursor.probe)
 
     def recover(self) -> None:
-        """Bring back what a crash left unsaved.
-
-        Raises
-        ------
-        RunError
-            When a part of it is damaged; what came before is back.
-        """
+        """Bring back what a crash left unsaved. Errors as `SessionStore.recover`."""
         before = self.view_state
         try:
             self.store.recover()
         finally:
             self.view_state_changed.emit(before, self.view_state)
 
-    def open_clip(self, clip: Clip) -> None:
-        """Show a clip that has no run yet, annotated as it was left, also by a crash.
-
-        Raises
-        ------
-        DegenseError
-            When what a crash left cannot be used; all else is open.
-        """
-        self.close()
-        self.clip = clip
-        self.annotations.load_beside_clip()
-        self.opened.emit()
-        self.annotations.recover_beside_clip()
-
     def close(self) -> None:
-        """Forget everything. Emits nothing about it: `open_scene` and `open_clip` do."""
+        """Close what is open. `opened` is emitted by `open_scene` and `open_clip` only."""
         self.pause()
         self.scene = self.clip = None
         self.store.close()
@@ -144,10 +123,10 @@ class Session:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the surgeon's picture; (0, 0) when nothing is open."""
+        """(width, height) of the surgeon's frame; (0, 0) when nothing is open."""
         return self.scene.clip_size if self.scene else self.clip.size if self.clip else (0, 0)
 
-    # The instant
+    # The frame
 
     @property
     def frame(self) -> int:
@@ -167,7 +146,7 @@ class Session:
 
     @property
     def playing(self) -> bool:
-        """Whether time runs. The window's timeline is the clock; it asks for the frames through `go_to`."""
+        """Whether the clip is played. The window's timeline is the clock; it asks for the frames through `go_to`."""
         return self._playing
 
     def play(self) -> None:
@@ -215,9 +194,9 @@ class Session:
 
     @property
     def dirty(self) -> bool:
-        """Whether there is work that the run folder does not hold."""
+        """Whether there is work that is not saved."""
         return self.store.dirty
 
     def save(self) -> None:
-        """Write everything into the run folder, where `open_scene` finds it. Errors as `SessionStore.save`."""
+        """Write everything to where it is opened from. Errors as `SessionStore.save`."""
         self.store.save()

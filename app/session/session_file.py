@@ -1,4 +1,4 @@
-"""The file in a run folder that holds what the window showed and what was done in it: named parts as JSON, and its backups."""
+"""The session file: what the window showed and what was done in it, as named states in JSON; its folder, and its backups."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import replacing, write_text
 
 NAME, BACKUPS = "session.json", "backups"
-#: The name of the look among the parts.
-LOOK = "look"
+#: The name of the view state among the states.
+VIEW = "look"
 LARGEST = 64 << 20
 #: Backups kept, and the seconds that lie between them at least.
 KEPT, SPACING = 8, 300
@@ -33,14 +33,19 @@ class DamagedSession(RunError):
 
 @dataclass(frozen=True)
 class SavedSession:
-    """What a session file holds: parts by name, and the id that a journal refers to (empty when there is no file)."""
+    """What a session file holds: states by name, and the id that a journal refers to (empty when there is no file)."""
 
-    parts: dict[str, Any] = field(default_factory=dict)
+    states: dict[str, Any] = field(default_factory=dict)
     id: str = ""
 
 
+def clip_folder(clip: Path) -> Path:
+    """The folder of the session and annotations of a clip (a folder or a file) that has no run."""
+    return clip / "annotations" if clip.is_dir() else clip.with_name(f"{clip.stem}-annotations")
+
+
 def read(path: Path) -> SavedSession:
-    """The parts by name; nothing when there is no file.
+    """The saved states; none when there is no file.
 
     Raises
     ------
@@ -56,30 +61,30 @@ def read(path: Path) -> SavedSession:
     except (OSError, ValueError, RecursionError) as error:
         raise DamagedSession(path, str(error)) from error
     match data:
-        case {"id": str(id), "parts": dict(parts)}:
-            return SavedSession(parts, id)
-        case {"layer": _}:  # as written before there were parts: the look alone
-            return SavedSession({LOOK: data})
+        case {"id": str(id), "parts": dict(states)}:
+            return SavedSession(states, id)
+        case {"layer": _}:  # as earlier versions wrote it: the view state alone
+            return SavedSession({VIEW: data})
     raise DamagedSession(path, "not the fields of a session")
 
 
-def write(path: Path, parts: dict[str, Any]) -> SavedSession:
-    """Replace the file, and keep the one before as a backup now and then.
+def write(path: Path, states: dict[str, Any]) -> SavedSession:
+    """Replace the file; keep the old one as a backup unless the last backup is younger than `SPACING`.
 
     Raises
     ------
     DegenseError
         When it cannot be written whole; the old file stays.
     """
-    saved = SavedSession(parts, secrets.token_hex(8))
-    text = json.dumps({"id": saved.id, "parts": parts}, indent=1)
+    saved = SavedSession(states, secrets.token_hex(8))
+    text = json.dumps({"id": saved.id, "parts": states}, indent=1)
     _back_up(path)
     write_text(path, text)
     return saved
 
 
 def backups(folder: Path) -> list[Path]:
-    """The backups in a run folder, the newest first."""
+    """The backups in a folder, the newest first."""
     return sorted((folder / BACKUPS).glob("session-*.json"), reverse=True)
 
 
@@ -89,7 +94,7 @@ def backup_time(path: Path) -> datetime:
 
 
 def set_aside(path: Path) -> Path:
-    """Rename a damaged file, so that it is kept but not opened again; the new path. An absent one is nothing to do."""
+    """Rename a damaged file, so that it is kept but not opened again; the new path. An absent file is left so."""
     aside, number = path.with_name(f"{path.name}.bad"), 2
     while aside.exists():
         aside, number = path.with_name(f"{path.name}.bad-{number}"), number + 1

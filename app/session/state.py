@@ -1,63 +1,82 @@
-"""The parts that every session has: the look, and the place one is at."""
+"""What the areas of a session build on: signals without Qt, and states that are saved."""
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Generic, ParamSpec
 
-from degense.app.session.persistent_state import PersistentState
-from degense.app.session.targets import Target, target_from_json, target_to_json
-from degense.app.session.view_state import ViewState
-from degense.engine.errors import RunError
-
-CameraMode = Literal["surgeon", "free"]
+P = ParamSpec("P")
 
 
-class PersistentViewState(PersistentState):
-    """The look as part of what is saved."""
+class Signal(Generic[P]):
+    """Calls its slots in the order they were connected. A slot that raises stops the others."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.view_state = ViewState()
+        self._slots: list[Callable[P, object]] = []
 
-    def clear(self) -> None:
-        self.view_state = ViewState()
+    def connect(self, slot: Callable[P, object]) -> Callable[[], None]:
+        """Call `slot` on each emit from now on. Returns the function that disconnects it (calling it twice is harmless)."""
+        self._slots.append(slot)
 
-    def to_json(self) -> Any:
-        return self.view_state.to_json()
+        def disconnect() -> None:
+            if slot in self._slots:
+                self._slots.remove(slot)
 
-    def from_json(self, data: Any, source: str) -> None:
-        self.view_state = ViewState.from_json(data, source)
+        return disconnect
+
+    def emit(self, *args: P.args, **kwargs: P.kwargs) -> None:
+        for slot in tuple(self._slots):
+            slot(*args, **kwargs)
 
 
-class Cursor(PersistentState):
-    """Which instant and where from. It is saved, but a change of it is no work that would be missed.
+class PersistentState:
+    """The state of one area: the view, the annotations, the layout of the window. Subclasses need no Qt.
+
+    `session.register(name, state)` makes it part of what is saved: it is cleared when something else is opened, read from the session
+    file, written into it, and its changes between two saves go to the journal.
 
     Attributes
     ----------
-    probe : Target or None
-        What is followed through time.
+    counts : bool
+        Whether a change marks the session as unsaved and goes to the journal. Changes of the frame or camera do not.
+
+    Signals
+    -------
+    changed(record)
+        After each change. `record` is a small JSON value from which `replay` makes the change again (a stroke); None stands for the whole
+        `to_json()`, for states that are small.
     """
 
-    counts = False
+    counts = True
 
     def __init__(self) -> None:
-        super().__init__()
-        self.clear()
+        self.changed: Signal[[Any]] = Signal()
 
     def clear(self) -> None:
-        self.frame = 0
-        self.camera_mode: CameraMode = "surgeon"
-        self.probe: Target | None = None
+        """Return to the state in which nothing was done."""
+        raise NotImplementedError
 
     def to_json(self) -> Any:
-        return {"frame": self.frame, "camera_mode": self.camera_mode, "probe": target_to_json(self.probe)}
+        """The whole state as JSON values."""
+        raise NotImplementedError
 
     def from_json(self, data: Any, source: str) -> None:
-        try:
-            frame, mode, probe = int(data["frame"]), data["camera_mode"], data["probe"]
-            if mode not in get_args(CameraMode):
-                raise ValueError(f"{mode!r} is no camera mode")
-            target = target_from_json(probe)
-        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-            raise RunError(f"{source} does not hold a place in time ({error}).") from error
-        self.frame, self.camera_mode, self.probe = max(0, frame), mode, target
+        """Take the state that `to_json` wrote.
+
+        Raises
+        ------
+        RunError
+            When the data is no such state; the sentence names `source`.
+        """
+        raise NotImplementedError
+
+    def replay(self, record: Any, source: str) -> None:
+        """Repeat a change from the journal. Errors as `from_json`."""
+        self.from_json(record, source)
+
+    def store(self, folder: Path) -> None:
+        """Write what is too large for the session file beside it, before that file is written. Nothing by default."""
+
+    def load(self, folder: Path) -> None:
+        """Read what `store` wrote, before `from_json`. Nothing by default."""

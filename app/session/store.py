@@ -1,4 +1,4 @@
-"""Keeping what the session holds: its parts in the run folder, the journal between two saves, and what a crash left behind."""
+"""Keeping what the session holds: the session file of a folder, the journal between two saves, and what a crash left behind."""
 
 from __future__ import annotations
 
@@ -10,37 +10,40 @@ from filelock import FileLock, Timeout
 
 from degense.app.session import journal, session_file
 from degense.app.session.journal import Entry, Journal
-from degense.app.session.persistent_state import PersistentState
 from degense.app.session.session_file import SavedSession
-from degense.app.session.signal import Signal
+from degense.app.session.state import PersistentState, Signal
 from degense.engine.errors import DegenseError
 
 JOURNAL, LOCK = "session.journal", "session.lock"
 
 
 class SessionStore:
-    """The parts of a session and the files they live in.
+    """The states of a session and the files they live in.
 
-    A folder is kept by one session at a time: in a second window on the same run nothing is written, and `save` says so.
+    One session at a time writes into a folder: it holds the lock. In a second window nothing is written, and `save` says so. A folder
+    that is not there yet is made, and locked, by the first change.
 
     Attributes
     ----------
     unsaved : list of Entry
         What a crash left in the journal. `recover` or `discard` it; until then nothing is written over it.
+    elsewhere : bool
+        Whether another window holds the open folder, or it cannot be written.
 
     Signals
     -------
     dirty_changed(dirty)
     trouble(sentence)
-        The journal cannot be written. Said once, until it can be again.
+        Changes cannot be written to the journal. Emitted once, until they can be again.
     """
 
     def __init__(self) -> None:
         self.dirty_changed: Signal[[bool]] = Signal()
         self.trouble: Signal[[str]] = Signal()
-        self.parts: dict[str, PersistentState] = {}
+        self.states: dict[str, PersistentState] = {}
         self.folder: Path | None = None
         self.unsaved: list[Entry] = []
+        self.elsewhere = False
         self._saved = SavedSession()
         self._dirty: set[str] = set()
         self._pending: set[str] = set()
@@ -48,17 +51,17 @@ class SessionStore:
         self._journal: Journal | None = None
         self._troubled = self._loading = False
 
-    def register(self, name: str, part: PersistentState) -> None:
-        """Hold a part and save it under this name. ValueError when the name is taken."""
-        if name in self.parts:
-            raise ValueError(f"the session already has a part called {name!r}")
-        self.parts[name] = part
-        part.changed.connect(lambda record: self._part_changed(name, part, record))
+    def register(self, name: str, state: PersistentState) -> None:
+        """Hold a state and save it under this name. ValueError when the name is taken."""
+        if name in self.states:
+            raise ValueError(f"the session already has a state called {name!r}")
+        self.states[name] = state
+        state.changed.connect(lambda record: self._state_changed(name, state, record))
 
     # Opening and closing
 
     def open(self, folder: Path, keep: bool = True) -> None:
-        """Fill the parts from a run folder, and look whether a crash left something there.
+        """Read the states from a folder, and what a crash left in its journal.
 
         Parameters
         ----------
@@ -68,17 +71,17 @@ class SessionStore:
         Raises
         ------
         DamagedSession
-            When the session file or what a part finds in it is damaged. Nothing is open then, and nothing was written.
+            When the session file or what a state reads from the folder is damaged. Nothing is open then, and nothing was written.
         """
         self.close()
         path = folder / session_file.NAME
         self._saved = session_file.read(path)
         self._loading = True
         try:
-            for name, part in self.parts.items():
-                part.load(folder)
-                if name in self._saved.parts:
-                    part.from_json(self._saved.parts[name], str(path))
+            for name, state in self.states.items():
+                state.load(folder)
+                if name in self._saved.states:
+                    state.from_json(self._saved.states[name], str(path))
         except DegenseError as error:
             self._loading = False
             self.close()
@@ -86,145 +89,153 @@ class SessionStore:
         finally:
             self._loading = False
         self.folder = folder if keep else None
-        self._saved = SavedSession({**self._saved.parts, **self._states()}, self._saved.id)
-        if keep and self._hold():
+        self._saved = SavedSession({**self._saved.states, **self._to_json()}, self._saved.id)
+        if keep and folder.is_dir() and self._hold():
             left = folder / JOURNAL
-            self.unsaved = [entry for entry in journal.entries(left, self._saved.id) if entry.part in self.parts]
+            self.unsaved = [entry for entry in journal.entries(left, self._saved.id) if entry.state in self.states]
             if not journal.continues(left, self._saved.id):
                 session_file.set_aside(left)  # of another session file: one that was restored or deleted
 
     def close(self) -> None:
-        """Empty the parts and let the folder go. What was not saved stays in the journal."""
-        self.tell_pending()
-        if self._journal is not None:
-            self._journal.close()
+        """Clear the states and let the folder go. What was not saved stays in the journal."""
+        self.write_pending()
+        self._close_journal()
         if self._lock is not None:
             self._lock.release()
-        self._journal = self._lock = self.folder = None
+        self._lock = self.folder = None
         self.unsaved, self._saved = [], SavedSession()
         self._dirty.clear()
         self._loading = True
-        for part in self.parts.values():
-            part.clear()
-        self._loading = self._troubled = False
-
-    @property
-    def elsewhere(self) -> bool:
-        """Whether another window keeps the open folder."""
-        return self.folder is not None and self._lock is None
+        for state in self.states.values():
+            state.clear()
+        self._loading = self._troubled = self.elsewhere = False
 
     def _hold(self) -> bool:
+        """Take the lock of the folder, which is made where it is missing; whether this session holds it."""
         assert self.folder is not None
-        lock = FileLock(self.folder / LOCK, timeout=0)
-        try:
-            lock.acquire()
-        except (Timeout, OSError):  # another window's, or a folder that cannot be written: `save` says which
-            return False
-        self._lock = lock
+        if self._lock is None:
+            lock = FileLock(self.folder / LOCK, timeout=0)
+            try:
+                self.folder.mkdir(exist_ok=True)
+                lock.acquire()
+            except (Timeout, OSError):  # another window holds it, or the folder cannot be written
+                self.elsewhere = True
+                return False
+            self._lock, self.elsewhere = lock, False
         return True
 
     # Saving
 
     @property
     def dirty(self) -> bool:
-        """Whether there is work that the run folder does not hold."""
+        """Whether there is work that the folder does not hold."""
         return bool(self._dirty)
 
     def save(self) -> None:
-        """Write all parts. Parts of the file that nobody registered stay in it.
+        """Write all states. Those of the file that nobody registered stay in it. A folder in which nothing was done yet is not made.
 
         Raises
         ------
         DegenseError
-            When the folder cannot be written or another window keeps it; what was there before stays, and so does `dirty`.
+            When the folder cannot be written or another window holds it; what was there before stays, and so does `dirty`.
         """
-        if self.folder is None:
+        if self.folder is None or not (self.dirty or self.folder.exists()):
             return
         if self.unsaved:
             raise DegenseError("Decide first what becomes of the recovered work: restore it or discard it.")
-        if self._lock is None and not self._hold():
+        if not self._hold():
             raise DegenseError(f"{self.folder} is open in another window, or cannot be written; nothing was saved.")
-        for part in self.parts.values():
-            part.store(self.folder)
-        self._saved = session_file.write(self.folder / session_file.NAME, {**self._saved.parts, **self._states()})
+        for state in self.states.values():
+            state.store(self.folder)
+        self._saved = session_file.write(self.folder / session_file.NAME, {**self._saved.states, **self._to_json()})
         self._pending.clear()
-        if self._journal is not None:
-            self._journal.close()
-            self._journal = None
+        self._close_journal()
         (self.folder / JOURNAL).unlink(missing_ok=True)
         self._set_dirty(set())
 
-    def tell_pending(self) -> None:
-        """Tell the journal the states of small parts that changed since the last time. The window calls it every second."""
-        if self._lock is None:
-            self._pending.clear()
-        for name in sorted(self._pending):
-            self._tell(name, self.parts[name].to_json())
+    def write_pending(self) -> None:
+        """Write the small states that changed since the last time into the journal. The window calls it every second."""
+        if self.dirty or self._journal is not None:
+            for name in sorted(self._pending):
+                self._append(name, self.states[name].to_json())
         self._pending.clear()
 
     # After a crash
 
     def recover(self) -> None:
-        """Make the changes again that the journal tells of. They stay in it until they are saved.
+        """Repeat the changes in the journal. They stay in it until they are saved.
 
         Raises
         ------
         RunError
-            When a record cannot be used; those before it are made.
+            When a record cannot be used; those before it are applied, and the journal is set aside.
         """
         assert self.folder is not None
         entries, self.unsaved = self.unsaved, []
         self._loading = True
         try:
             for entry in entries:
-                self.parts[entry.part].replay(entry.record, str(self.folder / JOURNAL))
+                self.states[entry.state].replay(entry.record, str(self.folder / JOURNAL))
+        except DegenseError:
+            self._close_journal()
+            session_file.set_aside(self.folder / JOURNAL)
+            raise
         finally:
             self._loading = False
-            self._set_dirty({entry.part for entry in entries if self.parts[entry.part].counts})
+            self._set_dirty({entry.state for entry in entries if self.states[entry.state].counts})
 
     def discard(self) -> None:
-        """Forget what the journal tells of."""
+        """Delete the journal that a crash left."""
         assert self.folder is not None
         self.unsaved = []
+        self._close_journal()
         (self.folder / JOURNAL).unlink(missing_ok=True)
 
     # Changes
 
-    def _part_changed(self, name: str, part: PersistentState, record: Any) -> None:
-        if self._loading or not part.counts:
+    def _state_changed(self, name: str, state: PersistentState, record: Any) -> None:
+        if self._loading or not state.counts:
             return
         if record is None:
-            changed = _plain(part.to_json()) != self._saved.parts.get(name)
+            changed = _plain(state.to_json()) != self._saved.states.get(name)
             self._set_dirty(self._dirty | {name} if changed else self._dirty - {name})
             self._pending.add(name)
         else:
             self._set_dirty(self._dirty | {name})
-            if self._lock is not None:
-                self._tell(name, record)
+            self._append(name, record)
 
-    def _tell(self, name: str, record: Any) -> None:
-        assert self.folder is not None
+    def _append(self, name: str, record: Any) -> None:
+        """Add a record to the journal, where this session may write one."""
+        if self.folder is None or self.elsewhere:
+            return
         try:
+            if not self._hold():
+                raise DegenseError(f"{self.folder} is open in another window, or cannot be written: what you do here will not be saved.")
             if self._journal is None:
                 self._journal = Journal(self.folder / JOURNAL, self._saved.id)
-            self._journal.tell(name, record)
+            self._journal.append(name, record)
             self._troubled = False
         except DegenseError as error:
             if not self._troubled:
                 self._troubled = True
                 self.trouble.emit(str(error))
 
+    def _close_journal(self) -> None:
+        if self._journal is not None:
+            self._journal.close()
+            self._journal = None
+
     def _set_dirty(self, names: set[str]) -> None:
         was, self._dirty = self.dirty, names
         if self.dirty != was:
             self.dirty_changed.emit(self.dirty)
 
-    def _states(self) -> dict[str, Any]:
-        return {name: _plain(part.to_json()) for name, part in self.parts.items()}
+    def _to_json(self) -> dict[str, Any]:
+        return {name: _plain(state.to_json()) for name, state in self.states.items()}
 
 
 def waiting(folder: Path) -> bool:
-    """Whether a run folder holds work that a crash left unsaved. False where its session file is damaged: opening it says so."""
+    """Whether a folder holds work that a crash left unsaved. False where its session file is damaged: opening it says so."""
     try:
         return bool(journal.entries(folder / JOURNAL, session_file.read(folder / session_file.NAME).id))
     except DegenseError:

@@ -7,29 +7,29 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from degense.app.session.signal import Signal
+from degense.app.session.state import Signal
 
 State = TypeVar("State")
 
 
 @dataclass(frozen=True)
 class Edit:
-    """One step between two states of one place.
+    """One step between two states.
 
     Attributes
     ----------
-    restore : callable
-        Puts a state back where it came from: the setter of a look, of the patch of a mask, of a class table.
+    apply : callable
+        Puts a state in place: sets the view state, the pixels of a mask, the classes.
     before, after
-        The two states; nobody changes them later.
+        The two states; they are not changed later.
     key : str or None
-        Edits of one place with the same key that follow each other closely are one step (a slider drag).
+        Edits of the same key and `apply` that follow each other closely are one step (a slider drag).
     size : int
         Bytes that the two states hold.
     """
 
     name: str
-    restore: Callable[[Any], object]
+    apply: Callable[[Any], object]
     before: Any
     after: Any
     key: str | None = None
@@ -38,14 +38,14 @@ class Edit:
 
 
 class UndoStack:
-    """A list of edits with a cursor. It keeps states, not callbacks: undoing is restoring, so an edit cannot undo only half of itself.
+    """A list of edits with a cursor. Edits hold states: undoing applies the state before, redoing the state after.
 
     Parameters
     ----------
     limit : int
         Edits kept; the oldest go first.
     memory : int
-        Bytes that all kept edits together may hold. The last edit stays whatever its size: what was just done can be taken back.
+        Bytes that all edits together may hold. The last edit stays whatever its size.
     merge_seconds : float
         Pause after which an edit with the same key starts a new step.
 
@@ -93,17 +93,23 @@ class UndoStack:
         """What redo would bring again; None when there is nothing."""
         return self._edits[self._cursor].name if self._cursor < len(self._edits) else None
 
-    def push(
-        self, name: str, restore: Callable[[State], object], before: State, after: State, key: str | None = None, size: int = 0
+    def do(self, name: str, apply: Callable[[State], object], before: State, after: State, key: str | None = None, size: int = 0) -> None:
+        """Apply a state and record the edit; nothing when it is the state before. `size` in bytes; see `Edit`."""
+        if after != before:
+            apply(after)
+            self.record(name, apply, before, after, key, size)
+
+    def record(
+        self, name: str, apply: Callable[[State], object], before: State, after: State, key: str | None = None, size: int = 0
     ) -> None:
-        """Record an edit that has been made; what had been undone is forgotten. `size` is in bytes, see `Edit`."""
+        """Record an edit that has been applied already (a stroke). What had been undone is forgotten."""
         now = self._clock()
         del self._edits[self._cursor :]
         last = self._edits[-1] if self._edits else None
-        if last and key is not None and (last.key, last.restore) == (key, restore) and now - last.made <= self._merge_seconds:
+        if last and key is not None and (last.key, last.apply) == (key, apply) and now - last.made <= self._merge_seconds:
             self._edits[-1] = replace(last, name=name, after=after, size=max(last.size, size), made=now)
         else:
-            self._edits.append(Edit(name, restore, before, after, key, size, now))
+            self._edits.append(Edit(name, apply, before, after, key, size, now))
         self._cursor = len(self._edits)
         self._forget()
         self.changed.emit()
@@ -121,7 +127,7 @@ class UndoStack:
         if not self._cursor:
             return None
         edit = self._edits[self._cursor - 1]
-        edit.restore(edit.before)
+        edit.apply(edit.before)
         self._cursor -= 1
         self.changed.emit()
         return edit.name
@@ -131,7 +137,7 @@ class UndoStack:
         if self._cursor == len(self._edits):
             return None
         edit = self._edits[self._cursor]
-        edit.restore(edit.after)
+        edit.apply(edit.after)
         self._cursor += 1
         self.changed.emit()
         return edit.name

@@ -1,13 +1,12 @@
-"""Changing what is shown: every change of the view state is one undoable step. No Qt."""
+"""Edits of the view state: each is one undoable step. No Qt."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from degense.app.session.signal import Signal
-from degense.app.session.state import PersistentViewState
+from degense.app.session.state import PersistentState, Signal
 from degense.app.session.undo import UndoStack
 from degense.app.session.view_state import Colour, ColourRange, Compare, Prompt, ViewState, decoder_refined
 from degense.engine.errors import PromptError
@@ -16,41 +15,44 @@ if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
 
-class ViewEditor:
-    """Edits the session's view state.
+class ViewEditor(PersistentState):
+    """Holds and edits the session's view state.
 
     Parameters
     ----------
     undo : UndoStack
     scene : callable
-        Gives the scene that is open, which must know a prompt's words.
+        Returns the open scene, of which the encoder must know the words of prompts.
 
     Attributes
     ----------
-    saved : PersistentViewState
-        What is written into the run folder.
+    state : ViewState
+        What is shown and how.
 
     Signals
     -------
-    changed(before, after)
-        Two `ViewState` values, for views that redraw only what changed.
+    view_changed(before, after)
+        The `ViewState` before and after, for views that redraw only what changed.
     """
 
     def __init__(self, undo: UndoStack, scene: Callable[[], Scene | None]) -> None:
+        super().__init__()
         self._undo, self._scene = undo, scene
-        self.changed: Signal[[ViewState, ViewState]] = Signal()
-        self.saved = PersistentViewState()
+        self.view_changed: Signal[[ViewState, ViewState]] = Signal()
+        self.state = ViewState()
 
-    @property
-    def state(self) -> ViewState:
-        return self.saved.view_state
+    def clear(self) -> None:
+        self.state = ViewState()
+
+    def to_json(self) -> Any:
+        return self.state.to_json()
+
+    def from_json(self, data: Any, source: str) -> None:
+        self.state = ViewState.from_json(data, source)
 
     def edit(self, name: str, state: ViewState, key: str | None = None) -> None:
         """Show something else, as an undoable step called `name`. Edits with the same `key` in quick succession become one step."""
-        if state != self.state:
-            before = self.state
-            self._set(state)
-            self._undo.push(name, self._set, before, state, key)
+        self._undo.do(name, self._set, self.state, state, key)
 
     def set_layer(self, layer: str) -> None:
         self.edit(f"Show {layer}", replace(self.state, layer=layer))
@@ -124,6 +126,6 @@ class ViewEditor:
         )
 
     def _set(self, state: ViewState) -> None:
-        before, self.saved.view_state = self.state, state
-        self.saved.changed.emit(None)
-        self.changed.emit(before, state)
+        before, self.state = self.state, state
+        self.changed.emit(None)
+        self.view_changed.emit(before, state)

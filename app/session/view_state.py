@@ -33,7 +33,7 @@ def decoder_refined(decoder: str, refined: bool) -> str:
 class Prompt:
     """A text whose mask is shown, or, when `negative`, one that takes pixels from the masks of the others.
 
-    Texts are unique in a look, whatever their case.
+    Texts are unique in a view state, whatever their case.
     """
 
     text: str
@@ -124,12 +124,12 @@ class ViewState:
 
     @staticmethod
     def from_json(data: Any, source: str) -> ViewState:
-        """The look that `to_json` wrote.
+        """The view state that `to_json` wrote.
 
         Raises
         ------
         RunError
-            When the data is not a look; the sentence names `source`.
+            When the data is not a view state; the sentence names `source`.
         """
         from degense.engine.store.migrations import current_layer
 

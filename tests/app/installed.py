@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QDockWidget
 
 from degense.app.features.annotate.controller import Annotator
 from degense.app.features.annotate.exchange import LabelExchange
+from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.cameras.controller import Cameras
 from degense.app.features.compare.controller import RunComparison
 from degense.app.features.documents.autosave import Autosave
@@ -86,6 +87,10 @@ def autosave(window: Shell) -> Autosave:
 
 def annotator(window: Shell) -> Annotator:
     return found(window, Annotator)
+
+
+def annotations(window: Shell) -> AnnotationState:
+    return found(window, AnnotationState)
 
 
 def exchange(window: Shell) -> LabelExchange:

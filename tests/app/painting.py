@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -10,8 +13,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from degense.app.session.persistent_state import PersistentState
+from degense.app.features.annotate.state import AnnotationState
 from degense.app.session.session import Session
+from degense.app.session.state import PersistentState
 from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import PromptError, RunError
 
@@ -46,7 +50,7 @@ class FakeClip:
 
 
 class Strokes(PersistentState):
-    """A part whose changes are small records of something that grows."""
+    """A state whose changes are small records of something that grows."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -79,8 +83,22 @@ def opened(folder: Path) -> tuple[Session, Strokes]:
     return session, strokes
 
 
+def annotating() -> tuple[Session, AnnotationState]:
+    """A session with annotations."""
+    session = Session()
+    annotations = AnnotationState(session)
+    session.register("annotations", annotations)
+    return session, annotations
+
+
+def opened_clip(folder: Path) -> tuple[Session, AnnotationState]:
+    session, annotations = annotating()
+    session.open_clip(FakeClip(folder))
+    return session, annotations
+
+
 def _paint(folder: Path, save_every: int, weight: int) -> Iterator[int]:
-    """Stroke by stroke, each number after it was told; a save every so many strokes."""
+    """Stroke by stroke, each number after it was written; a save every so many strokes."""
     session, strokes = opened(folder)
     strokes.weight = weight
     for stroke in range(10**9):
@@ -92,9 +110,7 @@ def _paint(folder: Path, save_every: int, weight: int) -> Iterator[int]:
 
 def paint_clip(folder: Path, dabs: int) -> Iterator[int]:
     """Label one column after another of a clip without a run: in strokes of some dabs each (0: in one that never ends)."""
-    session = Session()
-    session.open_clip(FakeClip(folder))
-    annotations = session.annotations
+    _, annotations = opened_clip(folder)
     for column in range(FakeClip(folder).size[0]):
         if column == 0 or (dabs and column % dabs == 0):
             annotations.end()
@@ -102,6 +118,19 @@ def paint_clip(folder: Path, dabs: int) -> Iterator[int]:
         annotations.dab(PixelRegion(0, column, np.ones((40, 1), bool)))
         yield column
         time.sleep(0.02)
+
+
+def paint_and_kill(folder: Path, save_every: int | str = 0, weight: int = 0, seconds: float = 0.3) -> int:
+    """Paint in a child process and `kill -9` it `seconds` after its first stroke; the last stroke it had printed."""
+    command = [sys.executable, "-m", "tests.app.painting", str(folder), str(save_every), str(weight)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        printed = [child.stdout.readline()]
+        time.sleep(seconds)
+        os.kill(child.pid, signal.SIGKILL)
+        printed += child.stdout.read().splitlines()
+    assert child.returncode == -signal.SIGKILL
+    return int(next(line for line in reversed(printed) if line.strip().isdigit()))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The label classes: colour with hatching, key, name; the current one is what tools paint."""
+"""The list of label classes: swatch, key and name of each; tools paint the current one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from PySide6.QtCore import QPoint, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
 from PySide6.QtWidgets import QAbstractItemView, QColorDialog, QListWidget, QListWidgetItem, QMenu, QWidget
 
-from degense.widgets.qt_images import to_qimage
+from degense.widgets.qt_images import rgb, to_qimage
 from degense.widgets.theme import CLASS_COLOURS
 
 SWATCH = 22
@@ -20,13 +20,13 @@ class ClassList(QListWidget):
 
     Signals
     -------
-    chosen(index), renamed(index, name), recoloured(index, colour)
+    chosen(index), renamed(index, name), recoloured(index, (red, green, blue))
         By the user.
     """
 
     chosen = Signal(int)
     renamed = Signal(int, str)
-    recoloured = Signal(int, QColor)
+    recoloured = Signal(int, tuple)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -68,7 +68,7 @@ class ClassList(QListWidget):
     def _item_changed(self, item: QListWidgetItem) -> None:
         row, name = self.row(item), " ".join(item.text().split())
         if name and name != self._names[row]:
-            self.renamed.emit(row, name)  # the answer is `set_classes`, with the old name where the new one will not do
+            self.renamed.emit(row, name)  # answered by `set_classes`, with the old name where the new one is refused
         else:
             item.setText(self._names[row])
 
@@ -82,7 +82,7 @@ class ClassList(QListWidget):
         for code in CLASS_COLOURS:
             pixmap = QPixmap(16, 16)
             pixmap.fill(QColor(code))
-            menu.addAction(QIcon(pixmap), code, lambda code=code: self.recoloured.emit(row, QColor(code)))
+            menu.addAction(QIcon(pixmap), code, lambda code=code: self.recoloured.emit(row, rgb(QColor(code))))
         menu.addSeparator()
         menu.addAction("Another colour…", lambda: self._ask_colour(row))
         menu.addAction("Rename", lambda: self.editItem(self.item(row)))
@@ -91,7 +91,7 @@ class ClassList(QListWidget):
     def _ask_colour(self, row: int) -> None:
         dialog = QColorDialog(self)
         dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        dialog.colorSelected.connect(lambda colour: self.recoloured.emit(row, colour))
+        dialog.colorSelected.connect(lambda colour: self.recoloured.emit(row, rgb(colour)))
         dialog.open()
 
 

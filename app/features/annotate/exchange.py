@@ -1,4 +1,4 @@
-"""Labels in and out: files of other tools, and the teacher of a further training."""
+"""Label maps from and to files of other tools, and the labels of a further training."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import Any
 from PySide6.QtCore import QObject
 
 from degense.app.features.annotate.label_sets import annotated, label_format, names_of, write_labels
-from degense.app.features.annotate.state import folder_beside
+from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.train.controller import Training
+from degense.app.session.session_file import clip_folder
 from degense.app.shell.shell import Shell
 from degense.engine.annotation.folder import NAME
 from degense.engine.annotation.formats import MapSet
@@ -21,9 +22,9 @@ TEACHER = "teacher"
 class LabelExchange(QObject):
     """Reads and writes label maps in the worker while the window goes on."""
 
-    def __init__(self, shell: Shell, training: Training | None) -> None:
+    def __init__(self, shell: Shell, state: AnnotationState, training: Training | None) -> None:
         super().__init__(shell)
-        self.shell, self.session, self.training = shell, shell.session, training
+        self.shell, self.session, self.state, self.training = shell, shell.session, state, training
 
     # Out
 
@@ -39,9 +40,9 @@ class LabelExchange(QObject):
         self.shell.run_task("export", f"Exporting {out.name}", lambda: write_labels(name, maps, out))
 
     def _maps(self) -> MapSet:
-        """What is annotated now: painting goes on while it is written."""
+        """A copy of the labels as they are now: painting goes on while they are written."""
         clip = self.session.clip
-        maps = annotated(self.session.annotations.ready(), clip, clip.labelled_frames if clip is not None else [])
+        maps = annotated(self.state.ready(), clip, clip.labelled_frames if clip is not None else [])
         labels = {frame: maps.read(frame) for frame in maps.frames}
         return MapSet(maps.classes, maps.shape, maps.names, maps.frames, labels.__getitem__)
 
@@ -71,8 +72,8 @@ class LabelExchange(QObject):
         def done(found: Any) -> None:
             if opened == (session.scene, session.clip):
                 classes, labels = found
-                session.annotations.take(classes, labels, f"Import {path.name}")
-                session.annotations.active = True
+                self.state.take(classes, labels, f"Import {path.name}")
+                self.state.tool.active = True
                 self.shell.say(f"{path.name}: label maps of {len(labels)} frames")
 
         self.shell.run_task("export", f"Reading {path.name}", job, done)
@@ -80,13 +81,13 @@ class LabelExchange(QObject):
     # The teacher
 
     def teach(self) -> None:
-        """Offer a training that learns its classes from what is annotated."""
+        """Offer a training of which the teacher are the annotated labels."""
         session, maps = self.session, self._maps()
         if session.scene is not None:
             folder = session.scene.run.path / NAME / TEACHER
         else:
             assert session.clip is not None
-            folder = folder_beside(session.clip) / TEACHER
+            folder = clip_folder(session.clip.path) / TEACHER
 
         def job() -> Any:
             if folder.is_dir() and not folder.is_symlink():

@@ -6,15 +6,14 @@ from functools import partial
 
 from degense.app.features.annotate.controller import Annotator
 from degense.app.features.annotate.exchange import LabelExchange
-from degense.app.features.annotate.state import TOOLS
+from degense.app.features.annotate.state import AnnotationState
+from degense.app.features.annotate.tool import TOOLS
 from degense.app.features.train.controller import Training
 from degense.app.features.viewer.controller import Viewer
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
 from degense.engine.annotation.formats import LABEL_FORMATS
 
-TOOL_TITLES = {"brush": "Brush", "eraser": "Eraser", "superpixels": "Superpixel brush", "polygon": "Polygon", "fill": "Fill"}
-TOOL_KEYS = {"brush": "R", "eraser": "E", "superpixels": "S", "polygon": "P", "fill": "G"}
 MENU, IMPORT, EXPORT = ("Annotate",), ("Annotate", "Import labels"), ("Annotate", "Export labels")
 
 
@@ -22,82 +21,102 @@ def install(shell: Shell) -> None:
     viewer = shell.service(Viewer)
     if viewer is None:
         return
+    state = AnnotationState(shell.session)
+    shell.session.register("annotations", state)
     shell.worker.add_channel("annotate", 60)
-    annotating, exchange = Annotator(viewer), LabelExchange(shell, shell.service(Training))
-    shell.provide(annotating)
-    shell.provide(exchange)
-    _add_actions(shell, annotating, exchange)
+    annotator, exchange = Annotator(viewer, state), LabelExchange(shell, state, shell.service(Training))
+    for service in (state, annotator, exchange):
+        shell.provide(service)
+    _add_painting(shell, annotator)
+    _add_review(shell, annotator)
+    _add_exchange(shell, state, exchange)
 
 
-def _add_actions(shell: Shell, annotating: Annotator, exchange: LabelExchange) -> None:
-    session, training = shell.session, shell.service(Training)
-    part = session.annotations
+def _ready(state: AnnotationState) -> bool:
+    """Whether one is annotating."""
+    return state.tool.active and state.work is not None
 
-    def on() -> bool:
-        return part.active and part.work is not None
+
+def _add_painting(shell: Shell, annotator: Annotator) -> None:
+    session, state, painter = shell.session, annotator.state, annotator.painter
+    tool, ready = state.tool, partial(_ready, state)
+
+    def has_prompt() -> bool:
+        return ready() and session.scene is not None and bool(session.view_state.visible_prompts)
+
+    def is_chosen(name: str) -> bool:
+        return tool.name == name
 
     def has_frames() -> bool:
         return session.frames > 0
 
-    def is_tool(tool: str) -> bool:
-        return part.tool == tool
+    keys = "tool; 1–9 choose the class, [ and ] the size"
+    shell.add_actions(
+        Action("annotate.mode", "Annotate", annotator.toggle, MENU, ("A",), has_frames, lambda: tool.active, help="label masks paint"),
+        *(
+            Action(
+                f"annotate.{kind.name}",
+                kind.title,
+                partial(tool.choose, kind.name),
+                MENU,
+                (kind.key,),
+                ready,
+                partial(is_chosen, kind.name),
+                group=1,
+                help=keys,
+            )
+            for kind in TOOLS
+        ),
+        Action("annotate.holes", "Fill holes of the class", painter.fill_holes, MENU, ("H",), ready, group=2),
+        Action("annotate.largest", "Keep the largest part of the class", painter.keep_largest, MENU, (), ready, group=2),
+        Action("annotate.prompt", "Take the masks of the prompts", painter.paint_prompts, MENU, (), has_prompt, group=2),
+    )
 
-    def waits() -> bool:
-        return on() and part.work is not None and part.work.record(session.frame).proposal is not None
 
-    def any_waits() -> bool:
-        return on() and part.work is not None and bool(part.work.waiting())
+def _add_review(shell: Shell, annotator: Annotator) -> None:
+    session, state, review = shell.session, annotator.state, annotator.review
+    ready = partial(_ready, state)
 
-    def can_carry() -> bool:
-        return on() and session.clip is not None and not shell.worker.busy("annotate")
+    def busy() -> bool:
+        return shell.worker.busy("annotate")
 
-    def has_prompt() -> bool:
-        return on() and session.scene is not None and bool(session.view_state.visible_prompts)
+    def can_propagate() -> bool:
+        return ready() and session.clip is not None and not busy()
+
+    def proposed() -> bool:
+        return ready() and state.work is not None and state.work.record(session.frame).proposal is not None
+
+    def any_proposed() -> bool:
+        return ready() and state.work is not None and bool(state.work.waiting())
+
+    done, flag = partial(state.set_status, "done"), partial(state.set_status, "flagged")
+    shell.add_actions(
+        Action("annotate.propagate", "Propagate labels to all frames", review.propagate, MENU, ("Ctrl+G",), can_propagate, group=3),
+        Action("annotate.stop", "Stop propagating", review.stop, MENU, (), busy, group=3),
+        Action("annotate.accept", "Accept this frame's proposal", review.accept, MENU, ("Y",), proposed, group=4),
+        Action("annotate.reject", "Reject this frame's proposal", review.reject, MENU, ("Shift+Y",), proposed, group=4),
+        Action("annotate.accept-all", "Accept all proposals", review.accept_all, MENU, (), any_proposed, group=4),
+        Action("annotate.reject-all", "Reject all proposals", review.reject_all, MENU, (), any_proposed, group=4),
+        Action("annotate.done", "This frame is done", done, MENU, ("D",), ready, group=5, help="review"),
+        Action("annotate.flag", "Flag this frame", flag, MENU, ("Shift+F",), ready, group=5, help="review"),
+        Action("annotate.next", "Next flagged frame (Tab)", review.go_to_flagged, MENU, (), ready, group=5, help="doubtful review"),
+    )
+
+
+def _add_exchange(shell: Shell, state: AnnotationState, exchange: LabelExchange) -> None:
+    session, training = shell.session, exchange.training
+
+    def has_frames() -> bool:
+        return session.frames > 0
 
     def has_labels() -> bool:
-        return part.work is not None and any(record.labels is not None for record in part.work.records.values())
+        return state.work is not None and any(record.labels is not None for record in state.work.records.values())
 
-    def can_teach() -> bool:
+    def can_train() -> bool:
         return has_labels() and session.clip is not None and training is not None and not training.running
 
     shell.add_actions(
-        Action("annotate.mode", "Annotate", annotating.toggle, MENU, ("A",), has_frames, lambda: part.active, help="label masks paint"),
-        *(
-            Action(
-                f"annotate.{tool}",
-                TOOL_TITLES[tool],
-                partial(part.choose, tool),
-                MENU,
-                (TOOL_KEYS[tool],),
-                on,
-                partial(is_tool, tool),
-                group=1,
-                help="tool; 1–9 choose the class, [ and ] the size",
-            )
-            for tool in TOOLS
-        ),
-        Action("annotate.holes", "Fill holes of the class", annotating.fill_holes, MENU, ("H",), on, group=2),
-        Action("annotate.largest", "Keep the largest part of the class", annotating.keep_largest, MENU, (), on, group=2),
-        Action("annotate.prompt", "Take the masks of the prompts", annotating.take_prompt, MENU, (), has_prompt, group=2),
-        Action(
-            "annotate.propagate",
-            "Carry labels to all frames",
-            annotating.propagate,
-            MENU,
-            ("Ctrl+G",),
-            can_carry,
-            group=3,
-            help="time",
-        ),
-        Action("annotate.stop", "Stop carrying", annotating.stop, MENU, (), lambda: shell.worker.busy("annotate"), group=3),
-        Action("annotate.accept", "Accept this frame's proposal", annotating.accept, MENU, ("Y",), waits, group=4),
-        Action("annotate.reject", "Reject this frame's proposal", annotating.reject, MENU, ("Shift+Y",), waits, group=4),
-        Action("annotate.accept-all", "Accept all proposals", annotating.accept_all, MENU, (), any_waits, group=4),
-        Action("annotate.reject-all", "Reject all proposals", annotating.reject_all, MENU, (), any_waits, group=4),
-        Action("annotate.done", "This frame is done", partial(part.set_status, "done"), MENU, ("D",), on, group=5, help="review"),
-        Action("annotate.flag", "Flag this frame", partial(part.set_status, "flagged"), MENU, ("Shift+F",), on, group=5, help="review"),
-        Action("annotate.next", "Next flagged frame (Tab)", annotating.go_to_flagged, MENU, (), on, group=5, help="doubtful review"),
-        Action("annotate.teach", "Train with these labels…", exchange.teach, MENU, (), can_teach, group=6, help="teacher"),
+        Action("annotate.teach", "Train with these labels…", exchange.teach, MENU, (), can_train, group=6, help="teacher"),
         *(
             Action(f"annotate.import-{name}", f"From {entry.title}…", partial(exchange.ask_to_import, name), IMPORT, (), has_frames)
             for name, entry in LABEL_FORMATS.items()

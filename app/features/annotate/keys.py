@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import partial
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QApplication
 
+from degense.app.features.annotate.painter import Painter
+from degense.app.features.annotate.review import PropagationReview
+from degense.app.features.annotate.state import AnnotationState
+from degense.app.shell.shell import Shell
 from degense.widgets.keys import consumes_key
-
-if TYPE_CHECKING:
-    from degense.app.features.annotate.controller import Annotator
 
 DIGITS = range(Qt.Key.Key_1, Qt.Key.Key_9 + 1)
 STEP = 2**0.25
@@ -20,46 +22,37 @@ STEP = 2**0.25
 class AnnotationKeys(QObject):
     """Takes these keys before the window's shortcuts do, unless something that types has the focus."""
 
-    def __init__(self, annotating: Annotator) -> None:
-        super().__init__(annotating)
-        self.annotating = annotating
-        self.panel = annotating.viewer.panel
-        for watched in (annotating.shell, self.panel):
+    def __init__(self, shell: Shell, state: AnnotationState, painter: Painter, review: PropagationReview) -> None:
+        super().__init__(shell)
+        self.state, self.panel = state, painter.panel
+        self._polygon_keys: dict[int, Callable[[], object]] = {
+            Qt.Key.Key_Return: painter.polygons.close,
+            Qt.Key.Key_Enter: painter.polygons.close,
+            Qt.Key.Key_Backspace: painter.polygons.remove_last,
+            Qt.Key.Key_Escape: painter.polygons.cancel,
+        }
+        self._keys: dict[int, Callable[[], object]] = {
+            Qt.Key.Key_Tab: review.go_to_flagged,
+            Qt.Key.Key_BracketLeft: lambda: state.tool.choose(radius=state.tool.radius / STEP),
+            Qt.Key.Key_BracketRight: lambda: state.tool.choose(radius=state.tool.radius * STEP),
+            **{key: partial(state.choose_class, key - Qt.Key.Key_1) for key in DIGITS},
+        }
+        self._polygons = painter.polygons
+        for watched in (shell, self.panel):
             watched.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         if event.type() not in (QEvent.Type.ShortcutOverride, QEvent.Type.KeyPress) or not isinstance(event, QKeyEvent):
             return False
-        if not self.annotating.part.active or event.modifiers() not in (Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.KeypadModifier):
+        if not self.state.tool.active or event.modifiers() not in (Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.KeypadModifier):
             return False
-        if consumes_key(QApplication.focusWidget()) or not self._means(event.key()):
+        focus, key = QApplication.focusWidget(), event.key()
+        act = self._polygon_keys.get(key) if self._polygons.corners > 0 else None
+        act = act or self._keys.get(key)
+        if act is None or consumes_key(focus) or (key == Qt.Key.Key_Tab and focus is not self.panel):
             return False
         if event.type() == QEvent.Type.KeyPress:
-            self._do(event.key())
+            act()
+            self.panel.update()
         event.accept()
         return True
-
-    def _means(self, key: int) -> bool:
-        if key in (Qt.Key.Key_Return, Qt.Key.Key_Enter, Qt.Key.Key_Backspace, Qt.Key.Key_Escape):
-            return self.annotating.polygons.corners > 0
-        if key == Qt.Key.Key_Tab:
-            return QApplication.focusWidget() is self.panel
-        return key in DIGITS or key in (Qt.Key.Key_BracketLeft, Qt.Key.Key_BracketRight)
-
-    def _do(self, key: int) -> None:
-        annotating, part = self.annotating, self.annotating.part
-        if key in DIGITS:
-            part.choose(current=key - Qt.Key.Key_1)
-        elif key == Qt.Key.Key_BracketLeft:
-            part.choose(radius=part.radius / STEP)
-        elif key == Qt.Key.Key_BracketRight:
-            part.choose(radius=part.radius * STEP)
-        elif key == Qt.Key.Key_Tab:
-            annotating.go_to_flagged()
-        elif key == Qt.Key.Key_Backspace:
-            annotating.polygons.remove_last()
-        elif key == Qt.Key.Key_Escape:
-            annotating.polygons.cancel()
-        else:
-            annotating.polygons.close()
-        self.panel.update()

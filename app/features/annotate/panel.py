@@ -1,4 +1,4 @@
-"""What one annotates with: tools, classes, and the review of frames."""
+"""The annotation panel: tools, classes, and the review of frames."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SMALLEST = 0.5
 
 
 class AnnotationPanel(QWidget):
-    """Shows the state it is given and tells what the user wants.
+    """Shows the state it is given, and emits what the user wants.
 
     Signals
     -------
@@ -105,7 +105,7 @@ class AnnotationPanel(QWidget):
         column.addLayout(status)
         column.addLayout(self._row(("annotate.accept", "Accept"), ("annotate.reject", "Reject"), ("annotate.next", "Next flagged")))
         column.addWidget(self._all)
-        column.addLayout(self._row(("annotate.propagate", "Carry to all frames"), ("annotate.stop", "Stop")))
+        column.addLayout(self._row(("annotate.propagate", "Propagate to all frames"), ("annotate.stop", "Stop")))
         column.addWidget(self._progress)
         column.addLayout(
             self._row(("annotate.accept-all", "Accept all"), ("annotate.reject-all", "Reject all"), ("annotate.teach", "Train…"))
@@ -132,7 +132,7 @@ class AnnotationPanel(QWidget):
         box.setMinimumContentsLength(9)
         return box
 
-    # What is offered
+    # Choices
 
     def set_tools(self, tools: Sequence[tuple[str, str, str]]) -> None:
         """Offer tools: (name, title, description)."""
@@ -155,14 +155,14 @@ class AnnotationPanel(QWidget):
         self._status.addItems(list(statuses))
 
     def set_locks(self, locks: Sequence[tuple[str, int]]) -> None:
-        """Offer what one may paint inside: (words, value); −1 is everywhere."""
+        """Offer what may be painted over: (text, label); −1 is everything."""
         current = self._lock.currentData()
         self._lock.clear()
-        for words, value in locks:
-            self._lock.addItem(words, value)
+        for text, value in locks:
+            self._lock.addItem(text, value)
         self._lock.setCurrentIndex(max(0, self._lock.findData(current)))
 
-    # What is so
+    # State
 
     def set_tool(self, name: str, radius: float, lock: int) -> None:
         for button in self._tools.buttons():
@@ -173,19 +173,19 @@ class AnnotationPanel(QWidget):
         self._size.setText(f"{2 * radius:.0f} px" if radius >= 1 else "1 px")
         self._lock.setCurrentIndex(max(0, self._lock.findData(lock)))
 
-    def set_frame(self, words: str, status: str) -> None:
-        """Say what is known of the frame that is shown."""
-        self._frame.setText(words)
+    def set_frame(self, text: str, status: str) -> None:
+        """Describe the frame that is shown."""
+        self._frame.setText(text)
         self._status.setCurrentText(status)
 
-    def set_summary(self, words: str) -> None:
-        """Say how far the whole clip is."""
-        self._all.setText(words)
+    def set_summary(self, text: str) -> None:
+        """Describe the progress of the whole clip."""
+        self._all.setText(text)
 
     def summary(self) -> str:
         return self._all.text()
 
-    def frame_words(self) -> str:
+    def frame_text(self) -> str:
         return self._frame.text()
 
     def follow(self, actions: Mapping[str, QAction]) -> None:
@@ -204,7 +204,7 @@ class AnnotationPanel(QWidget):
         return next(button for button in self._tools.buttons() if button.objectName() == name)  # type: ignore[return-value]
 
     def set_progress(self, fraction: float | None) -> None:
-        """How far the carrying is; None: nothing is being carried."""
+        """How far the propagation is, in [0, 1]; None while nothing is propagated."""
         self._progress.setVisible(fraction is not None)
         if fraction is not None:
             self._progress.setRange(0, 1000)

@@ -1,293 +1,229 @@
-"""The label maps of what is open, and the tool that is in the hand: the part of the session that annotating changes. No Qt."""
+"""The label maps of what is open, with undo and journal: the state that annotating changes. No Qt."""
 
 from __future__ import annotations
 
 import math
 import time
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from degense.app.session import session_file
-from degense.app.session.clip_journal import ClipJournal
-from degense.app.session.persistent_state import PersistentState
-from degense.app.session.signal import Signal
+from degense.app.features.annotate.tool import PaintTool
+from degense.app.session import journal, session_file
+from degense.app.session.journal import Journal
+from degense.app.session.state import PersistentState, Signal
+from degense.app.session.store import JOURNAL
 from degense.engine.annotation.annotations import Annotations, Stroke
 from degense.engine.annotation.classes import LabelClass, check_classes, default_colour, merged, named_classes
 from degense.engine.annotation.edits import LabelEdit, Piece, State, Status
-from degense.engine.annotation.folder import NAME, load, save
+from degense.engine.annotation.folder import INDEX, NAME, load, save
 from degense.engine.annotation.packed import Proposal
 from degense.engine.annotation.painting import PixelRegion
-from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError, RunError
 
 if TYPE_CHECKING:
     from degense.app.session.session import Session
-    from degense.engine.clip import Clip
 
-Tool = Literal["brush", "eraser", "superpixels", "polygon", "fill"]
-TOOLS: tuple[Tool, ...] = get_args(Tool)
-SMALLEST, LARGEST = 0.5, 100.0  # radius of the brush, pixels
-TOLD_SECONDS = 1.0  # of a stroke, after which the journal is told of it: what a crash costs at most
-
-
-def folder_beside(clip: Clip) -> Path:
-    """Where a clip without a run keeps its annotations."""
-    return clip.path / NAME if clip.path.is_dir() else clip.path.with_name(f"{clip.path.stem}-{NAME}")
+#: Seconds between two records of one stroke in the journal: what a crash loses of it at most.
+STROKE_SECONDS = 1.0
+#: The journal that earlier versions wrote beside a clip. Its header names the check sum of the index that it continues.
+OLD_JOURNAL = "annotations.journal"
 
 
-class AnnotationsPart(PersistentState):
-    """Label maps with undo, journal and tools.
+class AnnotationState(PersistentState):
+    """Label maps with undo and journal, and the tool that paints them.
 
-    A run keeps them in its folder, with the session; a clip that has no run beside itself, see `save_beside_clip`.
+    Those of a run lie in `annotations` in its folder, those of a clip without a run in the folder of its session.
 
     Attributes
     ----------
+    tool : PaintTool
     work : Annotations or None
         None while nothing is open, or where `blocked` says why.
     blocked : str
-        Why a clip's annotations cannot be opened; they are left alone then. Empty otherwise.
-    tool, radius, current, inside
-        The tool, the radius of brushes (pixels), the class that is painted, and the class that alone may be painted over (None: any).
+        Why the annotations of a clip cannot be opened; they are left alone then. Empty otherwise.
 
     Signals
     -------
     pixels_changed(frame, region)
-        What is shown of a frame is another; None is the whole frame.
+        What is shown of a frame; a region of None is the whole frame.
     records_changed()
-        Status, proposals, which frames are labelled.
-    classes_changed(), tool_changed(), active_changed(active)
+        Status, proposals, or which frames are labelled.
+    classes_changed()
     """
 
     def __init__(self, session: Session) -> None:
         super().__init__()
-        self.session = session
+        self.session, self.tool = session, PaintTool()
         self.pixels_changed: Signal[[int, PixelRegion | None]] = Signal()
         self.records_changed: Signal[[]] = Signal()
         self.classes_changed: Signal[[]] = Signal()
-        self.tool_changed: Signal[[]] = Signal()
-        self.active_changed: Signal[[bool]] = Signal()
-        self.work: Annotations | None = None
-        self.unsaved_beside_clip = False
-        self._stroke: Stroke | None = None
-        self._told, self._untold = 0.0, False
-        self._journal: ClipJournal | None = None
-        self._active = False
         self.clear()
 
-    # -- part of the session ---------------------------------------------------------------------------------------------------------------
+    # Persistence
+
     def clear(self) -> None:
-        self.work, self.blocked, self._stroke, self.unsaved_beside_clip = None, "", None, False
-        if self._journal is not None:
-            self._journal.close()
-        self._journal = None
-        self.tool: Tool = "brush"
-        self.radius, self.current = 8.0, 0
-        self.inside: int | None = None
+        self.work: Annotations | None = None
+        self.blocked = ""
+        self._stroke: Stroke | None = None
+        self._written, self._unwritten, self._edited = -math.inf, False, False
+        self.tool.clear()
 
     def to_json(self) -> Any:
-        return {"tool": self.tool, "radius": self.radius, "current": self.current, "inside": self.inside}
+        return self.tool.to_json()
 
     def from_json(self, data: Any, source: str) -> None:
-        try:
-            if data["tool"] not in TOOLS:
-                raise ValueError(f"{data['tool']!r} is no tool")
-            self.tool, self.radius = data["tool"], min(LARGEST, max(SMALLEST, float(data["radius"])))
-            self.current = max(0, int(data["current"]))
-            self.inside = None if data["inside"] is None else int(data["inside"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise RunError(f"{source} does not say how one was annotating ({error}).") from error
+        self.tool.from_json(data, source)
 
     def load(self, folder: Path) -> None:
-        session = self.session
-        assert session.scene is not None
-        scene = session.scene
-        self._open(folder / NAME, scene.labels, tuple(scene.clip.classes) if scene.clip and scene.clip.classes else scene.classes)
-
-    def load_beside_clip(self) -> None:
-        """Open what a clip without a run has beside itself; `blocked` says it when that is damaged."""
-        clip = self.session.clip
-        assert clip is not None
-        try:
-            self._open(folder_beside(clip), clip.labels, clip.classes)
-        except DegenseError as error:
-            self.work, self.blocked = None, str(error)
-
-    def recover_beside_clip(self) -> None:
-        """Make the changes again that a crash left unsaved beside a clip, and keep a journal from here on.
-
-        Raises
-        ------
-        DegenseError
-            When a record of the journal cannot be used; those before it are made, and the journal is set aside.
-        """
-        assert self.session.clip is not None
-        if self.work is None:
-            return
-        left = ClipJournal(folder_beside(self.session.clip), self.session.store.trouble)
-        try:
-            for record in left.left():
-                self.replay(record, str(left.path))
-        except DegenseError:
-            session_file.set_aside(left.path)
-            raise
-        finally:
-            self._journal = left
+        scene, clip = self.session.scene, self.session.clip
+        if scene is not None:
+            self._open(folder / NAME, scene.labels, tuple(scene.clip.classes) if scene.clip and scene.clip.classes else scene.classes)
+        elif clip is not None:
+            try:
+                self._adopt_journal(folder)
+                self._open(folder, clip.labels, clip.classes)
+            except DegenseError as error:  # the clip itself can still be watched and trained on
+                self.work, self.blocked = None, str(error)
 
     def _open(self, folder: Path, original: Any, names: Sequence[str]) -> None:
         (width, height), count = self.session.size, self.session.frames
         self.work = load(folder, (height, width), count, original) or Annotations(named_classes(names), (height, width), count, original)
 
     def store(self, folder: Path) -> None:
-        if self.work is not None and (self.work.records or (folder / NAME).exists()):
-            save(self.work, folder / NAME)
-
-    def save_beside_clip(self) -> None:
-        """Write the annotations of a clip without a run, if they have changed. DegenseError when they cannot be written."""
-        if self.unsaved_beside_clip and self.work is not None and self.session.clip is not None:
-            save(self.work, folder_beside(self.session.clip))
-            self.unsaved_beside_clip = False
-            if self._journal is not None:
-                self._journal.forget()
+        if self.work is not None and self._edited:
+            save(self.work, folder / NAME if self.session.scene is not None else folder)
+            self._edited = False
+        self._unwritten = self._stroke is not None  # the journal, which is emptied now, held what the stroke has painted so far
 
     def replay(self, record: Any, source: str) -> None:
+        if self.work is None:
+            raise RunError(f"{source} cannot be used: {self.blocked}")
         try:
             if "classes" in record:
-                self._put_classes(tuple(LabelClass(str(name), (int(r), int(g), int(b))) for name, (r, g, b) in record["classes"]))
-            elif self.work is not None:
-                self._put(tuple(Piece.from_json(item) for item in record["pieces"]))
+                self._set_classes(tuple(LabelClass(str(name), (int(r), int(g), int(b))) for name, (r, g, b) in record["classes"]))
+            else:
+                self._restore(tuple(Piece.from_json(item) for item in record["pieces"]))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise RunError(f"{source} does not hold strokes that can be painted again ({error}).") from error
 
-    # -- the tool --------------------------------------------------------------------------------------------------------------------------
-    @property
-    def active(self) -> bool:
-        """Whether one is annotating: label maps are shown, and the left button paints."""
-        return self._active
+    def _adopt_journal(self, folder: Path) -> None:
+        """Make the journal of earlier versions that of the session. One that does not continue what is saved is set aside."""
+        old, new = folder / OLD_JOURNAL, folder / JOURNAL
+        if not old.exists():
+            return
+        index = folder / INDEX
+        saved = f"{zlib.crc32(index.read_bytes()):08x}" if index.is_file() else ""
+        if new.exists() or not journal.continues(old, saved):
+            aside = session_file.set_aside(old)
+            self.session.store.trouble.emit(f"{old} does not belong to the annotations that are saved; it was set aside as {aside.name}.")
+            return
+        adopted = Journal(new, session_file.read(folder / session_file.NAME).id)
+        for entry in journal.entries(old, saved):
+            adopted.append(entry.state, entry.record)
+        adopted.close()
+        old.unlink()
 
-    @active.setter
-    def active(self, active: bool) -> None:
-        if active != self._active:
-            self._active = active
-            self.active_changed.emit(active)
-
-    def choose(self, tool: Tool | None = None, radius: float | None = None, current: int | None = None) -> None:
-        """Take another tool, size or class; what is None stays."""
-        self.tool = tool or self.tool
-        self.radius = min(LARGEST, max(SMALLEST, radius)) if radius is not None else self.radius
-        if current is not None and self.work is not None and 0 <= current < len(self.work.classes):
-            self.current = current
-        self.tool_changed.emit()
-
-    def lock(self, inside: int | None) -> None:
-        """Paint only inside a class (`UNLABELLED`: only what is unlabelled); None: everywhere."""
-        self.inside = inside
-        self.tool_changed.emit()
-
-    @property
-    def value(self) -> int:
-        """What the tool in the hand writes."""
-        return UNLABELLED if self.tool == "eraser" else self.current
+    # Painting
 
     def ready(self) -> Annotations:
         """The label maps. DegenseError where there is nothing to paint on, or nothing to paint with."""
+        work = self._opened()
+        if not work.classes:
+            raise DegenseError("There is no class yet: add one, then paint.")
+        self.tool.label = min(self.tool.label, len(work.classes) - 1)
+        return work
+
+    def _opened(self) -> Annotations:
         if self.work is None:
             raise DegenseError(self.blocked or "Open a clip or a run first.")
-        if not self.work.classes:
-            raise DegenseError("There is no class yet: add one, then paint.")
-        self.current = min(self.current, len(self.work.classes) - 1)
         return self.work
 
-    # -- painting --------------------------------------------------------------------------------------------------------------------------
     def begin(self, name: str) -> None:
         """Begin a stroke in the frame that is shown. Errors as `ready`."""
         self._stroke = self.ready().stroke(self.session.frame, f"{name} in frame {self.session.frame}")
-        self._told = -math.inf  # its first dab is told at once
+        self._written = -math.inf  # its first dab is written at once
 
     def dab(self, region: PixelRegion | None) -> None:
         """Paint a region as part of the stroke."""
         if self._stroke is not None and region is not None:
-            changed = self._stroke.paint(region, self.value, self.inside)
+            changed = self._stroke.paint(region, self.tool.value, self.tool.inside)
             if changed is not None:
                 self.pixels_changed.emit(self._stroke.frame, changed)
-                self._untold = True
-                self.tell_stroke()
+                self._unwritten = True
+                self.write_stroke()
 
-    @property
-    def painting(self) -> bool:
-        """Whether a stroke has begun and not ended."""
-        return self._stroke is not None
-
-    def tell_stroke(self) -> None:
-        """Let the journal know of a stroke that takes long. The window calls it every second: the hand may rest amid a stroke."""
+    def write_stroke(self) -> None:
+        """Write an unfinished stroke into the journal, `STROKE_SECONDS` after the last time. Called every second: the hand may rest."""
         now = time.monotonic()
-        if self._stroke is None or not self._untold or now - self._told < TOLD_SECONDS:
+        if self._stroke is None or not self._unwritten or now - self._written < STROKE_SECONDS:
             return
         if (piece := self._stroke.so_far()) is not None:
-            self._told, self._untold = now, False
-            self._tell({"pieces": [piece.to_json()]})
+            self._written, self._unwritten = now, False
+            self.changed.emit({"pieces": [piece.to_json()]})
 
     def end(self) -> None:
         """End the stroke: one step of undo."""
         stroke, self._stroke = self._stroke, None
         if stroke is not None:
-            self._done(stroke.finish())
+            self._record(stroke.finish(), drawn=True)
 
     def paint(self, name: str, region: PixelRegion | None, value: int | None = None) -> bool:
         """Paint a region in one step, with the tool's value unless one is given; whether that changed anything."""
-        frame = self.session.frame
-        edit = self.ready().paint(frame, f"{name} in frame {frame}", region, self.value if value is None else value, self.inside)
-        self._done(edit)
-        if edit is not None:
-            self.pixels_changed.emit(frame, None)
-        return edit is not None
+        frame, tool = self.session.frame, self.tool
+        edit = self.ready().paint(frame, f"{name} in frame {frame}", region, tool.value if value is None else value, tool.inside)
+        return self._record(edit)
 
     def labels(self, frame: int) -> np.ndarray:
-        """What is to be shown of a frame, uint8 [H, W]: with the present stroke, else the proposal or its labels."""
-        assert self.work is not None
+        """The labels to show of a frame, uint8 [H, W]: with the present stroke, else the proposal or its own."""
         if self._stroke is not None and self._stroke.frame == frame:
             return self._stroke.labels
-        return self.work.shown(frame)
+        return self._opened().shown(frame)
 
-    # -- frames ----------------------------------------------------------------------------------------------------------------------------
+    # Frames
+
     def propose(self, proposals: Mapping[int, Proposal]) -> None:
-        """Take what was carried to other frames, for review."""
-        self._done(self.ready().propose(proposals))
-        self.pixels_changed.emit(self.session.frame, None)
+        """Take what was propagated to other frames, for review."""
+        self._record(self.ready().propose(proposals))
 
     def accept(self, frames: Sequence[int]) -> None:
-        self._done(self.ready().accept(frames))
-        self.pixels_changed.emit(self.session.frame, None)
+        """Make the proposals for these frames their labels."""
+        self._record(self.ready().accept(frames))
 
     def reject(self, frames: Sequence[int]) -> None:
-        self._done(self.ready().reject(frames))
-        self.pixels_changed.emit(self.session.frame, None)
+        """Drop the proposals for these frames."""
+        self._record(self.ready().reject(frames))
 
     def set_status(self, status: Status) -> None:
-        self._done(self.ready().set_status(self.session.frame, status))
+        self._record(self.ready().set_status(self.session.frame, status))
 
     def take(self, classes: Sequence[LabelClass], maps: Mapping[int, np.ndarray], name: str) -> None:
         """Take label maps from elsewhere, of which values index `classes`; classes of the same name are the same."""
-        assert self.work is not None
-        own, table = merged(self.work.classes, classes)
-        if len(own) > len(self.work.classes):
-            self._set_classes(f"Classes of {name}", own)
-        self._done(self.work.replace_labels({frame: table[labels] for frame, labels in maps.items()}, name))
-        self.pixels_changed.emit(self.session.frame, None)
+        work = self._opened()
+        own, table = merged(work.classes, classes)
+        if len(own) > len(work.classes):
+            self._edit_classes(f"Classes of {name}", own)
+        self._record(work.replace_labels({frame: table[labels] for frame, labels in maps.items()}, name))
 
-    # -- classes ---------------------------------------------------------------------------------------------------------------------------
+    # Classes
+
+    def choose_class(self, index: int) -> None:
+        """Paint with another class; an index without a class changes nothing."""
+        if self.work is not None and 0 <= index < len(self.work.classes):
+            self.tool.choose(label=index)
+
     def add_class(self, name: str) -> None:
-        """Add a class in the next colour, and choose it. DegenseError for a name that will not do."""
-        if self.work is None:
-            raise DegenseError(self.blocked or "Open a clip or a run first.")
-        classes = self.work.classes
-        self._set_classes(f"Class {name}", (*classes, LabelClass(" ".join(name.split()), default_colour(len(classes)))))
-        self.choose(current=len(classes))
+        """Add a class in the next colour, and choose it. DegenseError for a name that is empty or taken."""
+        classes = self._opened().classes
+        self._edit_classes(f"Class {name}", (*classes, LabelClass(" ".join(name.split()), default_colour(len(classes)))))
+        self.choose_class(len(classes))
 
     def rename_class(self, index: int, name: str) -> None:
+        """Errors as `add_class`."""
         self._change_class(index, f"Rename {self.ready().classes[index].name}", name=" ".join(name.split()))
 
     def recolour_class(self, index: int, colour: tuple[int, int, int]) -> None:
@@ -296,42 +232,38 @@ class AnnotationsPart(PersistentState):
     def _change_class(self, index: int, title: str, **changes: Any) -> None:
         classes = list(self.ready().classes)
         classes[index] = replace(classes[index], **changes)
-        self._set_classes(title, tuple(classes))
+        self._edit_classes(title, tuple(classes))
 
-    def _set_classes(self, title: str, classes: tuple[LabelClass, ...]) -> None:
-        assert self.work is not None
+    def _edit_classes(self, title: str, classes: tuple[LabelClass, ...]) -> None:
         check_classes(classes)
-        before = self.work.classes
-        if classes != before:
-            self._put_classes(classes)
-            self.session.undo.push(title, self._put_classes, before, classes)
+        self.session.undo.do(title, self._set_classes, self._opened().classes, classes)
 
-    def _put_classes(self, classes: tuple[LabelClass, ...]) -> None:
+    def _set_classes(self, classes: tuple[LabelClass, ...]) -> None:
         if self.work is not None:
             check_classes(classes)
             self.work.classes = classes
-            self._tell({"classes": [[kind.name, kind.colour] for kind in classes]})
+            self._edited = True
+            self.changed.emit({"classes": [[kind.name, kind.colour] for kind in classes]})
             self.classes_changed.emit()
             self.pixels_changed.emit(self.session.frame, None)
 
-    # -- undo and journal ------------------------------------------------------------------------------------------------------------------
-    def _done(self, edit: LabelEdit | None) -> None:
+    # Undo
+
+    def _record(self, edit: LabelEdit | None, drawn: bool = False) -> bool:
+        """Make an edit of the label maps a step of undo; whether it changed anything. `drawn`: its pixels are shown already."""
         if edit is not None:
-            self.session.undo.push(edit.name, self._put, edit.before, edit.after, size=edit.size)
-            self._tell({"pieces": [piece.to_json() for piece in edit.after]})
-            self.records_changed.emit()
+            self.session.undo.record(edit.name, self._restore, edit.before, edit.after, size=edit.size)
+            self._announce(edit.after, drawn)
+        return edit is not None
 
-    def _put(self, state: State) -> None:
-        if self.work is None:
-            return
-        self.work.restore(state)
-        self._tell({"pieces": [piece.to_json() for piece in state]})
+    def _restore(self, state: State) -> None:
+        if self.work is not None:
+            self.work.restore(state)
+            self._announce(state)
+
+    def _announce(self, state: State, drawn: bool = False) -> None:
+        self._edited = True
+        self.changed.emit({"pieces": [piece.to_json() for piece in state]})
         self.records_changed.emit()
-        for piece in state:
-            self.pixels_changed.emit(piece.frame, None)
-
-    def _tell(self, record: Any) -> None:
-        self.unsaved_beside_clip = self.session.scene is None
-        if self._journal is not None:
-            self._journal.tell(record)
-        self.changed.emit(record)
+        for frame in () if drawn else [piece.frame for piece in state]:
+            self.pixels_changed.emit(frame, None)

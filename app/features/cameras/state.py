@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from degense.app.session.camera_json import camera_from_json, camera_to_json
-from degense.app.session.persistent_state import PersistentState
+from degense.app.session.state import PersistentState
 from degense.app.session.undo import UndoStack
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, RunError
@@ -121,10 +121,7 @@ class CameraBook(PersistentState):
         self._edit("Open a camera path", stops)
 
     def _edit(self, name: str, stops: tuple[Stop, ...]) -> None:
-        if stops != self._stops:
-            before = self._stops
-            self._restore(stops)
-            self.undo.push(name, self._restore, before, stops)
+        self.undo.do(name, self._restore, self._stops, stops)
 
     def _restore(self, stops: tuple[Stop, ...]) -> None:
         self._stops = stops

@@ -12,8 +12,7 @@ from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import QApplication, QMessageBox
 
 from degense.app.session import session_file
-from degense.app.session.sample import is_demo
-from degense.app.session.session_file import DamagedSession
+from degense.app.session.session_file import DamagedSession, clip_folder
 from degense.app.session.store import waiting
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
@@ -40,8 +39,8 @@ class Autosave(QObject):
     # Saving
 
     def save(self) -> bool:
-        """Keep what is open; whether it is kept now. The sample stays as it came. What went wrong is shown."""
-        if self.session.scene is None or self.session.store.unsaved:
+        """Save what is open; whether that succeeded. The sample is not changed. Errors are shown."""
+        if self.session.store.unsaved:
             return True
         try:
             self.session.save()
@@ -53,7 +52,7 @@ class Autosave(QObject):
 
     def may_leave(self, go_on: Callable[[], object]) -> bool:
         """Whether what is open may be left now. When it cannot be saved the user is asked, and `go_on` called if they leave it so."""
-        if self._left_unsaved or self.session.scene is None or self.session.store.unsaved:
+        if self._left_unsaved or self.session.store.unsaved:
             return True
         try:
             self.session.save()
@@ -69,9 +68,7 @@ class Autosave(QObject):
         box = QMessageBox(QMessageBox.Icon.Warning, "DeGense", problem, QMessageBox.StandardButton.NoButton, self.shell)
         box.setObjectName("unsaved")
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        box.setInformativeText(
-            "What was changed since the last save is offered again when this run is next opened, if it could be written."
-        )
+        box.setInformativeText("What was changed since the last save is offered again when this is next opened, if it could be written.")
         leave = box.addButton("Leave without saving", QMessageBox.ButtonRole.DestructiveRole)
         stay = box.addButton("Stay", QMessageBox.ButtonRole.RejectRole)
         box.setDefaultButton(stay)
@@ -85,9 +82,8 @@ class Autosave(QObject):
         box.open()
 
     def tick(self) -> None:
-        """Every second: bring the journal up to date, and save when it is time; not amid a stroke or a drag."""
-        self.session.annotations.tell_stroke()
-        self.session.store.tell_pending()
+        """Every second: write the journal, and save when it is time; not during a stroke or a drag."""
+        self.session.store.write_pending()
         minutes = self.settings.value.autosave
         due = self._dirty_since is not None and minutes and time.monotonic() - self._dirty_since >= 60 * minutes
         if due and QApplication.mouseButtons() == Qt.MouseButton.NoButton:
@@ -103,23 +99,24 @@ class Autosave(QObject):
     # What was left behind
 
     def left_behind(self) -> Path | None:
-        """The run that was open when the program last ended without being closed, if it holds unsaved work."""
+        """The run or clip that was open when the program last ended without being closed, if it left unsaved work."""
         path = Path(self.settings.value.open_run)
-        return path if self.settings.value.open_run and waiting(path) else None
+        folder = path if (path / "run.json").is_file() else clip_folder(path)
+        return path if self.settings.value.open_run and waiting(folder) else None
 
     def _opened(self) -> None:
-        scene, store = self.session.scene, self.session.store
+        scene, clip, store = self.session.scene, self.session.clip, self.session.store
         self._dirty_since, self._left_unsaved = None, False
-        self.settings.update(open_run=str(scene.run.path.resolve()) if scene and not is_demo(scene.run.path) else "")
+        path = scene.run.path if scene is not None else clip.path if clip is not None else None
+        self.settings.update(open_run=str(path.resolve()) if path is not None and store.folder is not None else "")
         if store.unsaved:
             self._offer_recovery()
         elif store.elsewhere:
-            self.shell.say("This run is open in another window or cannot be written: what you do here will not be saved.", 60)
+            self.shell.say("This is open in another window or cannot be written: what you do here will not be saved.", 60)
 
     def _offer_recovery(self) -> None:
         store = self.session.store
-        assert store.folder is not None
-        areas = ", ".join(sorted({"view" if entry.part == session_file.LOOK else entry.part for entry in store.unsaved}))
+        areas = ", ".join(sorted({"view" if entry.state == session_file.VIEW else entry.state for entry in store.unsaved}))
         count = len(store.unsaved)
         box = QMessageBox(self.shell)
         box.setObjectName("recovery")
@@ -128,7 +125,7 @@ class Autosave(QObject):
         box.setIcon(QMessageBox.Icon.Information)
         box.setText("Recovered unsaved work")
         box.setInformativeText(
-            f"The program ended before {count} change{'s' if count > 1 else ''} of {store.folder.name} could be saved ({areas}). "
+            f"The program ended before {count} change{'s' if count > 1 else ''} of {self.session.name} could be saved ({areas}). "
             "Restore them, or go on from what was saved last?"
         )
         restore = box.addButton("Restore", QMessageBox.ButtonRole.AcceptRole)

@@ -105,24 +105,28 @@ class Documents(QObject):
         self.clip_options = dict(scene.clip.options) if scene.clip else {}
         self._chosen = False
         self.facts.show_facts(run_facts(scene), is_clip=False)
-        self._remember(path)
-        try:
-            self.session.open_scene(scene, keep=not is_demo(path))
-        except DamagedSession as error:
-            self.facts.show_facts([], is_clip=False)
-            self.autosave.offer_backups(error, lambda: self.open_path(path))
-            return
         self.shell.say(scene.clip_missing or f"{scene.name}: {scene.frames} frames")
+        self._open_session(path, lambda keep: self.session.open_scene(scene, keep), {})
 
     def _show_clip(self, path: Path, clip: Clip, options: dict[str, Any]) -> None:
         self.clip_options = options
         self.facts.show_facts(clip_facts(clip), is_clip=True)
         self.shell.docks.bring(self.facts_dock)
-        self._remember(path)
         self.shell.say(f"{clip.name}: check what was detected, then train.")
-        self.shell.attempt(lambda: self.session.open_clip(clip))
         chosen, self._chosen = self._chosen, False
-        self.clip_opened.emit(chosen)
+        if self._open_session(path, lambda keep: self.session.open_clip(clip, keep), options):
+            self.clip_opened.emit(chosen)
+
+    def _open_session(self, path: Path, open_it: Callable[[bool], None], options: dict[str, Any]) -> bool:
+        """Open what was loaded with the session that was saved; whether it is open. A damaged session file is asked about."""
+        self._remember(path)
+        try:
+            open_it(not is_demo(path))
+        except DamagedSession as error:
+            self.facts.show_facts([], is_clip=False)
+            self.autosave.offer_backups(error, lambda: self.open_path(path, options))
+            return False
+        return True
 
     def _remember(self, path: Path) -> None:
         if not is_demo(path):

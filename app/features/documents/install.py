@@ -27,7 +27,7 @@ def install(shell: Shell) -> None:
         Action("file.open-video", "Open video…", documents.ask_for_video, menu, help="clip from a movie file"),
         Action("file.open-run", "Open run…", documents.ask_for_run, menu, ("Ctrl+R",), help="reconstruction scene"),
         Action("file.demo", "Demo", documents.open_demo, menu, help="sample example"),
-        Action("file.save", "Save view", autosave.save, menu, ("Ctrl+S",), lambda: session.scene is not None and session.dirty, group=1),
+        Action("file.save", "Save view", autosave.save, menu, ("Ctrl+S",), lambda: session.frames > 0 and session.dirty, group=1),
     )
     shell.started.connect(lambda: _add_recent(shell, documents))
 

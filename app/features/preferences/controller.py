@@ -67,9 +67,7 @@ class Preferences(QObject):
     def _change(self, name: str, **values: Any) -> None:
         """Settle something, as a step that can be undone."""
         before = {key: getattr(self.settings.value, key) for key in values}
-        if before != values:
-            self._put(values)
-            self.session.undo.push(name, self._put, before, values, key=f"preference {name}")
+        self.session.undo.do(name, self._put, before, values, key=f"preference {name}")
 
     def _put(self, values: dict[str, Any]) -> None:
         self.settings.update(**values)

@@ -6,9 +6,10 @@ from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
 
 from degense.app.features.prompts.panel import PromptBar
-from degense.app.session.view_state import Colour, ViewState, decoder_refined
+from degense.app.session.view_state import ViewState, decoder_refined
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
+from degense.widgets.qt_images import rgb
 
 DECODER_WORDS = {
     "rnse": ("Regions", "Similarity averaged over superpixels, edges taken from the picture, holes filled; other classes keep theirs."),
@@ -106,7 +107,3 @@ class PromptControls(QObject):
         if [(text.casefold(), *rest) for text, *rest in shown] != [(text.casefold(), *rest) for text, *rest in wanted]:
             bar.clear()
             self._texts = {bar.add_prompt(text, QColor(*colour), *rest): text for text, colour, *rest in wanted}
-
-
-def rgb(colour: QColor) -> Colour:
-    return colour.red(), colour.green(), colour.blue()

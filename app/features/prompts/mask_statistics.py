@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from degense.app.session.persistent_state import PersistentState
+from degense.app.session.state import PersistentState
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import RunError
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from degense.app.session.playback import Playback
+from degense.app.session.cursor import Playback
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
 from degense.widgets.timeline import Timeline

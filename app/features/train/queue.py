@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from degense.app.features.train.job import TrainingJob
-from degense.app.session.signal import Signal
+from degense.app.session.state import Signal
 from degense.engine.errors import DegenseError
 
 

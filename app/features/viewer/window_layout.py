@@ -9,7 +9,7 @@ from PySide6.QtCore import QByteArray
 
 from degense.app.features.viewer.controller import Viewer
 from degense.app.session.camera_json import camera_from_json, camera_to_json
-from degense.app.session.persistent_state import PersistentState
+from degense.app.session.state import PersistentState
 from degense.engine.camera import Camera
 from degense.engine.errors import RunError
 

@@ -1,4 +1,4 @@
-"""Task: label a frame by hand, carry it to the others, review, undo, save, hand over."""
+"""Task: label a frame by hand, propagate it to the others, review, undo, save, hand over."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtWidgets import QPushButton
 
 from degense.app.features.annotate.label_sets import label_format
-from degense.app.session.session import Session
+from degense.app.session.store import JOURNAL
 from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.folder import NAME
 from degense.engine.annotation.packed import Proposal
 from degense.engine.clip import UNLABELLED
+from degense.engine.data.readers import open_clip
 from degense.engine.scene.clip_query import decode_frame
 from degense.engine.semantics.prompts import PromptSet
 from tests.app import installed as on
+from tests.app.painting import annotating as annotating_session
 
 
 @pytest.fixture
@@ -24,7 +26,7 @@ def annotating(qtbot, opened, idle):
     opened.session.go_to(4)
     on.viewer(opened).panel.setFocus()
     qtbot.keyClick(on.viewer(opened).panel, Qt.Key.Key_A)
-    opened.session.annotations.choose(radius=4.0)
+    on.annotations(opened).tool.choose(radius=4.0)
     idle()
     return opened
 
@@ -49,17 +51,17 @@ def press(qtbot, window, action: str) -> None:
 
 
 def labels(window) -> np.ndarray:
-    return window.session.annotations.labels(window.session.frame)
+    return on.annotations(window).labels(window.session.frame)
 
 
 def test_painting_and_erasing_are_undone_by_name(qtbot, annotating, idle, screenshot):
-    window, panel, part = annotating, on.viewer(annotating).panel, annotating.session.annotations
+    window, panel, state = annotating, on.viewer(annotating).panel, on.annotations(annotating)
     came = window.session.clip.labels(4)
     assert np.array_equal(labels(window), came)
     recorded = on.viewer(window).view.rgb
     assert np.array_equal(recorded, window.session.clip.frame(4))  # one labels what was recorded
     qtbot.keyClick(panel, Qt.Key.Key_7)
-    assert part.current == 6
+    assert state.tool.label == 6
     assert window.session.view_state.layer == "rgb"  # 7 is a class now, not a layer
     drag(qtbot, window, (20, 20), (50, 20))
     painted = labels(window) == 6
@@ -74,7 +76,7 @@ def test_painting_and_erasing_are_undone_by_name(qtbot, annotating, idle, screen
     qtbot.keyClick(panel, Qt.Key.Key_Left)
     qtbot.keyClick(panel, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     qtbot.keyClick(panel, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)  # survives the change of frame
-    assert np.array_equal(part.labels(4), came)
+    assert np.array_equal(state.labels(4), came)
     window.registry.run("edit.redo")
     qtbot.keyClick(panel, Qt.Key.Key_Right)
     idle()
@@ -83,31 +85,31 @@ def test_painting_and_erasing_are_undone_by_name(qtbot, annotating, idle, screen
 
 
 def test_brush_sizes_and_keys_that_type(qtbot, annotating):
-    window, part = annotating, annotating.session.annotations
+    window, state = annotating, on.annotations(annotating)
     qtbot.keyClick(on.viewer(window).panel, Qt.Key.Key_BracketRight)
-    assert part.radius == pytest.approx(4 * 2**0.25)
+    assert state.tool.radius == pytest.approx(4 * 2**0.25)
     qtbot.keyClick(on.viewer(window).panel, Qt.Key.Key_BracketLeft)
-    assert part.radius == pytest.approx(4)
+    assert state.tool.radius == pytest.approx(4)
     field = on.annotator(window).panel._new
     field.setFocus()
     qtbot.keyClicks(field, "clip 2 ]r")
     qtbot.keyClick(field, Qt.Key.Key_Return)
-    assert part.work.classes[-1].name == "clip 2 ]r"
-    assert part.current == len(part.work.classes) - 1
-    assert part.radius == pytest.approx(4)
-    assert part.tool == "brush"
+    assert state.work.classes[-1].name == "clip 2 ]r"
+    assert state.tool.label == len(state.work.classes) - 1
+    assert state.tool.radius == pytest.approx(4)
+    assert state.tool.name == "brush"
     window.registry.run("edit.undo")
     assert on.annotator(window).panel.classes.names() == list(window.session.scene.classes)
     panel = on.annotator(window).panel.classes
     panel.item(0).setText("bowel")
-    assert part.work.classes[0].name == "bowel"
-    panel.item(0).setText(part.work.classes[1].name)  # taken
+    assert state.work.classes[0].name == "bowel"
+    panel.item(0).setText(state.work.classes[1].name)  # taken
     assert panel.item(0).text() == "bowel"
 
 
 def test_polygon_fill_superpixels_holes_and_lock(qtbot, annotating, screenshot):
-    window, panel, part = annotating, on.viewer(annotating).panel, annotating.session.annotations
-    work = part.work
+    window, panel, state = annotating, on.viewer(annotating).panel, on.annotations(annotating)
+    work = state.work
     qtbot.keyClick(panel, Qt.Key.Key_P)
     qtbot.keyClick(panel, Qt.Key.Key_8)
     for corner in ((10, 10), (40, 10), (40, 40), (60, 70)):
@@ -124,40 +126,40 @@ def test_polygon_fill_superpixels_holes_and_lock(qtbot, annotating, screenshot):
     qtbot.keyClick(panel, Qt.Key.Key_8)
     press(qtbot, window, "annotate.holes")
     assert (labels(window)[12:38, 12:38] == 7).all()
-    part.lock(7)
+    state.tool.lock(7)
     qtbot.keyClick(panel, Qt.Key.Key_2)
     before = labels(window).copy()
     drag(qtbot, window, (30, 30), (90, 30))
     changed = labels(window) != before
     assert changed.any()
     assert (before[changed] == 7).all()
-    part.lock(None)
+    state.tool.lock(None)
     qtbot.keyClick(panel, Qt.Key.Key_G)
     qtbot.keyClick(panel, Qt.Key.Key_3)
     qtbot.mouseClick(panel, Qt.MouseButton.LeftButton, pos=at(window, 15.5, 15.5))
     assert (labels(window)[12:20, 12:20] == 2).all()
     qtbot.keyClick(panel, Qt.Key.Key_S)
     qtbot.keyClick(panel, Qt.Key.Key_5)
-    part.choose(radius=0.5)
+    state.tool.choose(radius=0.5)
     drag(qtbot, window, (70, 60), (70.5, 60))
-    region = on.annotator(window)._superpixels()[60, 70]
-    assert ((labels(window) == 4) >= (on.annotator(window)._superpixels() == region)).all()
+    region = on.annotator(window).painter.superpixels()[60, 70]
+    assert ((labels(window) == 4) >= (on.annotator(window).painter.superpixels() == region)).all()
     assert work.record(4).by_hand
 
 
-def test_a_frame_is_carried_reviewed_and_taken_back(qtbot, annotating, idle, screenshot):
-    window, panel, part = annotating, on.viewer(annotating).panel, annotating.session.annotations
+def test_a_frame_is_propagated_reviewed_and_taken_back(qtbot, annotating, idle, screenshot):
+    window, panel, state = annotating, on.viewer(annotating).panel, on.annotations(annotating)
     press(qtbot, window, "annotate.propagate")
     assert on.annotator(window).panel.button("annotate.stop").isEnabled()
     idle()
-    assert part.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
+    assert state.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
     assert "9 wait for an answer" in on.annotator(window).panel.summary()
-    sure = part.work.record(7).proposal
-    part.work.records[7] = Record(proposal=Proposal(sure.packed, sure.shape, 0.5))
+    sure = state.work.record(7).proposal
+    state.work.records[7] = Record(proposal=Proposal(sure.packed, sure.shape, 0.5))
     qtbot.keyClick(panel, Qt.Key.Key_Tab)
     assert window.session.frame == 7
     idle()
-    assert "proposed, confidence 50%" in on.annotator(window).panel.frame_words()
+    assert "proposed, confidence 50%" in on.annotator(window).panel.frame_text()
     screenshot(window, "annotate-review")
     truth = window.session.clip.labels(7)
     assert (labels(window) == truth).mean() > 0.8
@@ -165,27 +167,27 @@ def test_a_frame_is_carried_reviewed_and_taken_back(qtbot, annotating, idle, scr
     assert np.array_equal(labels(window), truth)  # what it came with
     window.session.go_to(5)
     qtbot.keyClick(panel, Qt.Key.Key_Y)
-    assert part.work.record(5).status == "done"
+    assert state.work.record(5).status == "done"
     press(qtbot, window, "annotate.accept-all")
-    assert part.work.waiting() == []
+    assert state.work.waiting() == []
     qtbot.keyClick(panel, Qt.Key.Key_F, Qt.KeyboardModifier.ShiftModifier)
-    assert part.work.record(5).status == "flagged"
+    assert state.work.record(5).status == "flagged"
     names = window.session.undo.entries
     assert names == ("Propagate labels to 9 frames", "Reject frame 7", "Accept frame 5", "Accept 7 frames", "Frame 5: flagged")
     window.session.undo.go_to(1)
     press(qtbot, window, "annotate.accept")
     press(qtbot, window, "annotate.reject-all")
-    assert (part.work.waiting(), part.work.record(5).status) == ([], "done")
+    assert (state.work.waiting(), state.work.record(5).status) == ([], "done")
     window.session.undo.go_to(0)
-    assert part.work.records == {}
+    assert state.work.records == {}
 
 
-def test_carrying_can_be_stopped(qtbot, annotating, idle):
+def test_propagating_can_be_stopped(qtbot, annotating, idle):
     window = annotating
     press(qtbot, window, "annotate.propagate")
     press(qtbot, window, "annotate.stop")
     idle()
-    assert window.session.annotations.work.records == {}
+    assert on.annotations(window).work.records == {}
     assert on.annotator(window).panel.button("annotate.propagate").isEnabled()
 
 
@@ -202,7 +204,7 @@ def test_masks_of_prompts_are_where_painting_starts(qtbot, annotating, idle):
 
 
 def test_annotations_are_saved_opened_again_and_handed_over(qtbot, annotating, run, idle, tmp_path):
-    window, part = annotating, annotating.session.annotations
+    window, state = annotating, on.annotations(annotating)
     qtbot.keyClick(on.viewer(window).panel, Qt.Key.Key_7)
     drag(qtbot, window, (20, 20), (50, 20))
     painted = labels(window).copy()
@@ -212,17 +214,17 @@ def test_annotations_are_saved_opened_again_and_handed_over(qtbot, annotating, r
     assert len(list((run / NAME).glob("000004-*.png"))) == 1
     on.documents(window).open_path(run)
     idle()
-    assert np.array_equal(part.labels(4), painted)
+    assert np.array_equal(state.labels(4), painted)
     on.exchange(window).export("cvat", tmp_path / "a.xml")
     idle()
-    again = label_format("cvat").read(tmp_path / "a.xml", part.work.shape, tuple(f"{i:06d}" for i in range(10)))
+    again = label_format("cvat").read(tmp_path / "a.xml", state.work.shape, tuple(f"{i:06d}" for i in range(10)))
     assert np.array_equal(again.read(4), painted)
     window.session.go_to(0)
     on.exchange(window).take("cvat", tmp_path / "a.xml")
     idle()
     assert window.session.undo.undo_name == "Import a.xml"
-    assert np.array_equal(part.labels(4), painted)
-    assert len(part.work.records) == 10
+    assert np.array_equal(state.labels(4), painted)
+    assert len(state.work.records) == 10
     window.registry.run("annotate.teach")
     idle()
     dialog = window.findChild(object, "train")
@@ -241,32 +243,38 @@ def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny
     on.documents(window).open_path(clip)
     idle()
     window.registry.run("annotate.mode")
-    part = window.session.annotations
-    part.choose(radius=5.0)
+    state = on.annotations(window)
+    state.tool.choose(radius=5.0)
     drag(qtbot, window, (20, 20), (50, 20))
-    assert part.work.records == {}  # there is no class yet
-    part.add_class("grasper")
+    assert state.work.records == {}  # there is no class yet
+    state.add_class("grasper")
     drag(qtbot, window, (20, 20), (50, 20))
-    qtbot.waitUntil(lambda: (clip / NAME / "annotations.json").exists())
-    painted = part.labels(0).copy()
+    assert (clip / NAME / JOURNAL).exists()
+    assert window.isWindowModified()
+    window.registry.run("file.save")
+    assert (clip / NAME / "annotations.json").exists()
+    assert not window.isWindowModified()
+    painted = state.labels(0).copy()
     on.documents(window).open_path(clip)
     idle()
-    assert np.array_equal(part.labels(0), painted)
+    assert np.array_equal(state.labels(0), painted)
     press = at(window, 30, 50)
     qtbot.mousePress(on.viewer(window).panel, Qt.MouseButton.LeftButton, pos=press)  # a stroke that does not end
     qtbot.wait(2200)
-    killed = Session()
-    killed.open_clip(window.session.clip)  # what is there if the program ends now
-    assert killed.annotations.labels(0)[50, 30] == 0
-    assert np.array_equal(killed.annotations.labels(0), part.labels(0))
+    shutil.copytree(clip, tmp_path / "killed")  # what is there if the program ends now
+    killed, labels = annotating_session()
+    killed.open_clip(open_clip(tmp_path / "killed"))
+    killed.recover()
+    assert labels.labels(0)[50, 30] == 0
+    assert np.array_equal(labels.labels(0), state.labels(0))
     killed.close()
     qtbot.mouseRelease(on.viewer(window).panel, Qt.MouseButton.LeftButton, pos=press)
     on.documents(window).open_path(clip)
     idle()
-    assert part.labels(0)[50, 30] == 0
+    assert state.labels(0)[50, 30] == 0
     (clip / NAME / "annotations.json").write_text("{")
     on.documents(window).open_path(clip)
     idle()
-    assert part.work is None
+    assert state.work is None
     assert "cannot be read" in on.annotator(window).panel.summary()
     assert (clip / NAME / "annotations.json").read_text() == "{"

@@ -48,8 +48,8 @@ def work():
     window.session.view.add_prompt("liver")
     window.session.view.set_layer("depth")
     window.registry.run("annotate.mode")
-    window.session.annotations.choose("eraser", radius=3.0)
-    QTimer.singleShot(1500, paint)  # the journal has been told of the prompt then
+    on.annotations(window).tool.choose("eraser", radius=3.0)
+    QTimer.singleShot(1500, paint)  # the prompt is in the journal then
 
 def paint():
     if any(window.worker.busy(name) for name in ("open", "view", "range")) or not panel.has_image():
@@ -146,7 +146,7 @@ def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, ru
     idle()
     assert (window.session.view_state.layer, [prompt.text for prompt in window.session.view_state.prompts]) == ("depth", ["liver"])
     assert safe > 15
-    assert (window.session.annotations.labels(0)[40, 10:safe] == UNLABELLED).all()
+    assert (on.annotations(window).labels(0)[40, 10:safe] == UNLABELLED).all()
     assert window.isWindowModified()
     window.registry.run("file.save")
     assert not (run / JOURNAL).exists()
@@ -214,7 +214,7 @@ def test_work_that_cannot_be_saved_is_not_left_silently(qtbot, opened, idle, mon
 @pytest.mark.parametrize("answer", ["Discard", "Restore"])
 def test_recovered_work_is_asked_about_once(qtbot, opened, run, idle, answer):
     opened.session.view.set_threshold(0.25)
-    opened.session.store.tell_pending()
+    opened.session.store.write_pending()
     journal = (run / JOURNAL).read_bytes()
     on.documents(opened).open_demo()
     idle()

@@ -14,27 +14,27 @@ import pytest
 from PIL import Image
 
 from degense.app.cli.main import main
+from degense.app.features.annotate.state import AnnotationState
 from degense.app.session.session import Session
 from degense.engine.annotation.folder import INDEX, NAME
 from degense.engine.annotation.painting import brush
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import DegenseError
-from tests.app.painting import FakeScene
+from tests.app.painting import FakeScene, annotating
 
-#: Paints a stroke twenty times a second until it is killed; tells how many are done.
+#: Paints a stroke twenty times a second until it is killed; prints how many are done.
 PAINTER = """
 import sys, time
 from pathlib import Path
-from degense.app.session.session import Session
 from degense.engine.annotation.painting import brush
-from tests.app.painting import FakeScene
+from tests.app.painting import FakeScene, annotating
 
-session = Session()
+session, annotations = annotating()
 session.open_scene(FakeScene(Path(sys.argv[1])))
 for number in range(10_000):
     x, y = 2.5 + 4 * (number % 11), 2.5 + 4 * (number // 11 % 9)
-    session.annotations.choose(current=number % 2)
-    session.annotations.paint("Dab", brush((x, y), (x, y), 1.5, (40, 48)))
+    annotations.tool.choose(label=number % 2)
+    annotations.paint("Dab", brush((x, y), (x, y), 1.5, (40, 48)))
     if number == 5:
         session.save()
     print(number + 1, flush=True)
@@ -42,14 +42,14 @@ for number in range(10_000):
 """
 
 
-def painted(folder: Path) -> tuple[Session, int]:
-    """The session that opens the folder, and how many dabs are in it."""
-    session = Session()
+def painted(folder: Path) -> tuple[Session, AnnotationState, int]:
+    """The session that opens the folder, its annotations, and how many dabs are in it."""
+    session, annotations = annotating()
     session.open_scene(FakeScene(folder))
     if session.store.unsaved:
         session.recover()
-    labels = session.annotations.work.labels(0)
-    return session, sum(labels[2 + 4 * (n // 11), 2 + 4 * (n % 11)] == n % 2 for n in range(99))
+    labels = annotations.work.labels(0)
+    return session, annotations, sum(labels[2 + 4 * (n // 11), 2 + 4 * (n % 11)] == n % 2 for n in range(99))
 
 
 def test_kill_minus_nine_while_painting_loses_no_finished_stroke(tmp_path):
@@ -59,18 +59,18 @@ def test_kill_minus_nine_while_painting_loses_no_finished_stroke(tmp_path):
             done = int(line)
             if done == 30:
                 os.kill(child.pid, signal.SIGKILL)
-    session, there = painted(tmp_path)
+    session, _, there = painted(tmp_path)
     assert there >= done
     session.save()
     session.close()
-    session, again = painted(tmp_path)  # and now without the journal
+    session, _, again = painted(tmp_path)  # and now without the journal
     assert again == there
     session.close()
 
 
 def test_damaged_annotations_do_not_open_as_empty(tmp_path):
-    session, _ = painted(tmp_path)
-    session.annotations.paint("Dab", brush((9, 9), (9, 9), 3, (40, 48)))
+    session, annotations, _ = painted(tmp_path)
+    annotations.paint("Dab", brush((9, 9), (9, 9), 3, (40, 48)))
     session.save()
     session.close()
     index = tmp_path / NAME / INDEX
@@ -81,10 +81,10 @@ def test_damaged_annotations_do_not_open_as_empty(tmp_path):
 
 
 def test_a_full_disk_keeps_the_old_annotations(tmp_path, monkeypatch):
-    session, _ = painted(tmp_path)
-    session.annotations.paint("Dab", brush((9, 9), (9, 9), 3, (40, 48)))
+    session, annotations, _ = painted(tmp_path)
+    annotations.paint("Dab", brush((9, 9), (9, 9), 3, (40, 48)))
     session.save()
-    session.annotations.paint("Dab", brush((30, 30), (30, 30), 3, (40, 48)))
+    annotations.paint("Dab", brush((30, 30), (30, 30), 3, (40, 48)))
 
     def full(source, target):
         raise OSError(28, "No space left on device")
@@ -95,16 +95,16 @@ def test_a_full_disk_keeps_the_old_annotations(tmp_path, monkeypatch):
     monkeypatch.undo()
     assert session.dirty
     session.close()
-    other, _ = painted(tmp_path)  # the journal has the rest
-    assert other.annotations.work.labels(0)[30, 30] == 0
+    other, others, _ = painted(tmp_path)  # the journal has the rest
+    assert others.work.labels(0)[30, 30] == 0
     other.close()
 
 
 def test_records_from_elsewhere_are_checked(tmp_path):
-    session, _ = painted(tmp_path)
+    session, annotations, _ = painted(tmp_path)
     for record in ({}, {"pieces": 3}, {"pieces": [{"frame": 99}]}, {"classes": [["a", [1, 2]]]}, [], {"classes": [["", [1, 2, 3]]]}):
         with pytest.raises(DegenseError):
-            session.annotations.replay(record, "journal")
+            annotations.replay(record, "journal")
     session.close()
 
 
@@ -115,7 +115,7 @@ def frame_map(tiny_clip, tmp_path) -> Path:
     return path
 
 
-def test_a_label_map_is_carried_from_the_command_line(tiny_clip, run, frame_map, tmp_path, capsys):
+def test_a_label_map_is_propagated_from_the_command_line(tiny_clip, run, frame_map, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["annotate", str(run), "--labels", str(frame_map), "--frame", "6", "--out", str(out), "--review"]) == 0
     told = capsys.readouterr().out

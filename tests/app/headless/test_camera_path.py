@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from degense.app.features.cameras.state import CameraBook, CameraPath, Stop, load_path, save_path
-from degense.app.session.playback import Playback
+from degense.app.session.cursor import Playback
 from degense.app.session.undo import UndoStack
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, RunError

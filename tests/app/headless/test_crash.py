@@ -6,34 +6,15 @@ import json
 import os
 import resource
 import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from degense.app.session import session_file
 from degense.app.session.session import Session
 from degense.app.session.session_file import DamagedSession
 from degense.app.session.store import JOURNAL, waiting
-from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import DegenseError
-from tests.app.painting import FakeClip, FakeScene, Strokes, opened
-
-
-def paint_and_kill(folder: Path, save_every: int | str = 0, weight: int = 0, seconds: float = 0.3) -> int:
-    """Paint in a child process and `kill -9` it `seconds` after its first stroke; the last stroke it had told."""
-    command = [sys.executable, "-m", "tests.app.painting", str(folder), str(save_every), str(weight)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
-        said = [child.stdout.readline()]
-        time.sleep(seconds)
-        os.kill(child.pid, signal.SIGKILL)
-        said += child.stdout.read().splitlines()
-    assert child.returncode == -signal.SIGKILL
-    return int(next(line for line in reversed(said) if line.strip().isdigit()))
+from tests.app.painting import FakeScene, Strokes, opened, paint_and_kill
 
 
 def test_kill_while_painting_loses_no_stroke(tmp_path):
@@ -58,47 +39,6 @@ def test_kill_while_painting_loses_no_stroke(tmp_path):
     assert opened(tmp_path)[1].strokes[-1] == -7  # told once, by the file
 
 
-@pytest.mark.parametrize(("dabs", "seconds", "lost"), [(0, 2.7, 2.0), (8, 0.7, 0.4)])
-def test_kill_while_labelling_a_clip_loses_two_seconds_of_a_stroke_at_most(tmp_path, dabs, seconds, lost):
-    """A clip that has no run: in one stroke that does not end, and in strokes of eight dabs, of which only the last may be lost."""
-    last = paint_and_kill(tmp_path, "clip", dabs, seconds)
-    assert last * 0.02 > 0.4 * seconds
-    session = Session()
-    session.open_clip(FakeClip(tmp_path))
-    painted = np.flatnonzero((session.annotations.labels(0) == 0).all(0))
-    assert len(painted) >= last - lost / 0.02
-    assert list(painted) == list(range(len(painted)))
-    assert session.annotations.unsaved_beside_clip
-    session.annotations.save_beside_clip()
-    assert not (tmp_path / "annotations" / "annotations.journal").exists()
-    session.close()
-    session.open_clip(FakeClip(tmp_path))
-    assert np.array_equal(np.flatnonzero((session.annotations.labels(0) == 0).all(0)), painted)
-
-
-def test_the_journal_of_a_clip_is_good_up_to_its_tear_and_never_told_twice(tmp_path):
-    session, again = Session(), Session()
-    session.open_clip(FakeClip(tmp_path))
-    session.annotations.paint("Fill", PixelRegion(0, 0, np.ones((40, 9), bool)))
-    kept = tmp_path / "annotations" / "annotations.journal"
-    told = kept.read_bytes()
-    session.annotations.save_beside_clip()
-    session.annotations.paint("Fill", PixelRegion(0, 0, np.ones((40, 9), bool)), 255)
-    session.annotations.save_beside_clip()
-    kept.write_bytes(told)  # as if the program had ended before it was taken away
-    again.open_clip(FakeClip(tmp_path))
-    assert (again.annotations.labels(0) == 255).all()
-    assert not again.annotations.unsaved_beside_clip
-    again.annotations.paint("Fill", PixelRegion(0, 0, np.ones((40, 5), bool)))
-    with open(kept, "ab") as file:
-        file.write(b'{"part":"annotations","record":{"pieces":[{}]}}\n')
-    session.close()
-    with pytest.raises(DegenseError, match="does not hold strokes"):
-        session.open_clip(FakeClip(tmp_path))
-    assert (session.annotations.labels(0)[:, :5] == 0).all()
-    assert not kept.exists()
-
-
 def test_kill_while_saving_leaves_a_whole_session(tmp_path):
     """Saves of a megabyte in a tight loop; killed at five moments of them."""
     for number in range(5):
@@ -112,7 +52,7 @@ def test_kill_while_saving_leaves_a_whole_session(tmp_path):
         session.close()
 
 
-def test_a_crash_between_saving_and_emptying_the_journal_tells_nothing_twice(tmp_path):
+def test_a_crash_between_saving_and_emptying_the_journal_applies_nothing_twice(tmp_path):
     session, strokes = opened(tmp_path)
     strokes.add(1)
     left = (tmp_path / JOURNAL).read_bytes()
@@ -223,12 +163,12 @@ def test_two_windows_do_not_write_over_each_other(tmp_path):
     assert opened(tmp_path)[1].strokes == [9]
 
 
-def test_small_parts_are_told_once_a_tick_and_places_never(tmp_path):
+def test_small_states_are_written_once_a_tick_and_the_cursor_never(tmp_path):
     session, _ = opened(tmp_path)
     session.go_to(4)
     for step in range(20):
         session.view.set_threshold(step / 20)
-    session.store.tell_pending()
+    session.store.write_pending()
     assert len((tmp_path / JOURNAL).read_text().splitlines()) == 2
     session.close()
     again, _ = opened(tmp_path)

@@ -1,4 +1,4 @@
-"""Signal, undo stack, look and session, without Qt."""
+"""Signal, undo stack, view state and session, without Qt."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from degense.app.session.session import Session
-from degense.app.session.signal import Signal
+from degense.app.session.state import Signal
 from degense.app.session.targets import Spot
 from degense.app.session.undo import UndoStack
 from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
@@ -68,9 +68,8 @@ def test_undo_stack_agrees_with_a_list_of_states(steps):
         elif step == "redo":
             stack.redo()
             at = min(len(states) - 1, at + 1)
-        else:
-            stack.push(str(step), put, state[0], step)
-            state[0] = step
+        elif step != state[0]:
+            stack.do(str(step), put, state[0], step)
             states[at + 1 :] = [step]
             at += 1
         assert state[0] == states[at]
@@ -86,10 +85,11 @@ def test_a_drag_is_one_step_and_a_pause_ends_it():
 
     stack = UndoStack(clock=lambda: now[0])
     for value in (1, 2, 3):
-        stack.push("slide", put, value - 1, value, key="slider")
+        stack.do("slide", put, value - 1, value, key="slider")
         now[0] += 0.5
     now[0] += 5
-    stack.push("slide", put, 3, 4, key="slider")
+    stack.do("slide", put, 3, 4, key="slider")
+    stack.do("slide", put, 4, 4, key="other")  # nothing changes: no step
     stack.undo()
     assert state == [3]
     stack.undo()
@@ -100,38 +100,37 @@ def test_a_drag_is_one_step_and_a_pause_ends_it():
 def test_undo_remembers_only_so_many():
     stack = UndoStack(limit=3)
     for value in range(10):
-        stack.push(str(value), print, value, value + 1)
+        stack.record(str(value), print, value, value + 1)
     assert [stack.undo() for _ in range(4)] == ["9", "8", "7", None]
 
 
 def test_undo_keeps_to_its_memory_but_never_forgets_the_last_edit():
     stack = UndoStack(memory=1000)
     for value in range(10):
-        stack.push(str(value), print, value, value + 1, size=300)
+        stack.record(str(value), print, value, value + 1, size=300)
     assert (stack.entries, stack.size) == (("7", "8", "9"), 900)
-    stack.push("huge", print, 0, 1, size=5000)
+    stack.record("huge", print, 0, 1, size=5000)
     assert stack.entries == ("huge",)
 
 
-def test_one_history_over_several_places():
-    """Edits of a look and of a mask share the stack; the list goes to any entry; something new ends what was undone."""
-    places = {"look": 0, "mask": 0}
+def test_one_history_over_several_states():
+    """Edits of a view and of a mask share the stack; the list goes to any entry; something new ends what was undone."""
+    places = {"view": 0, "mask": 0}
     stack = UndoStack(clock=lambda: 0.0)
     put = {name: lambda value, name=name: places.__setitem__(name, value) for name in places}
-    for name, after in (("look", 1), ("mask", 1), ("mask", 2), ("look", 2)):
-        stack.push(f"{name} {after}", put[name], places[name], after, key=name)
-        places[name] = after
-    assert stack.entries == ("look 1", "mask 2", "look 2")  # the two of the mask became one, the look in between did not
+    for name, after in (("view", 1), ("mask", 1), ("mask", 2), ("view", 2)):
+        stack.do(f"{name} {after}", put[name], places[name], after, key=name)
+    assert stack.entries == ("view 1", "mask 2", "view 2")  # the two of the mask became one, the view in between did not
     stack.go_to(1)
-    assert (places, stack.position) == ({"look": 1, "mask": 0}, 1)
+    assert (places, stack.position) == ({"view": 1, "mask": 0}, 1)
     stack.go_to(99)
-    assert (places, stack.position) == ({"look": 2, "mask": 2}, 3)
+    assert (places, stack.position) == ({"view": 2, "mask": 2}, 3)
     stack.go_to(0)
-    stack.push("mask 7", put["mask"], 0, 7)
+    stack.do("mask 7", put["mask"], 0, 7)
     assert stack.entries == ("mask 7",)
 
 
-looks = st.builds(
+view_states = st.builds(
     ViewState,
     layer=st.sampled_from(["rgb", "warp"]),
     prompts=st.lists(st.builds(Prompt, st.text(max_size=20), st.sampled_from(PROMPT_COLOURS), st.booleans()), max_size=3).map(tuple),
@@ -143,8 +142,8 @@ looks = st.builds(
 )
 
 
-@given(looks)
-def test_look_survives_json(view_state):
+@given(view_states)
+def test_a_view_state_survives_json(view_state):
     assert ViewState.from_json(json.loads(json.dumps(view_state.to_json())), "here") == view_state
 
 
@@ -158,7 +157,7 @@ def test_look_survives_json(view_state):
         lambda data: data.update(ranges=[["depth", {"mode": "frame", "low": "x", "high": 1, "cmap": ""}]]),
     ],
 )
-def test_a_spoilt_look_is_refused_in_a_sentence(spoil):
+def test_a_spoilt_view_state_is_refused_in_a_sentence(spoil):
     data = ViewState(prompts=(Prompt("liver", (1, 2, 3)),)).to_json()
     spoil(data)
     with pytest.raises(RunError, match=r"session\.json .*delete it"):
@@ -206,7 +205,7 @@ def test_frames_are_clamped_and_said_once(session):
     assert not session.playing
 
 
-def test_the_look_is_saved_with_the_run_and_found_again(session, tmp_path):
+def test_the_view_state_is_saved_with_the_run_and_found_again(session, tmp_path):
     dirty: list[bool] = []
     session.dirty_changed.connect(dirty.append)
     session.view.add_prompt("liver")
@@ -223,7 +222,7 @@ def test_the_look_is_saved_with_the_run_and_found_again(session, tmp_path):
     assert not again.dirty
 
 
-def test_parts_are_saved_by_name_and_those_of_others_stay_in_the_file(session, tmp_path):
+def test_states_are_saved_by_name_and_those_of_others_stay_in_the_file(session, tmp_path):
     strokes = Strokes()
     session.register("strokes", strokes)
     with pytest.raises(ValueError, match="strokes"):
@@ -244,7 +243,7 @@ def test_parts_are_saved_by_name_and_those_of_others_stay_in_the_file(session, t
     assert strokes.strokes == []
 
 
-def test_the_place_comes_back_and_is_told_to_the_views(session, tmp_path):
+def test_the_cursor_comes_back_and_the_views_are_told(session, tmp_path):
     session.go_to(7)
     session.camera_mode, session.probe = "free", Spot(7, 3.5, 4.5)
     assert not session.dirty

@@ -32,7 +32,7 @@ def test_settings_hold_at_once_and_are_remembered(qtbot, window, preferences, qa
     value = SettingsFile(window.settings.path).value
     assert (value.theme, value.autosave, value.undo_memory) == ("light", 5.0, 64.0)
     for value in range(10):
-        window.session.undo.push("paint", print, value, value, size=10 << 20)
+        window.session.undo.record("paint", print, value, value, size=10 << 20)
     assert window.session.undo.size == 60 << 20
     preferences.close()
 

@@ -1,17 +1,53 @@
-"""How time runs: the part that is repeated, and what happens at its end."""
+"""Where one is: the frame, the camera and what is probed; and how the clip is played."""
 
 from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
-from degense.app.session.persistent_state import PersistentState
+from degense.app.session.state import PersistentState
+from degense.app.session.targets import Target, target_from_json, target_to_json
 from degense.engine.errors import RunError
 
+CameraMode = Literal["surgeon", "free"]
 LoopMode = Literal["once", "loop", "bounce"]
 
 
+class Cursor(PersistentState):
+    """The frame that is shown, the camera mode, and what is probed. Saved, but a change of it is no work that would be missed.
+
+    Attributes
+    ----------
+    probe : Target or None
+        What is followed through time.
+    """
+
+    counts = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.clear()
+
+    def clear(self) -> None:
+        self.frame = 0
+        self.camera_mode: CameraMode = "surgeon"
+        self.probe: Target | None = None
+
+    def to_json(self) -> Any:
+        return {"frame": self.frame, "camera_mode": self.camera_mode, "probe": target_to_json(self.probe)}
+
+    def from_json(self, data: Any, source: str) -> None:
+        try:
+            frame, mode, probe = int(data["frame"]), data["camera_mode"], data["probe"]
+            if mode not in get_args(CameraMode):
+                raise ValueError(f"{mode!r} is no camera mode")
+            target = target_from_json(probe)
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
+            raise RunError(f"{source} does not hold a frame and camera ({error}).") from error
+        self.frame, self.camera_mode, self.probe = max(0, frame), mode, target
+
+
 class Playback(PersistentState):
-    """Saved with the session; a change of it is no work that would be missed.
+    """Which frames are played, and what happens at their end. Saved, but a change of it is no work that would be missed.
 
     Attributes
     ----------

@@ -1,0 +1,127 @@
+"""From the hand to label maps: strokes, polygons, fills, superpixels, and the masks of prompts."""
+
+from __future__ import annotations
+
+import numpy as np
+from PySide6.QtCore import QObject
+
+from degense.app.features.annotate.state import AnnotationState
+from degense.app.shell.shell import Shell
+from degense.engine.annotation.painting import PixelRegion, brush, fill, holes, polygon, region_of, smaller_islands, whole_regions
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError
+from degense.widgets.frame.paint_tools import ClickTool, PolygonTool, StrokeTool
+from degense.widgets.frame.panel_tools import PanelTool
+from degense.widgets.frame.render_panel import RenderPanel
+
+
+class Painter(QObject):
+    """Paints the frame that is shown with what the tools of the panel report.
+
+    Parameters
+    ----------
+    panel : RenderPanel
+        Shows the frame, and takes the tool that receives the mouse.
+    """
+
+    def __init__(self, shell: Shell, state: AnnotationState, panel: RenderPanel) -> None:
+        super().__init__(shell)
+        self.shell, self.session, self.state, self.panel = shell, shell.session, state, panel
+        self.strokes, self.polygons, self.clicks = StrokeTool(self), PolygonTool(self), ClickTool(self)
+        self._regions: tuple[int, np.ndarray] | None = None
+        self.session.opened.connect(self._forget_regions)
+        self.strokes.began.connect(self._stroke_began)
+        self.strokes.moved.connect(lambda ax, ay, bx, by: self._dab((ax, ay), (bx, by)))
+        self.strokes.ended.connect(state.end)
+        self.polygons.drawn.connect(lambda corners: self._paint("Polygon", polygon(corners, self._shape())))
+        self.clicks.clicked.connect(lambda x, y: self._paint("Fill", fill(self._labels(), (int(np.floor(x)), int(np.floor(y))))))
+
+    def show_tool(self) -> None:
+        """Let the panel have the tool that is chosen while one annotates."""
+        tool = self.state.tool
+        self.strokes.radius = tool.radius
+        tools: dict[str, PanelTool] = {"polygon": self.polygons, "fill": self.clicks}
+        chosen = tools.get(tool.name, self.strokes)
+        if not tool.active or tool.name != "polygon":
+            self.polygons.cancel()
+        if tool.active and self.panel.tool() is not chosen:
+            self.panel.set_tool(chosen)
+        elif not tool.active and self.panel.tool() in (self.strokes, self.polygons, self.clicks):
+            self.panel.set_tool(None)
+        self.panel.update()
+
+    def end(self) -> None:
+        """End the stroke and drop an unfinished polygon: another frame is shown."""
+        self.state.end()
+        self.polygons.cancel()
+
+    def fill_holes(self) -> None:
+        self._paint("Fill holes", holes(self._labels(), self.state.tool.label), self.state.tool.label)
+
+    def keep_largest(self) -> None:
+        self._paint("Largest part", smaller_islands(self._labels(), self.state.tool.label), UNLABELLED)
+
+    def paint_prompts(self) -> None:
+        """Paint the masks of the visible prompts, each in the class of its name, which is made where there is none."""
+        scene, frame, prompts = self.session.scene, self.session.frame, self.session.view_state.prompt_set
+        assert scene is not None
+
+        def labels() -> np.ndarray:
+            from degense.engine.scene.clip_query import decode_frame
+
+            return decode_frame(scene, prompts, frame).labels
+
+        def done(found: np.ndarray) -> None:
+            if frame != self.session.frame or scene is not self.session.scene:
+                return
+            for index, text in enumerate(prompts.prompts):
+                names = [kind.name.casefold() for kind in self.state.work.classes] if self.state.work else []
+                if text.casefold() not in names:
+                    self.state.add_class(text)
+                    names.append(text.casefold())
+                self._paint(f"Mask of {text}", region_of(found == index), names.index(text.casefold()))
+
+        self.shell.submit("annotate", labels, done, self.shell.say)
+
+    def superpixels(self) -> np.ndarray:
+        """Superpixels of the frame, int32 [H, W]; found once a frame."""
+        frame = self.session.frame
+        if self._regions is None or self._regions[0] != frame:
+            from degense.engine.semantics.masks import superpixels
+
+            clip, scene = self.session.clip, self.session.scene
+            if clip is not None:
+                pixels = clip.frame(frame)
+            else:
+                assert scene is not None
+                pixels = scene.render_rgb(frame)
+            self._regions = frame, superpixels(pixels)
+        return self._regions[1]
+
+    def _forget_regions(self) -> None:
+        self._regions = None
+
+    def _shape(self) -> tuple[int, int]:
+        return self.session.size[1], self.session.size[0]
+
+    def _labels(self) -> np.ndarray:
+        return self.state.labels(self.session.frame)
+
+    def _stroke_began(self, x: float, y: float) -> None:
+        try:
+            self.state.begin({"eraser": "Erase", "superpixels": "Paint regions"}.get(self.state.tool.name, "Paint"))
+        except DegenseError as error:
+            self.shell.say(str(error))
+            return
+        self._dab((x, y), (x, y))
+
+    def _dab(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        region = brush(start, end, self.state.tool.radius, self._shape())
+        self.state.dab(whole_regions(self.superpixels(), region) if self.state.tool.name == "superpixels" else region)
+
+    def _paint(self, name: str, region: PixelRegion | None, value: int | None = None) -> None:
+        try:
+            if not self.state.paint(name, region, value):
+                self.shell.say(f"{name}: nothing changed.")
+        except DegenseError as error:
+            self.shell.say(str(error))
