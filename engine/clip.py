@@ -1,4 +1,4 @@
-"""A clip: what the engine knows of a surgical video, whatever layout it came from."""
+"""A clip: frames, cameras, depth and labels of a surgical video, whatever layout it came from."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ UNLABELLED = 255
 
 @dataclass(frozen=True)
 class Truth:
-    """Exact answers that come with a synthetic clip (`gt.npz`).
+    """Ground truth of a synthetic clip (`gt.npz`).
 
     Attributes
     ----------
     displacement : float32 [T, H, W, 3]
         Offset of the material point seen in a pixel from its place at frame 0; scene units, camera frame; NaN where no tissue is seen.
     cautery : bool [T, H, W]
-        Pixels whose tissue has changed its look in place: charred tissue, which stands still, or bled tissue, which moves as it would
+        Pixels whose tissue has changed its appearance in place: charred tissue, which is static, or bled tissue, which moves as it would
         without the blood. Any motion shown there beyond `displacement` is spurious.
     """
 
@@ -41,12 +41,12 @@ class Clip(ABC):
     path : Path
         The folder or file it was opened from.
     cameras : list of Camera
-        One a frame (the same object where the camera stands still), in the clip's own unit.
+        One a frame (the same object while the camera is static), in the clip's own unit.
     classes : tuple of str
         Names of the label values 0, 1, …; empty when nothing beside the clip names any.
     poses : "given", "auto" or "estimate"
-        "given": `cameras` are what is known. Else they stand still until `find_cameras` has looked at the frames; with "auto"
-        these decide whether the camera moves.
+        "given": `cameras` are known. Else they are static until `find_cameras` has estimated them from the frames; with "auto" the
+        frames also decide whether the camera moves.
     provenance : dict of str to str
         Where each thing comes from, in words for the user: keys `frames`, `poses`, `focal`, `masks`, `depth`, `labels`,
         and `strokes` where there are any.
@@ -113,7 +113,7 @@ class Clip(ABC):
         """True when depth comes from files and may be supervised; False for a prior that only initialises."""
 
     def labels(self, index: int) -> np.ndarray | None:
-        """Label map, uint8 [H, W], values index `classes`, `UNLABELLED` where nothing is said; None when the frame has none."""
+        """Label map, uint8 [H, W], values index `classes`, `UNLABELLED` where unlabelled; None when the frame has none."""
         return None
 
     @property
@@ -126,5 +126,5 @@ class Clip(ABC):
         return None
 
     def truth(self) -> Truth | None:
-        """Exact displacement and change of look when the clip brings them."""
+        """Ground truth when the clip brings it."""
         return None

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-import degense.engine.training.job as job
 from degense.engine.data.readers import open_clip
 from degense.engine.events import Stage, Step, TrainingProgress
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.scene import Scene
-from degense.engine.training import TrainConfig, train
+from degense.engine.training import TrainConfig, preparation, train
 
 CONFIG = TrainConfig.preset_of("quick", iterations=30, max_gaussians=400, resolution=8, channels=8, flow=0.0, device="cpu")
 
@@ -38,9 +37,14 @@ def test_a_resumed_training_does_not_look_again(moving, without_poses, tmp_path,
     clip = open_clip(without_poses(moving))
     stopped, _ = run_it(clip, tmp_path / "run", stop_at=25)
     assert stopped is None
-    used = []
-    monkeypatch.setattr(job, "find_cameras", lambda *_: pytest.fail("poses were estimated again"))
-    monkeypatch.setattr(job, "TrainingFrames", lambda clip, *rest, real=job.TrainingFrames: (used.append(clip), real(clip, *rest))[1])
+    used, real = [], preparation.TrainingFrames
+
+    def open_frames(clip, *rest):
+        used.append(clip)
+        return real(clip, *rest)
+
+    monkeypatch.setattr(preparation, "find_cameras", lambda *_: pytest.fail("poses were estimated again"))
+    monkeypatch.setattr(preparation, "TrainingFrames", open_frames)
     run, events = run_it(clip, tmp_path / "run", resume=True)
     assert "poses" not in [e.stage for e in events if isinstance(e, Stage)]
     for trained, kept in zip(used[0].cameras, run.cameras, strict=True):
