@@ -99,20 +99,20 @@ class DegradedTeacher:
         vectors, index = answer
         how, rng = self.degradation, np.random.default_rng([self.degradation.seed, 1, frame])
         twin = confusable(vectors)
-        believed = index.copy()
+        assigned = index.copy()
         if how.confusion > 0 or how.flicker > 0:
             for region, truly, mistaken in self._mistakes(index, frame, len(vectors), twin, rng):
-                believed[region & (index == truly)] = mistaken
-        spoken = np.unique(believed[believed >= 0])
+                assigned[region & (index == truly)] = mistaken
+        present = np.unique(assigned[assigned >= 0])
         vectors = unit_rows((1 - how.confusion) * vectors + how.confusion * vectors[twin])
         vectors = _turned(vectors, how.flicker, rng)
         if how.patches == 0:
             if how.noise == 0:
-                return vectors, believed
+                return vectors, assigned
             # Without patches each class of a frame is one vector; noise per pixel would be one vector a pixel.
-            return _turned(vectors, how.noise, rng), believed
-        shares, patch_of = _patches(believed, spoken, how.patches)
-        mixed = unit_rows(shares @ vectors[spoken])
+            return _turned(vectors, how.noise, rng), assigned
+        shares, patch_of = _patches(assigned, present, how.patches)
+        mixed = unit_rows(shares @ vectors[present])
         return _turned(mixed, how.noise, rng), np.where(index >= 0, patch_of, -1).astype(np.int32)
 
     def _mistakes(
@@ -158,18 +158,18 @@ def _cells(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
     return ((px[..., None] - points[:, 0]) ** 2 + (py[..., None] - points[:, 1]) ** 2).argmin(-1)
 
 
-def _patches(index: np.ndarray, spoken: np.ndarray, along: int) -> tuple[np.ndarray, np.ndarray]:
+def _patches(index: np.ndarray, present: np.ndarray, along: int) -> tuple[np.ndarray, np.ndarray]:
     """Share of each spoken class in each patch's receptive field, float64 [k, n], and the patch of each pixel, int [H, W]."""
     height, width = index.shape
     side = max(height, width) / along
     columns, rows = max(1, round(width / side)), max(1, round(height / side))
     kernel = np.array([0.25, 0.5, 0.25])
     shares = []
-    for value in spoken:
+    for value in present:
         area = cv2.resize((index == value).astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
         shares.append(cv2.sepFilter2D(area, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_REFLECT))
     x, y = np.arange(width) * columns // width, np.arange(height) * rows // height
-    return np.stack(shares, -1).reshape(-1, len(spoken)), y[:, None] * columns + x
+    return np.stack(shares, -1).reshape(-1, len(present)), y[:, None] * columns + x
 
 
 def _turned(vectors: np.ndarray, angle: float, rng: np.random.Generator) -> np.ndarray:

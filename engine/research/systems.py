@@ -2,10 +2,11 @@
 
 All share what is not in question: the field (HexPlane, Z_kin, Ψ_geo), the rasterizer, the first Gaussians from the clip's depth,
 densification, Adam and its rates, and the teacher with its basis and its weights of rare classes. None of the peers' own autoencoders
-(512 → 3 dimensions), segmenters (SAM) or vision-language models is here: all systems hear the same words, in a basis that keeps their
-angles. The peers' regularisers of pictures (total variation) are left out, and none of ours on motion is put in their place. Their
-semantic loss, a mean over 3 channels with weight 1, is a sum over some 8 channels with weight 0.2 here, which is as large. Those that train
-everything together take it in every second or third step, as the preset has it: in every step their masks and pictures are worse.
+(512 → 3 dimensions), segmenters (SAM) or vision-language models is here: all systems are trained on the same text vectors, in a
+basis that keeps their angles. The peers' regularizers of renders (total variation) are left out, and none of ours on motion is put in
+their place. Their semantic loss, a mean over 3 channels with weight 1, is a sum over some 8 channels with weight 0.2 here, which is as
+large. Those that train everything together take it in every second or third step, as the preset has it: in every step their masks and
+renders are worse.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ from degense.engine.training.config import TrainConfig
 def degense(config: TrainConfig) -> TrainConfig:
     """DeGense, this program with its defaults.
 
-    Motion is learned first, from optical flow; Ψ_app explains changes of colour; meaning comes after geometry, lifted from all frames and
-    refined with the angular loss by a branch of its own, from which no gradient reaches geometry.
+    Motion is learned first, from optical flow; Ψ_app explains changes of colour; semantics come after geometry, back-projected from all
+    frames and refined with the angular loss by a branch of its own, from which no gradient reaches geometry.
     """
     return config
 
 
 def surgtpgs(config: TrainConfig) -> TrainConfig:
-    """SurgTPGS (Huang et al., MICCAI 2025): meaning rigidly coupled to deformation.
+    """SurgTPGS (Huang et al., MICCAI 2025): semantics rigidly coupled to deformation.
 
     Kept: the latent is a function of the canonical latent and of the decoded deformation, f(t) = f + C([ΔG_t, f]); one loss trains
     everything from the first step, nothing is detached, so L_sem moves, turns, resizes and fades Gaussians; L1 on colour, on 1/depth and
@@ -52,10 +53,10 @@ def langsplat(config: TrainConfig) -> TrainConfig:
 
 
 def opengaussian(config: TrainConfig) -> TrainConfig:
-    """OpenGaussian (Wu et al., NeurIPS 2024): meaning by clusters of points.
+    """OpenGaussian (Wu et al., NeurIPS 2024): semantics by clusters of points.
 
     Kept: a static scene; six instance features a Gaussian, alike within segments of the pictures and unlike between them; a codebook of two
-    levels, 64 clusters by feature and place with 5 by feature in each; words belong to clusters, and no word is trained.
+    levels, 64 clusters by feature and place with 5 by feature in each; text vectors belong to clusters and are not trained.
     Not kept: SAM's masks (segments are the teacher's own where it draws borders, else large superpixels); the training through quantised
     features (k-means of the finished ones instead); clusters get the mean of what the teacher says where they are seen, instead of the
     masks that overlap them best; a prompt is compared with the drawn mixture of cluster vectors in each pixel, instead of choosing
@@ -67,7 +68,7 @@ def opengaussian(config: TrainConfig) -> TrainConfig:
 def dgd(config: TrainConfig) -> TrainConfig:
     """DGD (Labe et al., ECCV 2024): a deforming scene whose features are fixed to the canonical Gaussians.
 
-    Kept: Gaussians move, their features never change; colour first (L1 and D-SSIM, no depth loss), then a phase for meaning with L1, in
+    Kept: Gaussians move, their features never change; colour first (L1 and D-SSIM, no depth loss), then a phase for semantics with L1, in
     which the deformation is frozen.
     Not kept: an MLP as the deformation (here the shared field); that the canonical Gaussians still follow both losses in the second phase
     (here only features learn, which spares the pictures); DINO or LSeg features of 384 and more dimensions.
@@ -110,7 +111,7 @@ def words_of(name: str) -> str:
 
 
 def _peer(config: TrainConfig) -> TrainConfig:
-    """What no peer has is left out: motion evidence and regularisers of motion, changing colours, lifetimes, angular loss, lifting."""
+    """Without what no peer has: flow supervision, regularizers of motion, appearance, temporal windows, angular loss, back-projection."""
     without: dict[str, Any] = {
         "flow": 0.0,
         "displacement": 0.0,
@@ -131,5 +132,5 @@ def _peer(config: TrainConfig) -> TrainConfig:
 
 
 def _afterwards(config: TrainConfig) -> TrainConfig:
-    """Meaning after geometry, with as many steps."""
+    """Semantics after geometry, with as many steps."""
     return replace(config, routing="isolated", semantic_steps=config.iterations)

@@ -54,7 +54,7 @@ BENCHES: Benches = {
     ),
     "annotation": (
         "degense.engine.research.benchmarks.annotation",
-        "one corrected frame, carried to all others: mask quality against exact labels",
+        "one corrected frame, propagated to all others: mask quality against exact labels",
     ),
     "stress": ("degense.engine.research.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }

@@ -113,7 +113,7 @@ def score_all(trainings: list[BenchTraining], options: BenchOptions, progress: P
     return [found[number] for number in range(len(trainings))]
 
 
-def noise_floor(noise: float) -> float:
+def psnr_ceiling(noise: float) -> float:
     """PSNR of a perfect picture against frames with sensor noise of that standard deviation (grey levels), both rounded to 8 bits, dB."""
     return 10 * math.log10(255**2 / (noise**2 + 2 / 12))
 
@@ -123,7 +123,7 @@ def protocol(options: BenchOptions) -> str:
     size = size_of(options)
     return (
         f"Phantoms of {size.frames} frames, {size.width} × {size.height}, seed 0, exact depth. "
-        f"PSNR ceiling: {noise_floor(PhantomOptions().noise):.1f} dB, what a perfect picture scores in 8 bits, as all are scored. "
+        f"PSNR ceiling: {psnr_ceiling(PhantomOptions().noise):.1f} dB, what a perfect picture scores in 8 bits, as all are scored. "
         f"Each training: preset quick with {size.iterations:,} iterations and at most {size.gaussians:,} Gaussians, one thread, "
         f"{worker_count(options.device)} at once. Training seeds {', '.join(map(str, options.seeds))}: mean (least–greatest). "
         "Scores on held-out frames, (i − 1) % 8 == 0; motion on all frames, mm."

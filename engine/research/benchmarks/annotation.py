@@ -1,4 +1,4 @@
-"""What correcting one frame is worth: labels carried to all others, against exact ones."""
+"""What correcting one frame is worth: labels propagated to all others, against exact ones."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         f"Phantoms of {size[0]} frames, {size[1]} × {size[2]}, of {len(options.seeds)} seeds. One frame, the one that shows most classes, "
         "is corrected to the truth; intersection over union of the other frames, the mean over classes of the mean over frames (a class "
         "predicted where the truth lacks it scores 0 there). The run is made with the preset quick and without any labels. Seconds: of the "
-        "carrying alone. Confidence: what it says of itself, on average. Strokes: the connected regions of the corrected frame, each an "
+        "propagation alone. Confidence: what it says of itself, on average. Strokes: the connected regions of the corrected frame, each an "
         "outline or a fill for whoever labels it from nothing.",
         [
-            Column("with", "carried through"),
+            Column("with", "propagated through"),
             Column("tissues", "tissues, IoU", 3, "mean"),
             Column("instruments", "instruments, IoU", 3, "mean"),
             Column("confidence", "confidence", 3, "mean"),
@@ -53,7 +53,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
 
         clip, scene = _prepared(options, seed, size, short, tell)
         for (through, several), given in zip(found.items(), (scene, None), strict=True):
-            tell(0.7 if given else 0.85, f"carrying through {through}")
+            tell(0.7 if given else 0.85, f"propagating through {through}")
             several.append(_measured(clip, given))
     for through, several in found.items():
         tissues, instruments, confidence, strokes, seconds = (list(column) for column in zip(*several, strict=True))
@@ -85,16 +85,16 @@ def _measured(clip: Clip, scene: Scene | None) -> tuple[float, float, float, flo
     source = most_shown(clip)
     labels = clip.labels(source)
     assert labels is not None
-    start, carried = time.perf_counter(), dict[int, Proposal]()
+    start, proposals = time.perf_counter(), dict[int, Proposal]()
     steps = propagate(clip, {source: labels}, scene)
     while True:
         try:
             next(steps)
         except StopIteration as end:
-            carried = end.value
+            proposals = end.value
             break
     seconds, scores = time.perf_counter() - start, MaskScores(clip.classes)
-    for frame, found in carried.items():
+    for frame, found in proposals.items():
         truth = clip.labels(frame)
         assert truth is not None
         scores.add(found.labels, truth)
@@ -102,7 +102,7 @@ def _measured(clip: Clip, scene: Scene | None) -> tuple[float, float, float, flo
     assert isinstance(by_class, dict)
     tools, others = ([v for name, v in by_class.items() if v is not None and (name in INSTRUMENTS) is tool] for tool in (True, False))
     strokes = sum(cv2.connectedComponents((labels == value).astype(np.uint8))[0] - 1 for value in np.unique(labels))
-    confidence = float(np.mean([found.confidence for found in carried.values()]))
+    confidence = float(np.mean([found.confidence for found in proposals.values()]))
     return float(np.mean(others)), float(np.mean(tools)), confidence, strokes, seconds
 
 

@@ -15,7 +15,7 @@ from degense.engine.progress import Progress
 from degense.engine.research.bench.child import in_child, peak_memory
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
-from degense.engine.research.bench.trainings import noise_floor
+from degense.engine.research.bench.trainings import psnr_ceiling
 from degense.engine.training import TrainConfig
 
 #: What is trained: preset → settings changed. On the CPU `best` would take hours.
@@ -49,7 +49,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         if not clip.exists():
             make_phantom(clip, replace(story, tool_masks=masked), lambda fraction, message: progress(0.02 * fraction, message))
         words = f"{shape}, tools masked: neither reconstructed nor scored" if masked else shape
-        places.append((clip, name, words, noise_floor(story.noise)))
+        places.append((clip, name, words, psnr_ceiling(story.noise)))
     places += [(path, path.resolve().name, f"the clip `{path.resolve().name}`", None) for path in options.clips]
     for done, (path, name, words, floor) in enumerate(places):
 

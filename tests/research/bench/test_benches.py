@@ -16,7 +16,7 @@ from degense.engine.progress import silent
 from degense.engine.research.bench.run import BENCHES, BenchOptions, command_line, run
 from degense.engine.research.bench.scenes import with_count
 from degense.engine.research.bench.timing import measure, measure_in_turn, percentile, thread_counts, threads, throughput
-from degense.engine.research.bench.trainings import noise_floor
+from degense.engine.research.bench.trainings import psnr_ceiling
 from degense.engine.research.benchmarks import field, presets, query, raster, savings, viewing
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
@@ -136,7 +136,7 @@ def test_presets_table(options, monkeypatch, tmp_path):
     table, tissue = run("presets", BenchOptions("cpu", (0,), 1, True, tmp_path))
     assert (table.name, tissue.name) == ("presets-phantom", "presets-phantom-tissue")
     [row] = table.rows
-    assert row["short"][0] + row["psnr"][0] == pytest.approx(noise_floor(1.5))
+    assert row["short"][0] + row["psnr"][0] == pytest.approx(psnr_ceiling(1.5))
     assert row["wall"][0] > row["seconds"][0] > 0
     assert row["gaussians"][0] <= 300
     assert row["memory"] is None or row["memory"][0] > 50
@@ -148,7 +148,7 @@ def test_the_noise_floor_is_that_of_noise():
     true = torch.rand(400_000, generator=generator) * 200 + 20
     seen = (true + 1.5 * torch.randn(len(true), generator=generator)).round()
     expected = 10 * torch.log10(255**2 / (seen - true.round()).square().mean()).item()
-    assert noise_floor(1.5) == pytest.approx(expected, abs=0.02)
+    assert psnr_ceiling(1.5) == pytest.approx(expected, abs=0.02)
 
 
 def test_the_command_says_what_was_chosen(options, tmp_path):
