@@ -60,44 +60,51 @@ def _finish(rows, bias, rectified):
 
 
 @njit(cache=True, nogil=True)
-def _decode(points, levels, own_levels, entry, trunk, trunk_biases, hidden, of_own, hidden_biases, last, last_biases, outs, counter):
+def _decode(
+    points, levels, semantic_levels, entry, trunk, trunk_biases, hidden, from_semantic, hidden_biases, last, last_biases, outs, counter
+):
     """Weights are [inputs, outputs]; those of `trunk`, behind the `entry`, and of the decoders are stacked, like `outs` [decoder, N, …]."""
     wide = entry.shape[1]
-    all_features, all_own = np.empty((ROWS, _channels(levels)), np.float32), np.empty((ROWS, _channels(own_levels)), np.float32)
+    all_features, all_semantic = np.empty((ROWS, _channels(levels)), np.float32), np.empty((ROWS, _channels(semantic_levels)), np.float32)
     activations = np.empty((3, ROWS, wide), np.float32)
     while True:
         begin = take_ticket(counter) * ROWS
         if begin >= points.shape[0]:
             return
         end = min(begin + ROWS, points.shape[0])
-        features, own = all_features[: end - begin], all_own[: end - begin]
-        here, there, more = activations[0, : end - begin], activations[1, : end - begin], activations[2, : end - begin]
+        features, semantic = all_features[: end - begin], all_semantic[: end - begin]
+        current, following, semantic_part = activations[0, : end - begin], activations[1, : end - begin], activations[2, : end - begin]
         _sample(points[begin:end], levels, features)
-        if own.shape[1]:
-            _sample(points[begin:end], own_levels, own)
-        np.dot(features, entry, here)
-        _finish(here, trunk_biases[0], True)
+        if semantic.shape[1]:
+            _sample(points[begin:end], semantic_levels, semantic)
+        np.dot(features, entry, current)
+        _finish(current, trunk_biases[0], True)
         for layer in range(trunk.shape[0]):
-            np.dot(here, trunk[layer], there)
-            _finish(there, trunk_biases[layer + 1], True)
-            here, there = there, here
+            np.dot(current, trunk[layer], following)
+            _finish(following, trunk_biases[layer + 1], True)
+            current, following = following, current
         for decoder in range(hidden.shape[0]):
-            np.dot(here, hidden[decoder], there)
-            if of_own[decoder].any():
-                np.dot(own, of_own[decoder], more)
-                there += more
-            _finish(there, hidden_biases[decoder], True)
-            np.dot(there, last[decoder], outs[decoder, begin:end])
+            np.dot(current, hidden[decoder], following)
+            if from_semantic[decoder].any():
+                np.dot(semantic, from_semantic[decoder], semantic_part)
+                following += semantic_part
+            _finish(following, hidden_biases[decoder], True)
+            np.dot(following, last[decoder], outs[decoder, begin:end])
             _finish(outs[decoder, begin:end], last_biases[decoder], False)
 
 
 def decode(
-    points: Tensor, t: float | Tensor, planes: HexPlane, own: HexPlane | None, kinematics: Kinematics, decoders: Sequence[nn.Sequential]
+    points: Tensor,
+    t: float | Tensor,
+    planes: HexPlane,
+    semantic_planes: HexPlane | None,
+    kinematics: Kinematics,
+    decoders: Sequence[nn.Sequential],
 ) -> list[Tensor]:
-    """What each of the decoders says at time `t`, float32 [N, its outputs].
+    """Outputs of each of the decoders at time `t`, float32 [N, its outputs].
 
     The fused twin of sampling `planes`, calling `kinematics`, then each decoder, on Z_kin and, where it has more inputs, on features of
-    planes of its `own` behind it.
+    the `semantic_planes` behind it.
 
     Parameters
     ----------
@@ -111,7 +118,7 @@ def decode(
     hidden, last = layers[::2], layers[1::2]
     latent = kinematics.dimension
     levels = Level.of(planes, t)
-    own_levels = (NO_LEVEL,) * len(levels) if own is None else Level.of(own, t)
+    semantic_levels = (NO_LEVEL,) * len(levels) if semantic_planes is None else Level.of(semantic_planes, t)
     widths = [layer.out_features for layer in last]
     outs = torch.empty(len(decoders), len(points), max(widths))
     arrays = (
@@ -127,7 +134,7 @@ def decode(
         outs,
     )
     place, *weights = (array.numpy() for array in arrays)
-    run_kernel(_decode, place, levels, own_levels, *weights)
+    run_kernel(_decode, place, levels, semantic_levels, *weights)
     return [out[:, :width] for out, width in zip(outs, widths, strict=True)]
 
 

@@ -18,7 +18,7 @@ LATENT = 0.02  # of a latent, as a share of its length
 def find_moving(model: SceneModel, times: Sequence[float], focal: float) -> Tensor:
     """Rows of the Gaussians that the field changes visibly at any of `times`, int64 [M].
 
-    Leaving out the others changes a picture by less than a twentieth of a pixel, a hundredth of opacity and half a grey level a Gaussian.
+    Leaving out the others changes a render by less than a twentieth of a pixel, a hundredth of opacity and half a grey level a Gaussian.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def find_moving(model: SceneModel, times: Sequence[float], focal: float) -> Tens
     """
     if model.config.static:
         return torch.zeros(0, dtype=torch.int64, device=model.bounds.device)
-    kept, model.moving = model.moving, None
+    before, model.moving = model.moving, None
     latents = model.canonical["semantics"]
     moves = torch.zeros(len(model), dtype=torch.bool, device=latents.device)
     opacities = model.canonical["logits"].sigmoid()
@@ -42,5 +42,5 @@ def find_moving(model: SceneModel, times: Sequence[float], focal: float) -> Tens
             moves |= state.delta_color.abs().amax(1) > COLOR
         if state.delta_semantics is not None:
             moves |= state.delta_semantics.norm(dim=1) > LATENT * latents.norm(dim=1)
-    model.moving = kept
+    model.moving = before
     return moves.nonzero()[:, 0]

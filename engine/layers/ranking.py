@@ -14,7 +14,7 @@ from degense.engine.scene import Scene
 
 #: Per cent of a frame's known pixels that lie below its value: one stray pixel is no finding.
 PERCENTILE = 99.0
-#: A place is as wide as this share of the picture; its value is the mean over it, where at least half of it is known.
+#: A place is as wide as this share of the frame; its value is the mean over it, where at least half of it is known.
 PLACE = 1 / 24
 KNOWN = 0.5
 #: Candidates a frame, and how near (in widths of a place, in frames) a worse one swallows a lesser one.
@@ -82,7 +82,7 @@ def rank(scene: Scene, layer: Layer, request: LayerRequest, count: int = 50) -> 
 
 
 def places(values: np.ndarray) -> list[tuple[float, float, float]]:
-    """Up to `PEAKS` places of a picture, float [H, W] with NaN where nothing is known: (x, y, mean over the place), the largest first."""
+    """Up to `PEAKS` places of a frame, float [H, W] with NaN where nothing is known: (x, y, mean over the place), the largest first."""
     size = max(3, round(PLACE * values.shape[1]) | 1)
     known = np.isfinite(values)
     share = cv2.blur(known.astype(np.float32), (size, size), borderType=cv2.BORDER_CONSTANT)

@@ -19,9 +19,9 @@ class MotionScores:
     - `displacement_correlation`: Pearson's correlation of ‖predicted‖ and ‖true‖ over the same pixels, all frames pooled.
     - `recovered_share`: Σ min(‖predicted‖, ‖true‖) / Σ ‖true‖ over the same pixels. Motion where there is none, and motion beyond the
       true one, earn nothing here; they show in the error.
-    - `spurious_displacement`: mean of max(‖predicted‖ − ‖true‖, 0) in `cautery`, where tissue changes its look: motion made up to explain
-      a colour. Where charred tissue stands still, that is the mean ‖predicted‖.
-    - `false_motion`: mean ‖predicted‖ on other tissue that stands still (‖true‖ ≤ `still`).
+    - `spurious_displacement`: mean of max(‖predicted‖ − ‖true‖, 0) in `cautery`, where tissue changes colour: motion that explains a
+      change of colour. Where charred tissue is static, that is the mean ‖predicted‖.
+    - `false_motion`: mean ‖predicted‖ on other static tissue (‖true‖ ≤ `static`).
     - `largest_displacement`: the largest ‖true‖.
     - `true_displacement`: mean ‖true‖, which is the error of the answer "nothing moves".
     - `displacement_error_revealed`, `displacement_error_uncertain`: the error over pixels whose displacement the recording reveals, and
@@ -32,12 +32,12 @@ class MotionScores:
 
     Parameters
     ----------
-    still : float
-        Scene units. Tissue that moved no farther counts as still. The phantom is in mm; a tenth of one is below what anyone can see.
+    static : float
+        Scene units. Tissue that moved no farther counts as static. The phantom is in mm; a tenth of one is below what anyone can see.
     """
 
-    def __init__(self, still: float = 0.1):
-        self.still = still
+    def __init__(self, static: float = 0.1):
+        self.static = static
         self._error, self._spurious, self._false, self._true, self._covered = (Mean() for _ in range(5))
         self._revealed, self._guessed, self._spurious_revealed = Mean(), Mean(), Mean()
         self._shared = self._largest = 0.0
@@ -73,7 +73,7 @@ class MotionScores:
             _add_mean(self._guessed, error[guessed])
             _add_mean(self._spurious_revealed, spurious[burnt & ~guessed])
         _add_mean(self._true, t)
-        _add_mean(self._false, p[~burnt & (t <= self.still)])
+        _add_mean(self._false, p[~burnt & (t <= self.static)])
         self._largest = max(self._largest, float(t.max(initial=0)))
         self._shared += float(np.minimum(p, t).sum())
         self._pool(p, t)

@@ -1,4 +1,4 @@
-"""How far the model says that tissue moved, and how much of that the images do not support."""
+"""How far the model says that tissue moved, and how much of that contradicts the images."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"])
 def spurious(
     model_flow: Float[np.ndarray, "height width 2"],
     observed_flow: Float[np.ndarray, "height width 2"],
-    supported: Bool[np.ndarray, "height width"],
+    reliable: Bool[np.ndarray, "height width"],
     tolerance: float = 1.0,
 ) -> Float32[np.ndarray, "height width"]:
     """Model motion that the images contradict: max(0, ‖m(p) − o(p)‖ − tolerance), pixels.
 
     m is the model's motion projected into the image (`Scene.render`: `motion`), o the observed optical flow between the same two frames
-    in the same direction. Where the images say nothing (no believable flow: hidden, tools, out of the image) the result is NaN: not
-    known, which is not the same as 0.
+    in the same direction. Where flow is not reliable (hidden, tools, out of the image) the result is NaN: not known,
+    which is not the same as 0.
 
     What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
     the principal point by about r · Δz / z); errors below the tolerance, which should be the flow's own error; sliding along plain
@@ -34,8 +34,8 @@ def spurious(
     ----------
     model_flow, observed_flow : float [H, W, 2]
         Pixels.
-    supported : bool [H, W]
-        Where the observed flow can be believed.
+    reliable : bool [H, W]
+        Where the observed flow is reliable.
     tolerance : float
         Pixels.
 
@@ -46,4 +46,4 @@ def spurious(
     """
     difference = np.linalg.norm(np.asarray(model_flow, np.float32) - np.asarray(observed_flow, np.float32), axis=-1)
     excess = np.maximum(difference - tolerance, 0)  # NaN stays NaN
-    return np.where(supported, excess, np.nan).astype(np.float32)
+    return np.where(reliable, excess, np.nan).astype(np.float32)

@@ -178,6 +178,45 @@ V, VE, VEE, VY, VEY, VYY = range(6)
 MOMENTS = 6
 
 
+@njit(nogil=True, error_model="numpy")
+def _covariance_backward(sums, b, c, determinant):
+    """Gradients of the projected centre (u, v) and of Σ' = [[a, b], [b, c]] from a Gaussian's moments.
+
+    ln α = ln o − ½ (w e)² − ½ dy² / c with precision across w² = c / det.
+    """
+    along = 1.0 / c
+    across, shear = c / determinant, b * along
+    grad_u = across * sums[VE]
+    grad_v = along * sums[VY] - across * shear * sums[VE]
+    grad_across, grad_along, grad_shear = -0.5 * sums[VEE], -0.5 * sums[VYY], across * sums[VEY]
+    grad_a = -across * across * grad_across
+    grad_b = along * grad_shear - 2.0 * shear * grad_a
+    grad_c = -along * along * grad_along - shear * along * grad_shear + shear * shear * grad_a
+    return grad_u, grad_v, grad_a, grad_b, grad_c
+
+
+@njit(nogil=True, error_model="numpy")
+def _rotation_backward(view, jacobian, grad_b0, grad_b1, quaternion):
+    """Gradient of a quaternion through its unit length and Q = W R(q), from those of the rows of B = J Q."""
+    i0, j0, i1, j1 = jacobian
+    qw, qx, qy, qz, inverse_length = quaternion
+    grad_q2 = _mix(j0, grad_b0, j1, grad_b1)
+    r0 = _mix3(view[0, 0] * i0, grad_b0, view[1, 0] * i1, grad_b1, view[2, 0], grad_q2)
+    r1 = _mix3(view[0, 1] * i0, grad_b0, view[1, 1] * i1, grad_b1, view[2, 1], grad_q2)
+    r2 = _mix3(view[0, 2] * i0, grad_b0, view[1, 2] * i1, grad_b1, view[2, 2], grad_q2)
+    dw = 2.0 * (qx * (r2[1] - r1[2]) + qy * (r0[2] - r2[0]) + qz * (r1[0] - r0[1]))
+    dx = 2.0 * (-2.0 * qx * (r1[1] + r2[2]) + qy * (r1[0] + r0[1]) + qz * (r2[0] + r0[2]) + qw * (r2[1] - r1[2]))
+    dy = 2.0 * (qx * (r1[0] + r0[1]) - 2.0 * qy * (r0[0] + r2[2]) + qz * (r2[1] + r1[2]) + qw * (r0[2] - r2[0]))
+    dz = 2.0 * (qx * (r2[0] + r0[2]) + qy * (r2[1] + r1[2]) - 2.0 * qz * (r0[0] + r1[1]) + qw * (r1[0] - r0[1]))
+    radial = dw * qw + dx * qx + dy * qy + dz * qz
+    return (
+        (dw - radial * qw) * inverse_length,
+        (dx - radial * qx) * inverse_length,
+        (dy - radial * qy) * inverse_length,
+        (dz - radial * qz) * inverse_length,
+    )
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def project_backward(
     means, quats, scales, opacities, view, lens, radii, sums, grad_means, grad_quats, grad_scales, grad_opacities, grad_offsets, counter
@@ -189,16 +228,12 @@ def project_backward(
         if begin >= means.shape[0]:
             break
         for g in range(begin, min(begin + CHUNK, means.shape[0])):
-            grad_means[g, 0] = grad_means[g, 1] = grad_means[g, 2] = 0.0
-            grad_quats[g, 0] = grad_quats[g, 1] = grad_quats[g, 2] = grad_quats[g, 3] = 0.0
-            grad_scales[g, 0] = grad_scales[g, 1] = grad_scales[g, 2] = 0.0
-            grad_offsets[g, 0] = grad_offsets[g, 1] = 0.0
-            grad_opacities[g] = 0.0
+            grad_means[g, :], grad_quats[g, :], grad_scales[g, :], grad_offsets[g, :], grad_opacities[g] = 0.0, 0.0, 0.0, 0.0, 0.0
             if radii[g] == 0:
                 continue
             x, y, z = _local(g, means, view)
-            qw, qx, qy, qz, inverse_length = _unit_quaternion(g, quats)
-            q0, q1, q2 = _rotate(view, qw, qx, qy, qz)
+            quaternion = _unit_quaternion(g, quats)
+            q0, q1, q2 = _rotate(view, quaternion[0], quaternion[1], quaternion[2], quaternion[3])
             sx, sy, sz = _scale(g, scales, 0), _scale(g, scales, 1), _scale(g, scales, 2)
             inverse_z = 1.0 / z
             x, y, i0, i1 = x * inverse_z, y * inverse_z, fx * inverse_z, fy * inverse_z
@@ -210,15 +245,7 @@ def project_backward(
             p1 = (b1[0] * sx, b1[1] * sy, b1[2] * sz)
             _, b, c, determinant = _covariance(p0, p1)
 
-            # ln α = ln o − ½ (u e)² − ½ dy² / c with precision across u² = c / det
-            along = 1.0 / c
-            across, shear = c / determinant, b * along
-            grad_u = across * sums[g, VE]
-            grad_v = along * sums[g, VY] - across * shear * sums[g, VE]
-            grad_across, grad_along, grad_shear = -0.5 * sums[g, VEE], -0.5 * sums[g, VYY], across * sums[g, VEY]
-            grad_a = -across * across * grad_across
-            grad_b = along * grad_shear - 2.0 * shear * grad_a
-            grad_c = -along * along * grad_along - shear * along * grad_shear + shear * shear * grad_a
+            grad_u, grad_v, grad_a, grad_b, grad_c = _covariance_backward(sums[g], b, c, determinant)
             grad_offsets[g, 0], grad_offsets[g, 1] = grad_u, grad_v
             if opacities[g] <= 1.0:
                 grad_opacities[g] = sums[g, V] / opacities[g]
@@ -226,12 +253,9 @@ def project_backward(
             # Σ' = P Pᵀ, P = B S, B = J Q
             grad_p0 = _mix(2.0 * grad_a, p0, grad_b, p1)
             grad_p1 = _mix(grad_b, p0, 2.0 * grad_c, p1)
-            if abs(scales[g, 0]) <= MAX_SCALE:
-                grad_scales[g, 0] = grad_p0[0] * b0[0] + grad_p1[0] * b1[0]
-            if abs(scales[g, 1]) <= MAX_SCALE:
-                grad_scales[g, 1] = grad_p0[1] * b0[1] + grad_p1[1] * b1[1]
-            if abs(scales[g, 2]) <= MAX_SCALE:
-                grad_scales[g, 2] = grad_p0[2] * b0[2] + grad_p1[2] * b1[2]
+            for axis in range(3):
+                if abs(scales[g, axis]) <= MAX_SCALE:
+                    grad_scales[g, axis] = grad_p0[axis] * b0[axis] + grad_p1[axis] * b1[axis]
             grad_b0 = (grad_p0[0] * sx, grad_p0[1] * sy, grad_p0[2] * sz)
             grad_b1 = (grad_p1[0] * sx, grad_p1[1] * sy, grad_p1[2] * sz)
             grad_i0, grad_j0 = _dot(grad_b0, q0), _dot(grad_b0, q2)
@@ -249,18 +273,6 @@ def project_backward(
             for axis in range(3):
                 grad_means[g, axis] = view[0, axis] * grad_x + view[1, axis] * grad_y + view[2, axis] * grad_z
 
-            # Q = W R(q)
-            if inverse_length > 0.0:
-                grad_q2 = _mix(j0, grad_b0, j1, grad_b1)
-                r0 = _mix3(view[0, 0] * i0, grad_b0, view[1, 0] * i1, grad_b1, view[2, 0], grad_q2)
-                r1 = _mix3(view[0, 1] * i0, grad_b0, view[1, 1] * i1, grad_b1, view[2, 1], grad_q2)
-                r2 = _mix3(view[0, 2] * i0, grad_b0, view[1, 2] * i1, grad_b1, view[2, 2], grad_q2)
-                dw = 2.0 * (qx * (r2[1] - r1[2]) + qy * (r0[2] - r2[0]) + qz * (r1[0] - r0[1]))
-                dx = 2.0 * (-2.0 * qx * (r1[1] + r2[2]) + qy * (r1[0] + r0[1]) + qz * (r2[0] + r0[2]) + qw * (r2[1] - r1[2]))
-                dy = 2.0 * (qx * (r1[0] + r0[1]) - 2.0 * qy * (r0[0] + r2[2]) + qz * (r2[1] + r1[2]) + qw * (r0[2] - r2[0]))
-                dz = 2.0 * (qx * (r2[0] + r0[2]) + qy * (r2[1] + r1[2]) - 2.0 * qz * (r0[0] + r1[1]) + qw * (r1[0] - r0[1]))
-                radial = dw * qw + dx * qx + dy * qy + dz * qz
-                grad_quats[g, 0] = (dw - radial * qw) * inverse_length
-                grad_quats[g, 1] = (dx - radial * qx) * inverse_length
-                grad_quats[g, 2] = (dy - radial * qy) * inverse_length
-                grad_quats[g, 3] = (dz - radial * qz) * inverse_length
+            if quaternion[4] > 0.0:
+                grads = _rotation_backward(view, (i0, j0, i1, j1), grad_b0, grad_b1, quaternion)
+                grad_quats[g, 0], grad_quats[g, 1], grad_quats[g, 2], grad_quats[g, 3] = grads

@@ -109,7 +109,7 @@ class States:
     def screen_motion(self, frame: float, camera: Camera, reference: Camera) -> Tensor:
         """Pixels [N, 2] from each Gaussian's place in `camera` at a frame to its place in the camera `reference` at the reference frame.
 
-        Held within four times the size of the picture.
+        Held within four times the size of the image.
         """
         here = self.advected_means(frame)
         start, _ = camera.project(here.cpu().numpy())

@@ -167,11 +167,11 @@ def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: P
 
 def cameras_to_json(cameras: list[Camera]) -> dict[str, Any]:
     first = cameras[0]
-    still = all(camera is first or np.array_equal(camera.viewmat, first.viewmat) for camera in cameras)
+    static = all(camera is first or np.array_equal(camera.viewmat, first.viewmat) for camera in cameras)
     return {
         **{name: getattr(first, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
         "count": len(cameras),
-        "viewmats": [camera.viewmat.tolist() for camera in (cameras[:1] if still else cameras)],
+        "viewmats": [camera.viewmat.tolist() for camera in (cameras[:1] if static else cameras)],
     }
 
 

@@ -44,7 +44,7 @@ def loop(data, still):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_every_score_matches_a_loop(seed):
     data = list(frames(seed))
-    scores = MotionScores(still=0.3)
+    scores = MotionScores(static=0.3)
     for frame in data:
         scores.add(*frame)
     result = scores.result()
