@@ -1,4 +1,4 @@
-"""Which colour means which number, and who decides the range."""
+"""A colour bar with its range and colour map."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
 
 
 class FrameTrack(QSlider):
-    """A slider whose groove is the sequence: press anywhere to go there; Shift with the arrows makes steps of ten."""
+    """A slider over the frames: press anywhere to go there; Shift with the arrows makes steps of ten."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Horizontal, parent)

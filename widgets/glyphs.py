@@ -1,4 +1,4 @@
-"""Small buttons whose pictures are drawn in the palette's text colour: right in every theme and at every resolution."""
+"""Small buttons whose glyphs are drawn in the palette's text colour: right in every theme and at every resolution."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _GLYPHS = {
 
 
 class GlyphButton(QToolButton):
-    """A tool button with one of the pictures above.
+    """A tool button with one of the glyphs above.
 
     Parameters
     ----------

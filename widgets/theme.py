@@ -89,12 +89,12 @@ def is_dark(palette: QPalette) -> bool:
 
 
 def frame_background(palette: QPalette) -> QColor:
-    """What lies around pictures: darker than the panels, so that it does not outshine them."""
+    """What surrounds frames: darker than the panels."""
     return QColor("#0f1114" if is_dark(palette) else "#d6d9de")
 
 
 def error_colour(palette: QPalette) -> QColor:
-    """For text that says what is wrong; never the only sign of it."""
+    """For error messages; never the only sign of an error."""
     return QColor("#ff8f66" if is_dark(palette) else "#b03a00")
 
 
@@ -109,7 +109,7 @@ def _palette(name: str) -> QPalette:
 
 
 def apply_theme(app: QApplication, name: str) -> None:
-    """Dress the application; may be called again at run time. `system` follows the desktop's light or dark scheme."""
+    """Style the application; may be called again at run time. `system` follows the desktop's light or dark scheme."""
     if name not in THEMES:
         raise ValueError(f"unknown theme {name!r}; there are {', '.join(THEMES)}")
     app.setStyle("Fusion")

@@ -1,10 +1,10 @@
-"""Scrubbing and playing: the one place that says which frame is shown."""
+"""Slider, buttons and clock that choose the frame."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
@@ -20,7 +20,7 @@ SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 _LOOP_TITLES = {"once": "Once", "loop": "Loop", "bounce": "Back and forth"}
 
-#: Playback goes on after this many seconds when nobody says that the frame was drawn.
+#: Playback goes on after this many seconds when `frame_drawn` is not called.
 PATIENCE = 0.5
 
 
@@ -55,7 +55,7 @@ class Timeline(QWidget):
         self._played: tuple[int, int] | None = None
         self._phase = 0.0
         self._ticked = 0.0
-        self._asked: float | None = None  # when the frame not yet drawn was asked for
+        self._asked: float | None = None  # when the frame not yet drawn was requested
         self._drawn: deque[float] = deque(maxlen=120)
         self._clock = time.perf_counter
         self._tick_timer = QTimer(self)
@@ -78,28 +78,29 @@ class Timeline(QWidget):
             button.setAutoRepeat(glyph in ("previous", "next"))
             button.clicked.connect(action)
             self._move_buttons.append(button)
-        self._speed_box = QComboBox(self)
-        self._speed_box.setAccessibleName("Playback speed")
-        self._speed_box.setToolTip("Playback speed")
-        for speed in SPEEDS:
-            self._speed_box.addItem(f"{speed:g} ×", speed)
-        self._speed_box.setCurrentIndex(SPEEDS.index(1.0))
+        self._speed_box = self._choice("Playback speed", [(f"{speed:g} ×", speed) for speed in SPEEDS], 1.0)
         self._speed_box.activated.connect(lambda: self.speed_changed.emit(self.speed()))
-        self._loop_box = QComboBox(self)
-        self._loop_box.setAccessibleName("At the end")
-        self._loop_box.setToolTip("What happens at the end")
-        for mode in LOOP_MODES:
-            self._loop_box.addItem(_LOOP_TITLES[mode], mode)
-        self._loop_box.setCurrentIndex(LOOP_MODES.index("loop"))
+        self._loop_box = self._choice("What happens at the end", [(_LOOP_TITLES[mode], mode) for mode in LOOP_MODES], "loop")
         self._loop_box.activated.connect(lambda: self.loop_mode_changed.emit(self.loop_mode()))
-        for box in (self._speed_box, self._loop_box):
-            keep_keys(box, ARROWS | PRESS)
         self._readout = QLabel(self)
         self._readout.setAccessibleName("Frame and time")
         self._rate = QLabel(self)
         self._rate.setObjectName("secondary")
         self._rate.setAccessibleName("Frames a second, reached and wanted")
+        self._arrange()
+        self.set_frames(0)
 
+    def _choice(self, name: str, entries: Sequence[tuple[str, object]], chosen: object) -> QComboBox:
+        box = QComboBox(self)
+        box.setAccessibleName(name)
+        box.setToolTip(name)
+        for title, value in entries:
+            box.addItem(title, value)
+        box.setCurrentIndex(box.findData(chosen))
+        keep_keys(box, ARROWS | PRESS)
+        return box
+
+    def _arrange(self) -> None:
         row = QHBoxLayout()
         row.setSpacing(2)
         for button in (*self._move_buttons[:2], self._play_button, *self._move_buttons[2:]):
@@ -117,12 +118,11 @@ class Timeline(QWidget):
         layout.setSpacing(4)
         layout.addWidget(self._track)
         layout.addLayout(row)
-        self.set_frames(0)
 
     # The frames
 
     def set_frames(self, count: int, fps: float = 25.0) -> None:
-        """Lay out another sequence: frame 0 is shown, playback stops, marks and curves go. No frames: nothing can be moved."""
+        """Another sequence: frame 0 is shown, playback stops, marks and curves are removed. Without frames all is disabled."""
         if count < 0 or not fps > 0:
             raise ValueError(f"a timeline has 0 frames or more at a positive rate, not {count} at {fps} a second")
         self.pause()
@@ -231,7 +231,7 @@ class Timeline(QWidget):
         self._loop_box.setCurrentIndex(LOOP_MODES.index(mode))
 
     def frame_drawn(self) -> None:
-        """Say that the frame last asked for is on the screen.
+        """The frame last requested is on the screen.
 
         Playback waits for this, so that slow drawing drops frames instead of queueing them.
         """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from degense.app.features.viewer.layer_images import get_layer, layer_picture, overlaid, with_colour_bar, write_png
+from degense.app.features.viewer.layer_images import get_layer, layer_rgb, overlaid, with_colour_bar, write_png
 from degense.app.session.view_state import PROMPT_COLOURS
 from degense.engine.progress import Steps
 
@@ -37,7 +37,7 @@ def draw_demo(scene: Scene, out: Path) -> Steps[list[str]]:
         request = LayerRequest(frame=frame)
         low, high = layer_range(scene, layer, request, "sequence")
         unit = layer.unit(scene)
-        picture, uncertain = layer_picture(scene, layer, request, (low, high)), layer.uncertain(scene, request)
+        picture, uncertain = layer_rgb(scene, layer, request, (low, high)), layer.uncertain(scene, request)
         hatched = uncertain is not None and bool(uncertain.any())
         write_png(out / f"{name}.png", with_colour_bar(picture, layer.title, unit, low, high, layer.cmap, hatched=hatched))
         said.append(f"{name}.png: {layer.description} Colours from {low:.3g} to {high:.3g} {unit}.")

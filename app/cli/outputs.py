@@ -15,7 +15,7 @@ from degense.app.features.cameras.movie import camera_movie
 from degense.app.features.cameras.state import Stop, load_path
 from degense.app.features.export.formats import ExportOptions, get_format, write_movie
 from degense.app.features.prompts.segment import write_clip_masks
-from degense.app.features.viewer.layer_images import check_frame, get_layer, layer_picture, write_npy, write_png
+from degense.app.features.viewer.layer_images import check_frame, get_layer, layer_rgb, write_npy, write_png
 from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
@@ -76,7 +76,7 @@ def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: 
             share = f"{image.uncertain.mean():.1%}"
             print(f"{share} of the pixels hold a guess, kept as it is; where: --layer observability, below {REVEALED:g}")
     elif out.suffix.lower() == ".png":
-        write_png(out, layer_picture(scene, layer, request, options.span))
+        write_png(out, layer_rgb(scene, layer, request, options.span))
     else:
         raise DegenseError(f"{out} must end in .png or .npy.")
 
@@ -100,7 +100,7 @@ def _render_frames(scene: Scene, layer: Layer, frames: Sequence[int], out: Path,
             span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
         for done, frame in enumerate(frames):
             yield done / len(frames), f"frame {frame}"
-            write_png(out / f"{frame:06d}.png", layer_picture(scene, layer, options.layer_request(frame), span))
+            write_png(out / f"{frame:06d}.png", layer_rgb(scene, layer, options.layer_request(frame), span))
     else:
         raise DegenseError(f"Several frames go into a folder, an .npy or an .mp4 file; {out} is none of them.")
 

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
+from typing import get_args
+
+from degense.engine.data.clip_options import LAYOUTS, ClipOptions, MaskMeans, PoseAxes, Poses
 
 LABEL_FORMATS = "masks-png, coco, cvat, yolo, nifti, cholecseg8k or endovis18"
 #: Adds a command: its name, "MODULE:FUNCTION" in this package, and what it does.
@@ -207,19 +211,24 @@ def _run_folder(sub: argparse.ArgumentParser) -> None:
 
 
 def _clip_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--layout", metavar="NAME", help="endonerf, cholecseg8k, endovis18, frames or video (default: detected)")
-    sub.add_argument("--mask-means", choices=("tool", "keep"), help="what white means in the clip's masks (default: detected)")
+    sub.set_defaults(**asdict(ClipOptions()))
+    sub.add_argument("--layout", metavar="NAME", help=f"{', '.join(LAYOUTS[:-1])} or {LAYOUTS[-1]} (default: detected)")
+    sub.add_argument("--mask-means", choices=get_args(MaskMeans), help="what white means in the clip's masks (default: detected)")
     sub.add_argument(
         "--poses",
-        choices=("auto", "still", "estimate"),
-        default="auto",
+        choices=get_args(Poses),
         help="whether the camera moves: as the clip says, else decided from its frames (auto, default); no; yes, and find out how",
     )
-    sub.add_argument("--pose-axes", choices=("llff", "opencv"), default="llff", help="axes of a moving camera's poses (default: llff)")
+    sub.add_argument("--pose-axes", choices=get_args(PoseAxes), help="axes of a moving camera's poses (default: llff)")
     sub.add_argument("--labels", metavar="FOLDER", help="read label maps from its labels/ and classes.json instead of the clip's own")
-    sub.add_argument("--start", type=int, default=0, metavar="N", help="first frame used of a video file")
-    sub.add_argument("--stride", type=_positive, default=1, metavar="N", help="use each Nth frame of a video file")
-    sub.add_argument("--max-frames", type=_positive, default=2000, metavar="N", help="most frames used of a video file (default 2000)")
+    sub.add_argument("--start", type=int, metavar="N", help="first frame used of a video file")
+    sub.add_argument("--stride", type=_positive, metavar="N", help="use each Nth frame of a video file")
+    sub.add_argument(
+        "--max-frames",
+        type=_positive,
+        metavar="N",
+        help="most frames used of a video file (default %(default)s)",
+    )
     sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
 
 

@@ -1,4 +1,4 @@
-"""Waiting for the window as a user does: until a picture has been painted, until the worker rests; and how evenly its event loop beats."""
+"""Waiting for the window as a user does: until a frame has been painted, until the worker rests; and how evenly its event loop beats."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def viewer(window: Shell) -> Viewer:
 
 
 def painted(window: Shell, there: Callable[[], bool]) -> None:
-    """Wait until the picture has been painted with something there."""
+    """Wait until the frame has been painted with something there."""
     watch = Painted(viewer(window).panel, there)
     wait(lambda: watch.count > 0)
     watch.deleteLater()

@@ -1,6 +1,6 @@
 """How instant the window is: times of what hands do, and the longest stalls of its event loop. `degense bench window` prints them.
 
-Everything goes through the real window on the present display, with real events where there are any; every time ends when the picture that
+Everything goes through the real window on the present display, with real events where there are any; every time ends when the frame that
 answers has been painted.
 """
 
@@ -55,7 +55,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         "window",
         "Working in the window",
         f"A phantom scene brought to {count:,} Gaussians, in the real window, 1440 × 900, with both views shown. Times end when the "
-        "picture that answers is painted. Stalls: the gaps between beats of a timer that should beat every "
+        "frame that answers is painted. Stalls: the gaps between beats of a timer that should beat every "
         f"{BEAT_MS} ms, over {STALL_SECONDS:g} s each; the median and 95th percentile of the gaps, and the longest.",
         [
             Column("what", "what"),

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from degense.engine.errors import ClipError
+
+MaskMeans = Literal["tool", "keep"]
+PoseAxes = Literal["llff", "opencv"]
+Poses = Literal["auto", "still", "estimate"]
 
 LAYOUTS = ("endonerf", "cholecseg8k", "endovis18", "frames", "video")
 
@@ -38,10 +42,10 @@ class ClipOptions:
     """
 
     layout: str | None = None
-    mask_means: Literal["tool", "keep"] | None = None
+    mask_means: MaskMeans | None = None
     focal: float | None = None
-    pose_axes: Literal["llff", "opencv"] = "llff"
-    poses: Literal["auto", "still", "estimate"] = "auto"
+    pose_axes: PoseAxes = "llff"
+    poses: Poses = "auto"
     labels: str | None = None
     start: int = 0
     stride: int = 1
@@ -50,12 +54,9 @@ class ClipOptions:
     def __post_init__(self) -> None:
         if self.layout is not None and self.layout not in LAYOUTS:
             raise ClipError(f"There is no clip layout {self.layout!r}; it is one of {', '.join(LAYOUTS)}.")
-        if self.mask_means not in (None, "tool", "keep"):
-            raise ClipError(f"mask_means is {self.mask_means!r}, but must be 'tool' or 'keep'.")
-        if self.pose_axes not in ("llff", "opencv"):
-            raise ClipError(f"pose_axes is {self.pose_axes!r}, but must be 'llff' or 'opencv'.")
-        if self.poses not in ("auto", "still", "estimate"):
-            raise ClipError(f"poses is {self.poses!r}, but must be 'auto', 'still' or 'estimate'.")
+        for name, choices in (("mask_means", (None, *get_args(MaskMeans))), ("pose_axes", get_args(PoseAxes)), ("poses", get_args(Poses))):
+            if (value := getattr(self, name)) not in choices:
+                raise ClipError(f"{name} is {value!r}, but must be one of {', '.join(repr(choice) for choice in choices if choice)}.")
         if self.focal is not None and not (math.isfinite(self.focal) and self.focal > 0):
             raise ClipError(f"The focal length is {self.focal}, but must be a positive number of pixels.")
         if self.start < 0 or self.stride < 1 or self.max_frames < 1:

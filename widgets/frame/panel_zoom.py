@@ -87,7 +87,7 @@ class PanelZoom(QObject):
             self.move(QPointF(grown.width() / 2, grown.height() / 2))
 
     def view(self) -> tuple[float, float, float]:
-        """Widget pixels an image pixel, and the image point (x, y) in the middle of the panel: what another panel needs to look alike."""
+        """Widget pixels an image pixel, and the image point (x, y) in the middle of the panel: for another panel that shows the same."""
         middle = self.to_image(self._middle())
         return self.scale, middle.x(), middle.y()
 

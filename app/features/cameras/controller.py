@@ -18,7 +18,7 @@ TICK_MS = 30
 
 
 class Cameras(QObject):
-    """Keeps the list of cameras with the session's, and moves the 3D view."""
+    """Binds the list of cameras to that of the session, and moves the 3D view."""
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
@@ -68,7 +68,7 @@ class Cameras(QObject):
         return self.viewer.splats.camera.current()
 
     def add(self) -> None:
-        """Keep where the 3D view stands, and the frame, behind the chosen row."""
+        """Add the camera of the 3D view, with the frame, behind the chosen row."""
         if self.can_add():
             current = self.panel.current()
             place = self.book.add(self._camera(), float(self.session.frame), current if current >= 0 else None)
@@ -92,11 +92,11 @@ class Cameras(QObject):
     # Going there
 
     def go(self, row: int) -> None:
-        """Look from a stop, at its frame."""
+        """Show the view of a stop, at its frame."""
         if row < len(self.book.stops):
             self.land()
             stop = self.book.stops[row]
-            self._look_from(stop.camera)
+            self._show_from(stop.camera)
             self.session.pause()
             self.session.go_to(round(stop.frame))
 
@@ -108,13 +108,13 @@ class Cameras(QObject):
             self._list(row)
             self.go(row)
 
-    def _look_from(self, camera: Camera) -> None:
+    def _show_from(self, camera: Camera) -> None:
         if self.viewer.splats is not None:
             self.viewer.splats.camera.fly_to(camera)
             self.session.camera_mode = "free"
 
     def fly(self) -> None:
-        """Take the path in the 3D view, in real time; again: stop."""
+        """Move the 3D view along the path, in real time; again: stop."""
         if self._flight is not None:
             self.land()
         elif self.has_path() and self.viewer.splats is not None:
@@ -125,7 +125,7 @@ class Cameras(QObject):
             self.panel.set_flying(True)
 
     def land(self) -> None:
-        """End the flight where it is."""
+        """Stop the flight where it is."""
         if self._flight is not None:
             self._flight = None
             self._timer.stop()
@@ -136,7 +136,7 @@ class Cameras(QObject):
         seconds = time.perf_counter() - self._started
         camera, frame = self._flight.at(seconds)
         ended = seconds >= self._flight.seconds
-        self._look_from(camera)
+        self._show_from(camera)
         self.session.go_to(round(frame))
         if ended:
             self.land()

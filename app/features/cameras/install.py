@@ -1,4 +1,4 @@
-"""Cameras: keeping them, flying along them, screenshots of the 3D view."""
+"""Cameras: saving them, flying along them, movies."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ def install(shell: Shell) -> None:
     cameras, menu = Cameras(viewer), ("View", "Cameras")
     shell.provide(cameras)
 
-    def any_kept() -> bool:
+    def any_saved() -> bool:
         return cameras.can_add() and bool(cameras.book.stops)
 
     shell.add_actions(
         Action("cameras.add", "Keep this camera", cameras.add, menu, ("Ctrl+B",), cameras.can_add, help="bookmark key frame path"),
-        Action("cameras.next", "Next camera", partial(cameras.go_on, 1), menu, ("Alt+Down",), any_kept, help="bookmark"),
-        Action("cameras.previous", "Previous camera", partial(cameras.go_on, -1), menu, ("Alt+Up",), any_kept, help="bookmark"),
+        Action("cameras.next", "Next camera", partial(cameras.go_on, 1), menu, ("Alt+Down",), any_saved, help="bookmark"),
+        Action("cameras.previous", "Previous camera", partial(cameras.go_on, -1), menu, ("Alt+Up",), any_saved, help="bookmark"),
         Action("cameras.fly", "Fly along the cameras", cameras.fly, menu, ("Shift+Space",), cameras.has_path, group=1, help="path preview"),
         Action("cameras.movie", "Movie along the cameras…", cameras.ask_for_movie, menu, (), cameras.has_path, group=1, help="export mp4"),
-        Action("cameras.save", "Save the camera path…", cameras.ask_to_save, menu, (), any_kept, group=2, help="json"),
+        Action("cameras.save", "Save the camera path…", cameras.ask_to_save, menu, (), any_saved, group=2, help="json"),
         Action("cameras.open", "Open a camera path…", cameras.ask_to_open, menu, (), cameras.can_add, group=2, help="json"),
     )

@@ -44,16 +44,16 @@ def camera_movie(
     count = max(2, round(path.seconds * FPS) + 1)
     with Movie(out, FPS) as movie:
         for i in range(count):
-            yield i / count, f"picture {i + 1} of {count}"
+            yield i / count, f"frame {i + 1} of {count}"
             camera, frame = path.at(i / FPS)
             camera = letterboxed(camera, *scene.clip_size)
             request = ViewRequest(min(frame, scene.frames - 1.0), view_state, span, splats=False, camera=camera)
             movie.add(flat(_last(draw_view(scene, request)), view_state.overlay_opacity))
-    return f"{out}: {count} pictures along {len(stops)} cameras"
+    return f"{out}: {count} frames along {len(stops)} cameras"
 
 
 def flat(view: View, opacity: float) -> np.ndarray:
-    """A view's picture with its masks laid over it, uint8 [H, W, 3]."""
+    """A view with its masks laid over it, uint8 [H, W, 3]."""
     if view.masks is None:
         return view.rgb
     alpha = view.masks[..., 3:].astype(np.float32) / 255 * opacity

@@ -30,7 +30,7 @@ class CameraList(QWidget):
     -------
     add_requested(), remove_requested(row), move_requested(row, step), update_requested(row)
     chosen(row)
-        The user wants to look from there.
+        The user wants to see it from there.
     renamed(row, name), timed(row, seconds)
     flight_requested(), movie_requested()
     """
@@ -49,7 +49,7 @@ class CameraList(QWidget):
         super().__init__(parent)
         self.setAccessibleName("Cameras")
         self._table = QTableWidget(0, 3, self)
-        self._table.setAccessibleName("Cameras and the way between them")
+        self._table.setAccessibleName("Cameras and the path between them")
         self._table.setHorizontalHeaderLabels(["Name", "Frame", "Seconds to next"])
         self._table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self._table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
@@ -62,7 +62,7 @@ class CameraList(QWidget):
         self._table.itemChanged.connect(self._edited)
         self._table.itemClicked.connect(lambda item: self.chosen.emit(item.row()))
         keep_keys(self._table, TYPING)
-        self._hint = QLabel("Look around in 3D, then add the camera. Two or more make a path.", self)
+        self._hint = QLabel("Move the camera in the 3D view, then add it. Two or more cameras make a path.", self)
         self._hint.setObjectName("secondary")
         self._hint.setWordWrap(True)
         self._add = GlyphButton("plus", "Add the present camera", self)
@@ -80,7 +80,7 @@ class CameraList(QWidget):
         ):
             button.clicked.connect(lambda _checked=False, act=act: act(self.current()))
         self._fly = QPushButton("Fly along", self)
-        self._fly.setToolTip("Take the path in the 3D view; again to stop")
+        self._fly.setToolTip("Move the 3D view along the path; again to stop")
         self._fly.clicked.connect(self.flight_requested)
         self._movie = QPushButton("Movie…", self)
         self._movie.setToolTip("Save a movie along the path")

@@ -24,7 +24,7 @@ SHIFT = 4
 BACKGROUND, INK = (15, 17, 20), (230, 230, 230)
 VIEW: Colour = PROMPT_COLOURS[1]
 TIME_MAP = "viridis"
-#: Share of the picture's height, around its middle, whose tissue is drawn: more would lie on top of itself.
+#: Share of the frame's height, around its middle, whose tissue is drawn: more would lie on top of itself.
 CUT = 0.08
 #: Cameras that are drawn along the path at most, and their length on the sheet, pixels.
 STOPS, STOP_LENGTH = 9, 32
@@ -50,7 +50,7 @@ def angle_plan(clip: Clip, frame: int) -> tuple[np.ndarray, Legend]:
 
 
 def path_plan(clip: Clip, frame: int) -> tuple[np.ndarray, Legend]:
-    """Where the camera was, turned so that the first one looks up, uint8 [H, W, 3], and what the colours mean."""
+    """Where the camera was, turned so that the first one faces up, uint8 [H, W, 3], and what the colours mean."""
     cameras, first = clip.cameras, clip.cameras[0]
     known = clip.poses == "given"
     sheet, tissue = _view(clip, frame, first, VIEW if known else UNKNOWN)
@@ -88,7 +88,7 @@ def _view(clip: Clip, frame: int, viewer: Camera, colour: Colour) -> tuple[_Shee
     if not len(points):
         return sheet, ("no depth is known here", UNKNOWN)
     red, green, blue = colours.mean(0).round().astype(int).tolist()
-    return sheet, ("tissue along the middle of the picture", (red, green, blue))
+    return sheet, ("tissue along the middle of the frame", (red, green, blue))
 
 
 def _draw_path(sheet: _Sheet, cameras: list[Camera], path: np.ndarray) -> None:
@@ -133,7 +133,7 @@ def _above(viewer: Camera, points: np.ndarray) -> np.ndarray:
 
 
 def _wedge(camera: Camera, viewer: Camera, length: float) -> np.ndarray:
-    """What a camera sees of the middle of its picture up to `length`, from above, [3, 2]: its place, and the two far corners."""
+    """What a camera sees of the middle of its frame up to `length`, from above, [3, 2]: its place, and the two far corners."""
     edges = np.array([[0.0, camera.cy], [camera.width, camera.cy]])
     return _above(viewer, np.concatenate([[_place(camera)], camera.unproject(edges, np.full(2, length))]))
 

@@ -1,8 +1,8 @@
-"""Checking a clip on its pictures: what was found, and every choice that can be made before anything is written."""
+"""Checking a clip on its frames: what was found, and every choice that can be made before anything is written."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from degense.app.features.clip_check.check_frames import ASPECTS, CheckPicture, check_picture, field_of_view_words
+from degense.app.features.clip_check.check_frames import ASPECTS, CheckFrame, draw_check_frame, field_of_view_words
 from degense.app.shell.worker import Worker
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions
 from degense.widgets.frame.render_panel import RenderPanel
@@ -42,7 +42,7 @@ LAYOUT_WORDS = {
 }
 MASK_WORDS = ((None, "as detected"), ("tool", "white = instrument, left out"), ("keep", "white = tissue, kept"))
 POSE_WORDS = (
-    ("auto", "as the clip says, else found out"),
+    ("auto", "as the clip says, else estimated"),
     ("still", "the camera stands still"),
     ("estimate", "the camera moves: estimate it"),
 )
@@ -52,7 +52,7 @@ PATIENCE_MS = 350
 
 
 class CheckDialog(QDialog):
-    """Reads the clip again with each answer, in the worker, and shows what comes of it. Nothing is written.
+    """Reads the clip again after each change, in the worker, and shows the result. Nothing is written.
 
     `answers` are those that differ from what the reader decides by itself, as `ClipOptions` takes them.
     """
@@ -65,8 +65,8 @@ class CheckDialog(QDialog):
         self.resize(1120, 700)
         self._path, self._clip, self._service = path, clip, service
         self.panel = RenderPanel()
-        self.panel.setAccessibleName("Picture of the clip")
-        self.aspect = _combo("What the picture shows", tuple(ASPECTS.items()))
+        self.panel.setAccessibleName("Frame of the clip")
+        self.aspect = _combo("What the frame shows", tuple(ASPECTS.items()))
         self.frame = QSlider(Qt.Orientation.Horizontal)
         self.frame.setAccessibleName("Frame")
         self.frame_words = QLabel()
@@ -77,20 +77,18 @@ class CheckDialog(QDialog):
         colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
         self.complaint.setPalette(colours)
         self.found: dict[str, QLabel] = {}
-        self._asked_by: dict[QObject, str] = {}
-        self.layout_choice = _combo("Layout", ((None, "as detected"), *((name, LAYOUT_WORDS.get(name, name)) for name in LAYOUTS)))
-        self.start, self.stride, self.most = (
-            _whole(*about) for about in (("First frame", 0), ("Each so manyth frame", 1), ("Most frames", 1))
-        )
-        self.mask_means = _combo("Masks", MASK_WORDS)
-        self.focal = QDoubleSpinBox()
-        self.focal.setAccessibleName("Focal length")
-        self.focal.setRange(0, 100_000)
-        self.focal.setDecimals(1)
-        self.focal.setSuffix(" px")
-        self.focal.setSpecialValueText("as detected")
-        self.poses = _combo("Camera", POSE_WORDS)
-        self.pose_axes = _combo("Axes of the poses", AXES_WORDS)
+        self._aspect_of: dict[QObject, str] = {}
+        layouts = ((None, "as detected"), *((name, LAYOUT_WORDS.get(name, name)) for name in LAYOUTS))
+        self.controls: dict[str, QComboBox | QSpinBox | QDoubleSpinBox] = {
+            "layout": _combo("Layout", layouts),
+            "start": _whole("First frame", 0),
+            "stride": _whole("Each so manyth frame", 1),
+            "max_frames": _whole("Most frames", 1),
+            "mask_means": _combo("Masks", MASK_WORDS),
+            "focal": _focal_length(),
+            "poses": _combo("Camera", POSE_WORDS),
+            "pose_axes": _combo("Axes of the poses", AXES_WORDS),
+        }
         self.buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
         self.use = self.buttons.addButton("Use these answers", QDialogButtonBox.ButtonRole.AcceptRole)
         self.buttons.accepted.connect(self.accept)
@@ -105,31 +103,16 @@ class CheckDialog(QDialog):
     @property
     def answers(self) -> dict[str, Any]:
         """What was chosen, where it is not the reader's own choice."""
-        options = {
-            "layout": self.layout_choice.currentData(),
-            "mask_means": self.mask_means.currentData(),
-            "focal": self.focal.value() or None,
-            "poses": self.poses.currentData(),
-            "pose_axes": self.pose_axes.currentData(),
-            "start": self.start.value(),
-            "stride": self.stride.value(),
-            "max_frames": self.most.value(),
-        }
-        defaults = {item.name: item.default for item in fields(ClipOptions)}
-        return {name: value for name, value in options.items() if value != defaults[name]}
+        defaults = ClipOptions()
+        chosen = {name: _value(control) for name, control in self.controls.items()}
+        return {name: value for name, value in chosen.items() if value != getattr(defaults, name)}
 
     def _fill(self, options: ClipOptions) -> None:
-        for box, value in (
-            (self.layout_choice, options.layout),
-            (self.mask_means, options.mask_means),
-            (self.poses, options.poses),
-            (self.pose_axes, options.pose_axes),
-        ):
-            box.setCurrentIndex([box.itemData(row) for row in range(box.count())].index(value))
-        self.focal.setValue(options.focal or 0.0)
-        self.start.setValue(options.start)
-        self.stride.setValue(options.stride)
-        self.most.setValue(options.max_frames)
+        for name, control in self.controls.items():
+            if isinstance(control, QComboBox):
+                control.setCurrentIndex([control.itemData(row) for row in range(control.count())].index(getattr(options, name)))
+            else:
+                control.setValue(getattr(options, name) or 0)
 
     def _place(self) -> None:
         left = QWidget()
@@ -144,17 +127,17 @@ class CheckDialog(QDialog):
         inside = QWidget()
         form = QVBoxLayout(inside)
         form.setSpacing(2)
-        self._section(form, "Layout and frames", "frames", (("Layout", self.layout_choice),))
+        self._section(form, "Layout and frames", "frames", (("Layout", "layout"),))
         self.of_video = QWidget()
         video = QFormLayout(self.of_video)
         video.setContentsMargins(0, 0, 0, 4)
-        for words, control in (("First frame", self.start), ("Each …th", self.stride), ("At most", self.most)):
-            video.addRow(words, control)
-            self._asked_by[control] = "frames"
+        for words, name in (("First frame", "start"), ("Each …th", "stride"), ("At most", "max_frames")):
+            video.addRow(words, self.controls[name])
+            self._aspect_of[self.controls[name]] = "frames"
         form.addWidget(self.of_video)
-        self._section(form, "Masks and field of view", "masks", (("White means", self.mask_means),))
-        self._section(form, "Focal length", "focal", (("Focal length", self.focal),))
-        self._section(form, "Camera", "poses", (("It moves", self.poses), ("Axes of given poses", self.pose_axes)))
+        self._section(form, "Masks and field of view", "masks", (("White means", "mask_means"),))
+        self._section(form, "Focal length", "focal", (("Focal length", "focal"),))
+        self._section(form, "Camera", "poses", (("It moves", "poses"), ("Axes of given poses", "pose_axes")))
         self._section(form, "Depth", "depth", ())
         self._section(form, "Annotations", "labels", ())
         form.addStretch(1)
@@ -172,7 +155,7 @@ class CheckDialog(QDialog):
         whole.addWidget(self.complaint)
         whole.addWidget(self.buttons)
 
-    def _section(self, column: QVBoxLayout, title: str, aspect: str, rows: tuple[tuple[str, QWidget], ...]) -> None:
+    def _section(self, column: QVBoxLayout, title: str, aspect: str, rows: tuple[tuple[str, str], ...]) -> None:
         head = QLabel(f"<b>{title}</b>")
         found = QLabel()
         found.setObjectName("secondary")
@@ -184,26 +167,23 @@ class CheckDialog(QDialog):
         self.found[aspect] = found
         form = QFormLayout()
         form.setContentsMargins(0, 2, 0, 2)
-        for words, control in rows:
-            form.addRow(words, control)
-            self._asked_by[control] = aspect
+        for words, name in rows:
+            form.addRow(words, self.controls[name])
+            self._aspect_of[self.controls[name]] = aspect
         column.addLayout(form)
 
     def _bind(self) -> None:
-        for box in (self.layout_choice, self.mask_means, self.poses, self.pose_axes):
-            box.currentIndexChanged.connect(self._changed)
-        for number in (self.start, self.stride, self.most):
-            number.valueChanged.connect(self._changed)
-        self.focal.valueChanged.connect(self._changed)
+        for control in self.controls.values():
+            (control.currentIndexChanged if isinstance(control, QComboBox) else control.valueChanged).connect(self._changed)
         self.aspect.currentIndexChanged.connect(self._draw)
         self.frame.valueChanged.connect(self._draw)
-        for control in self._asked_by:
+        for control in self._aspect_of:
             control.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Show the picture that a control is about as soon as one turns to it."""
-        if event.type() == QEvent.Type.FocusIn and self._asked_by.get(watched) in ASPECTS:
-            self._turn_to(self._asked_by[watched])
+        """Show the view that a control is about as soon as one turns to it."""
+        if event.type() == QEvent.Type.FocusIn and self._aspect_of.get(watched) in ASPECTS:
+            self._turn_to(self._aspect_of[watched])
         return False
 
     def _turn_to(self, aspect: str) -> None:
@@ -258,20 +238,20 @@ class CheckDialog(QDialog):
         clip, frame, aspect = self._clip, min(self.frame.value(), len(self._clip) - 1), self.aspect.currentData()
         self.frame_words.setText(f"frame {frame} of {len(clip)}")
 
-        def show(picture: CheckPicture) -> None:
-            self.panel.set_image(picture.rgb)
-            self.panel.set_overlay(picture.overlay)
-            self.panel.marks.set_legend([(words, QColor(*colour)) for words, colour in picture.legend])
+        def show(drawn: CheckFrame) -> None:
+            self.panel.set_image(drawn.rgb)
+            self.panel.set_overlay(drawn.overlay)
+            self.panel.marks.set_legend([(words, QColor(*colour)) for words, colour in drawn.legend])
 
         def failed(message: str) -> None:
             self.panel.set_image(None)
             self.panel.set_message(message)
 
-        self._service.submit("check-picture", lambda: check_picture(clip, frame, aspect), show, failed)
+        self._service.submit("check-frame", lambda: draw_check_frame(clip, frame, aspect), show, failed)
 
     def done(self, result: int) -> None:
         self._timer.stop()
-        for channel in ("check", "check-picture"):
+        for channel in ("check", "check-frame"):
             self._service.cancel(channel)
         super().done(result)
 
@@ -281,6 +261,23 @@ def _combo(name: str, entries: tuple[tuple[Any, str], ...]) -> QComboBox:
     box.setAccessibleName(name)
     for value, words in entries:
         box.addItem(words, value)
+    return box
+
+
+def _value(control: QComboBox | QSpinBox | QDoubleSpinBox) -> Any:
+    """What a control says; None for a focal length "as detected"."""
+    if isinstance(control, QComboBox):
+        return control.currentData()
+    return control.value() or None if isinstance(control, QDoubleSpinBox) else control.value()
+
+
+def _focal_length() -> QDoubleSpinBox:
+    box = QDoubleSpinBox()
+    box.setAccessibleName("Focal length")
+    box.setRange(0, 100_000)
+    box.setDecimals(1)
+    box.setSuffix(" px")
+    box.setSpecialValueText("as detected")
     return box
 
 

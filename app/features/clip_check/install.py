@@ -12,7 +12,7 @@ def install(shell: Shell) -> None:
     documents, session = shell.service(Documents), shell.session
     if documents is None:
         return
-    shell.worker.add_channel("check-picture", 10)
+    shell.worker.add_channel("check-frame", 10)
     shell.worker.add_channel("check", 11)
 
     def check() -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class RunComparison(QObject):
-    """Draws what the session shows from another run into a panel of its own, right of the picture; both panels zoom and pan as one.
+    """Draws what the session shows from another run into a panel of its own, right of the frame; both panels zoom and pan as one.
 
     Attributes
     ----------
@@ -34,11 +34,11 @@ class RunComparison(QObject):
         self.scene: Scene | None = None
         self.view: View | None = None
         self.panel = RenderPanel()
-        self.panel.setAccessibleName("Picture of the other run")
+        self.panel.setAccessibleName("Frame of the other run")
         self.panel.hide()
         self.shell.docks.views.addWidget(self.panel)
-        viewer.panel.zoom.changed.connect(lambda zoom: self._look_alike(viewer.panel, self.panel))
-        self.panel.zoom.changed.connect(lambda zoom: self._look_alike(self.panel, viewer.panel))
+        viewer.panel.zoom.changed.connect(lambda zoom: self._follow_zoom(viewer.panel, self.panel))
+        self.panel.zoom.changed.connect(lambda zoom: self._follow_zoom(self.panel, viewer.panel))
         self.panel.clicked.connect(viewer.panel.clicked)
         viewer.shown.connect(self._draw)
         session.opened.connect(self.close)
@@ -75,7 +75,7 @@ class RunComparison(QObject):
         self.viewer.from_free_camera = True
         self.viewer.request()
         self.shell.refresh()
-        QTimer.singleShot(0, self.panel, lambda: self._look_alike(self.viewer.panel, self.panel))
+        QTimer.singleShot(0, self.panel, lambda: self._follow_zoom(self.viewer.panel, self.panel))
 
     def close(self) -> None:
         """Show one run again."""
@@ -109,6 +109,6 @@ class RunComparison(QObject):
         self.panel.set_image(None)
         self.panel.set_message(message)
 
-    def _look_alike(self, leader: RenderPanel, follower: RenderPanel) -> None:
+    def _follow_zoom(self, leader: RenderPanel, follower: RenderPanel) -> None:
         if self.scene is not None and follower.isVisible():
             follower.zoom.set_view(*leader.zoom.view())

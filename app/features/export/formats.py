@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from degense.app.features.annotate.label_sets import empty_folder, label_source, write_labels
-from degense.app.features.viewer.layer_images import Movie, check_frame, get_layer, layer_picture
+from degense.app.features.viewer.layer_images import Movie, check_frame, get_layer, layer_rgb
 from degense.engine.annotation.formats import LABEL_FORMATS
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
@@ -106,7 +106,7 @@ def write_movie(scene: Scene, out: Path, frames: Sequence[int], options: ExportO
             span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
         for done, frame in enumerate(frames):
             yield done / len(frames), f"frame {frame}"
-            movie.add(layer_picture(scene, layer, options.layer_request(frame), span))
+            movie.add(layer_rgb(scene, layer, options.layer_request(frame), span))
 
 
 @dataclass(frozen=True)

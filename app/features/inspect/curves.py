@@ -1,4 +1,4 @@
-"""How a place goes on over time: curves of layers, similarities and areas, and the table of them."""
+"""Curves over time at a place: values of layers, similarities and areas, and their table."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from degense.engine.layers import Layer, LayerRequest
     from degense.engine.scene import Scene
 
-#: Followed whatever layer is shown; they cost little.
+#: Layers that are always followed; they cost little.
 ALWAYS = ("displacement", "speed", "rotation", "scale")
 #: Share of the place between the two edges of a band, in percentiles.
 BAND = (10.0, 90.0)
@@ -28,7 +28,7 @@ BAND = (10.0, 90.0)
 
 @dataclass(frozen=True)
 class Curves:
-    """How a place went on.
+    """Values over time at a place.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Curves:
     similarity : dict of str to float [T]
         Cosine to each prompt.
     area : float [T] or None
-        Of a mask: share of the picture it covers.
+        Of a mask: share of the frame it covers.
     where : str
         Which place, in words.
     """
@@ -67,7 +67,7 @@ def followed_layers(scene: Scene, view_state: ViewState) -> list[Layer]:
 def follow(scene: Scene, place: Target, view_state: ViewState) -> Steps[Curves]:
     """Follow a place through the whole sequence. Yields (fraction, words).
 
-    A spot or a region is followed as material: the mean over its Gaussians, wherever they go. What a prompt finds is looked for in each
+    A spot or a region is followed as material: the mean over its Gaussians, wherever they go. What a prompt finds is decoded in each
     frame anew: the mean over the pixels of its mask.
 
     Raises

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Findings(QObject):
-    """Fills the list while it searches; another layer empties it."""
+    """Fills the list while it searches; another layer clears it."""
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
@@ -88,7 +88,7 @@ class Findings(QObject):
         """To the next finding, or back."""
         self.list.choose(step)
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self.worker.cancel("rank")
         self.ranking = None
         self.list.set_note("")
@@ -96,12 +96,12 @@ class Findings(QObject):
 
     def _view_state_changed(self, before: ViewState, after: ViewState) -> None:
         if before.layer != after.layer:
-            self._forget()
+            self._clear()
 
-    # Taking it away
+    # Saving
 
     def save(self, path: Path) -> None:
-        """The list as a table (`.csv`), or as a sheet of pictures (`.png`), which the worker draws.
+        """The list as a table (`.csv`), or as a sheet of images (`.png`), which the worker draws.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A ranking taken away: as a table, or as a sheet of pictures of the worst places."""
+"""A ranking saved: as a table, or as a sheet of images of the worst places."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from degense.app.features.inspect.curves import table_of
-from degense.app.features.viewer.layer_images import BACKGROUND, FONT, INK, get_layer, layer_picture, write_png
+from degense.app.features.viewer.layer_images import BACKGROUND, FONT, INK, get_layer, layer_rgb, write_png
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
 
@@ -39,7 +39,7 @@ def findings_table(findings: tuple[Finding, ...], unit: str, fps: float) -> str:
 def findings_sheet(
     scene: Scene, ranking: Ranking, findings: tuple[Finding, ...], request: LayerRequest, span: tuple[float, float], out: Path
 ) -> Steps[str]:
-    """A PNG with the layer's picture at each of the worst findings, circled, the worst first. Yields (fraction, words)."""
+    """A PNG with the layer at each of the worst findings, circled, the worst first. Yields (fraction, words)."""
     from dataclasses import replace
 
     if not findings:
@@ -48,9 +48,9 @@ def findings_sheet(
     tiles = []
     for done, finding in enumerate(shown):
         yield done / len(shown), f"frame {finding.frame}"
-        picture = layer_picture(scene, layer, replace(request, frame=finding.frame), span)
-        scale = WIDTH / picture.shape[1]
-        tile = cv2.resize(picture, (WIDTH, round(picture.shape[0] * scale)), interpolation=cv2.INTER_AREA)
+        image = layer_rgb(scene, layer, replace(request, frame=finding.frame), span)
+        scale = WIDTH / image.shape[1]
+        tile = cv2.resize(image, (WIDTH, round(image.shape[0] * scale)), interpolation=cv2.INTER_AREA)
         at = (round(finding.x * scale), round(finding.y * scale))
         for colour, width in ((0, 4), (255, 2)):
             cv2.circle(tile, at, WIDTH // 16, (colour,) * 3, width, cv2.LINE_AA)
@@ -62,7 +62,7 @@ def findings_sheet(
     tiles += [blank] * (-len(tiles) % min(ACROSS, len(tiles)))
     across = min(ACROSS, len(tiles))
     write_png(out, np.vstack([np.hstack(tiles[i : i + across]) for i in range(0, len(tiles), across)]))
-    return f"{out}: {len(shown)} pictures"
+    return f"{out}: {len(shown)} frames"
 
 
 def ascii_unit(unit: str) -> str:

@@ -1,4 +1,4 @@
-"""Looking closely: what moved, how far, and where it moved without reason."""
+"""Inspection: values under the cursor, curves over time, and the worst frames and places of a layer."""
 
 from __future__ import annotations
 
@@ -22,67 +22,49 @@ def install(shell: Shell) -> None:
     probe, findings = Probe(viewer), Findings(viewer)
     shell.provide(probe)
     shell.provide(findings)
-    _add_actions(shell, probe, findings)
+    _add_probe_actions(shell, probe)
+    _add_findings_actions(shell, findings)
 
 
-def _add_actions(shell: Shell, probe: Probe, findings: Findings) -> None:
+def _add_probe_actions(shell: Shell, probe: Probe) -> None:
     session, menu = shell.session, ("Inspect",)
 
     def has_scene() -> bool:
         return session.scene is not None
 
+    def has_mask() -> bool:
+        return has_scene() and bool(session.view_state.visible_prompts)
+
+    def region(name: str, key: str) -> Action:
+        run, chosen = partial(probe.take_tool, name), partial(probe.has_tool, name)
+        return Action(f"inspect.{name}", f"Follow a region: {name}", run, menu, (key,), has_scene, chosen, help="probe curves outline")
+
+    save = partial(_save, shell, "curves", probe.save_curves)
+    shell.add_actions(
+        region("rectangle", "B"),
+        region("lasso", "L"),
+        Action("inspect.mask", "Follow the mask of a prompt", probe.follow_mask, menu, ("K",), has_mask, help="probe curves class area"),
+        Action("inspect.unpin", "Follow nothing", probe.unpin, menu, ("Escape",), lambda: session.probe is not None, help="probe"),
+        Action("inspect.save-curves", "Save the curves…", save, menu, (), lambda: probe.curves is not None, help="csv png table"),
+    )
+
+
+def _add_findings_actions(shell: Shell, findings: Findings) -> None:
+    menu = ("Inspect",)
+
     def listed() -> bool:
         return bool(findings.findings())
 
-    def ask(what: str, save: Callable[[Path], None]) -> None:
-        path = shell.ask_save(f"Save {what}", f"{session.name}-{what}.csv", "Table (*.csv);;Picture (*.png)")
-        if path is not None:
-            shell.attempt(lambda: save(path))
-
+    save = partial(_save, shell, "findings", findings.save)
     shell.add_actions(
-        *(
-            Action(
-                f"inspect.{name}",
-                f"Follow a region: {name}",
-                partial(probe.take_tool, name),
-                menu,
-                (key,),
-                has_scene,
-                partial(probe.has_tool, name),
-                help="probe curves outline",
-            )
-            for name, key in (("rectangle", "B"), ("lasso", "L"))
-        ),
-        Action(
-            "inspect.mask",
-            "Follow the mask of a prompt",
-            probe.follow_mask,
-            menu,
-            ("K",),
-            lambda: has_scene() and bool(session.view_state.visible_prompts),
-            help="probe curves class area",
-        ),
-        Action("inspect.unpin", "Follow nothing", probe.unpin, menu, ("Escape",), lambda: session.probe is not None, help="probe"),
-        Action(
-            "inspect.save-curves",
-            "Save the curves…",
-            partial(ask, "curves", probe.save_curves),
-            menu,
-            (),
-            lambda: probe.curves is not None,
-            help="csv png table",
-        ),
         Action("inspect.rank", "Find the worst places", findings.search, menu, ("Shift+W",), findings.can_search, group=1, help="ranking"),
         Action("inspect.next", "Next finding", partial(findings.go_on, 1), menu, ("N",), listed, group=1),
         Action("inspect.previous", "Previous finding", partial(findings.go_on, -1), menu, ("Shift+N",), listed, group=1),
-        Action(
-            "inspect.save-findings",
-            "Save the findings…",
-            partial(ask, "findings", findings.save),
-            menu,
-            (),
-            listed,
-            group=1,
-            help="csv png table sheet",
-        ),
+        Action("inspect.save-findings", "Save the findings…", save, menu, (), listed, group=1, help="csv png table sheet"),
     )
+
+
+def _save(shell: Shell, what: str, save: Callable[[Path], None]) -> None:
+    path = shell.ask_save(f"Save {what}", f"{shell.session.name}-{what}.csv", "Table (*.csv);;Image (*.png)")
+    if path is not None:
+        shell.attempt(lambda: save(path))

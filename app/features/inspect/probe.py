@@ -83,7 +83,7 @@ class Probe(QObject):
         self._show_values()
 
     def _draw_maps(self) -> None:
-        """Ask for the maps of this frame when they will be looked at, and nothing is moving."""
+        """Request the maps of this frame when they will be shown, and nothing is moving."""
         scene, frame = self.session.scene, self.session.frame
         still = not self.session.playing and self.viewer.free_camera() is None
         wanted = scene is not None and still and (self._cursor or isinstance(self.session.probe, Spot))
@@ -111,7 +111,7 @@ class Probe(QObject):
     # Choosing a place
 
     def _surgeons(self) -> bool:
-        """Whether the picture is what the surgeon sees; places are chosen in no other."""
+        """Whether the frame is rendered from the surgeon's camera; places are chosen in no other."""
         if self.viewer.free_camera() is not None:
             self.shell.say("Go back to the surgeon's view (V) to choose a place.")
             return False
@@ -131,11 +131,11 @@ class Probe(QObject):
                 self.shell.say("The surgeon's camera does not see this spot.")
 
     def take_tool(self, name: str | None) -> None:
-        """Put the tool for regions (`rectangle`, `lasso`) into the hand; the one that is there already, or None, empties it."""
+        """Activate the tool for regions (`rectangle`, `lasso`); the active one, or None, deactivates it."""
         tool = self._tools[name] if name else None
         self.viewer.panel.set_tool(None if tool is self.viewer.panel.tool() else tool)
         if self.viewer.panel.tool() is not None:
-            self.shell.say("Draw around what is to be followed; the right button moves the picture.")
+            self.shell.say("Draw around what is to be followed; the right button pans.")
         self.shell.refresh()
 
     def has_tool(self, name: str) -> bool:
@@ -199,9 +199,9 @@ class Probe(QObject):
             self.panel.set_pinned(f"{place}: following it, {step[0]:.0%}")
 
         self.worker.submit("curves", lambda: follow(scene, place, view_state), self._show_curves, self.panel.set_pinned, progress)
-        self._light_up(scene, place)
+        self._highlight(scene, place)
 
-    def _light_up(self, scene: Scene, place: Target) -> None:
+    def _highlight(self, scene: Scene, place: Target) -> None:
         """Mark the Gaussians of a place in the 3D view."""
         splats = self.viewer.splats
         if splats is None or isinstance(place, Found):
@@ -236,7 +236,7 @@ class Probe(QObject):
         self.panel.set_cursor(frame)
         self.similarity.set_cursor(frame)
 
-    # Taking them away
+    # Saving
 
     def save_curves(self, path: Path) -> None:
         """The curves as a table (`.csv`) or as the plots that are shown (`.png`).
@@ -247,7 +247,7 @@ class Probe(QObject):
             When nothing is followed, or the file cannot be written.
         """
         if self.curves is None:
-            raise DegenseError("Click in the picture first: there are no curves yet.")
+            raise DegenseError("Click in the 2D view first: there are no curves yet.")
         if path.suffix.lower() == ".csv":
             write_text(path, to_csv(self.curves))
         else:

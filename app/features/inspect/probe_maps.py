@@ -1,4 +1,4 @@
-"""What is known of every pixel of one instant."""
+"""Maps of all values of one frame, for the probe."""
 
 from __future__ import annotations
 

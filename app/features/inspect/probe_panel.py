@@ -60,7 +60,7 @@ class ProbePanel(QWidget):
         keep_keys(self._table, ARROWS)
         self._plot = CurvePlot(self)
         self._plot.setAccessibleName("Values over time")
-        self._plot.set_message("Click in the picture to follow a place through time")
+        self._plot.set_message("Click in the 2D view to follow a place through time")
         self._plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
 
         top = QHBoxLayout()

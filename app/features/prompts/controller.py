@@ -12,7 +12,7 @@ from degense.engine.errors import DegenseError
 from degense.widgets.qt_images import rgb
 
 DECODER_WORDS = {
-    "rnse": ("Regions", "Similarity averaged over superpixels, edges taken from the picture, holes filled; other classes keep theirs."),
+    "rnse": ("Regions", "Similarity averaged over superpixels, edges taken from the frame, holes filled; other classes keep theirs."),
     "rnse+argmax": ("Regions, best class", "As regions, but half the threshold is enough where the prompt beats all other classes."),
     "argmax": ("Best class", "Pixels where the prompt beats all other classes."),
     "threshold": ("Plain threshold", "Pixels whose similarity exceeds the threshold."),
@@ -20,7 +20,7 @@ DECODER_WORDS = {
 
 
 class PromptControls(QObject):
-    """Two-way bindings. The session is the truth: after each change the bar is set from it, and its setters emit nothing."""
+    """Two-way bindings. After each change the bar is set from the session; its setters emit nothing."""
 
     def __init__(self, shell: Shell) -> None:
         super().__init__(shell)
@@ -33,7 +33,7 @@ class PromptControls(QObject):
         self._opened()
 
     def focus(self) -> None:
-        """Write a prompt."""
+        """Put the cursor into the field."""
         self.shell.docks.bring(self.dock)
         self.bar.focus_input()
 
@@ -67,8 +67,8 @@ class PromptControls(QObject):
         bar.threshold_changed.connect(session.view.set_threshold)
         bar.decoder_changed.connect(session.view.set_decoder)
 
-    def _answered(self, number: int) -> bool:
-        """Whether a chip stands for a prompt of the session, not for one that could not be answered."""
+    def _is_in_session(self, number: int) -> bool:
+        """Whether a chip stands for a prompt of the session, not for one that could not be decoded."""
         text = self._texts.get(number, "").casefold()
         return any(prompt.text.casefold() == text for prompt in self.session.view_state.prompts)
 
@@ -82,25 +82,25 @@ class PromptControls(QObject):
             bar.set_error(number, str(error))
 
     def _prompt_removed(self, number: int) -> None:
-        if self._answered(number):
+        if self._is_in_session(number):
             text = self._texts.pop(number)
             self.session.view.remove_prompt(text)
         self._texts.pop(number, None)
 
     def _prompt_toggled(self, number: int, visible: bool) -> None:
-        if self._answered(number):
+        if self._is_in_session(number):
             self.session.view.set_visible(self._texts[number], visible)
 
     def _negated(self, number: int, negative: bool) -> None:
-        if self._answered(number):
+        if self._is_in_session(number):
             self.session.view.set_negative(self._texts[number], negative)
 
     def _recoloured(self, number: int, colour: QColor) -> None:
-        if self._answered(number):
+        if self._is_in_session(number):
             self.session.view.set_colour(self._texts[number], rgb(colour))
 
     def _show_prompts(self, view_state: ViewState) -> None:
-        """Make the chips those of the look. Chips that could not be answered stay until the next change of the list."""
+        """Make the chips those of the view state. Chips that could not be decoded stay until the next change of the list."""
         bar = self.bar
         shown = [(prompt.text, rgb(prompt.colour), prompt.visible, prompt.negative) for prompt in bar.prompts() if not prompt.error]
         wanted = [(prompt.text, prompt.colour, prompt.visible, prompt.negative) for prompt in view_state.prompts]

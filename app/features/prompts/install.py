@@ -1,4 +1,4 @@
-"""Prompts: the bar, what is known of each, and the question put to the whole clip."""
+"""Prompts: the bar, their statistics, and the query of the whole clip."""
 
 from __future__ import annotations
 

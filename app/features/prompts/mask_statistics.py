@@ -116,7 +116,7 @@ class AreaCurves(PersistentState):
 
 
 def areas(scene: Scene, view_state: ViewState, frames: list[int]) -> Generator[tuple[int, dict[str, float]], None, None]:
-    """Areas (share of the picture) of the visible prompts' masks in these frames. Yields (frame, {text: area})."""
+    """Areas (share of the frame) of the visible prompts' masks in these frames. Yields (frame, {text: area})."""
     from degense.engine.scene.clip_query import query_clip
 
     prompts = view_state.prompt_set

@@ -1,4 +1,4 @@
-"""Prompts in words: a field with completion, a row for each prompt, the decoder and its threshold."""
+"""The prompt bar: a field with completion, a row for each prompt, the decoder and its threshold."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 from degense.widgets.theme import class_colour
 
 _STEPS = 1000
-#: How a prompt begins that takes pixels from the masks of the others.
+#: How a negative prompt begins, whose pixels are removed from the masks of the others.
 NEGATIVE = re.compile(r"(?:-|−|not\s)\s*(?=\S)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Prompt:
-    """A prompt as the bar shows it; `error` is empty when it can be answered."""
+class PromptChip:
+    """A prompt as the bar shows it; `error` is empty when it can be decoded."""
 
     id: int
     text: str
@@ -35,7 +35,7 @@ class Prompt:
 
 
 class PromptBar(QWidget):
-    """Enter adds a prompt. The bar keeps every printable key and the arrows while one types: they reach no shortcut."""
+    """Enter adds a prompt. While one types, printable keys and arrows reach no shortcut."""
 
     prompt_added = Signal(int, str)
     prompt_removed = Signal(int)
@@ -51,7 +51,6 @@ class PromptBar(QWidget):
         self.setAccessibleName("Prompts")
         self._rows: dict[int, PromptRow] = {}
         self._next_id = 0
-        self._low, self._high = 0.0, 1.0
 
         self._field = QLineEdit(self)
         self._field.setAccessibleName("New prompt")
@@ -76,11 +75,11 @@ class PromptBar(QWidget):
         self._list.addWidget(self._hint)
 
         self._decoder_box = QComboBox(self)
-        self._decoder_box.setAccessibleName("How masks are decided")
+        self._decoder_box.setAccessibleName("Decoder of the masks")
         self._decoder_box.activated.connect(lambda: self.decoder_changed.emit(self.decoder()))
         keep_keys(self._decoder_box, ARROWS | PRESS)
         self._refined = QCheckBox("Refined", self)
-        self._refined.setToolTip("Average over regions of the picture and follow its edges; off: pixel by pixel, coarse")
+        self._refined.setToolTip("Average over superpixels and follow the edges of the frame; off: pixel by pixel, coarse")
         self._refined.clicked.connect(self.refined_toggled)
         keep_keys(self._refined, PRESS)
         self._histogram = SimilarityHistogram(self)
@@ -88,7 +87,7 @@ class PromptBar(QWidget):
         self._histogram.hide()
         self._slider = QSlider(Qt.Orientation.Horizontal, self)
         self._slider.setAccessibleName("Similarity threshold")
-        self._slider.setToolTip("Similarity above which a place belongs to the mask")
+        self._slider.setToolTip("Similarity above which a pixel belongs to the mask")
         self._slider.setRange(0, _STEPS)
         self._slider.setSingleStep(_STEPS // 100)
         self._slider.setPageStep(_STEPS // 20)
@@ -98,7 +97,11 @@ class PromptBar(QWidget):
         self._threshold_text = QLabel(self)
         self._threshold_text.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.000"))
         self._threshold_text.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self._arrange()
+        self._decoder_box.hide()
+        self.set_threshold(0.5)
 
+    def _arrange(self) -> None:
         entry = QHBoxLayout()
         entry.setSpacing(4)
         entry.addWidget(self._field, 1)
@@ -121,8 +124,6 @@ class PromptBar(QWidget):
         layout.addWidget(self._histogram)
         layout.addLayout(cut)
         layout.addStretch(1)
-        self._decoder_box.hide()
-        self.set_threshold(0.5)
 
     # Decoder and threshold
 
@@ -131,7 +132,7 @@ class PromptBar(QWidget):
         self._words.setStringList(list(words))
 
     def set_decoders(self, decoders: Sequence[tuple[str, str, str]]) -> None:
-        """The ways to decide masks: (name, title, description)."""
+        """The decoders on offer: (name, title, description)."""
         self._decoder_box.clear()
         for i, (name, title, description) in enumerate(decoders):
             self._decoder_box.addItem(title, name)
@@ -139,7 +140,7 @@ class PromptBar(QWidget):
         self._decoder_box.setVisible(bool(decoders))
 
     def set_refined(self, on: bool) -> None:
-        """Say whether the decoder refines."""
+        """Whether the decoder works on superpixels."""
         self._refined.setChecked(on)
 
     def set_histograms(self, curves: Sequence[tuple[np.ndarray, QColor]]) -> None:
@@ -150,11 +151,11 @@ class PromptBar(QWidget):
         return self._histogram
 
     def set_answer(self, id_: int, area: float | None, confidence: float | None) -> None:
-        """Say how much a prompt covers and how sure that is, both in [0, 1]; None when it is not known."""
+        """Area and confidence of a mask, both in [0, 1]; None when they are not known."""
         self._rows[id_].set_answer(area, confidence)
 
     def answers(self) -> list[str]:
-        """What the rows say of their prompts."""
+        """Area and confidence of each prompt, as written."""
         return [row.answer() for row in self._rows.values()]
 
     def set_decoder(self, name: str) -> None:
@@ -166,23 +167,15 @@ class PromptBar(QWidget):
     def decoder(self) -> str:
         return self._decoder_box.currentData() or ""
 
-    def set_threshold_range(self, low: float, high: float) -> None:
-        """Limits of the slider; the threshold is clipped to them."""
-        if not high > low:
-            raise ValueError(f"the threshold's range is empty: {low} to {high}")
-        threshold = self.threshold()
-        self._low, self._high = low, high
-        self.set_threshold(threshold)
-
     def set_threshold(self, threshold: float) -> None:
         self._slider.blockSignals(True)
-        self._slider.setValue(round((threshold - self._low) / (self._high - self._low) * _STEPS))
+        self._slider.setValue(round(threshold * _STEPS))
         self._slider.blockSignals(False)
         self._threshold_text.setText(f"{self.threshold():.3f}")
         self._histogram.set_threshold(self.threshold())
 
     def threshold(self) -> float:
-        return self._low + self._slider.value() / _STEPS * (self._high - self._low)
+        return self._slider.value() / _STEPS
 
     # Prompts
 
@@ -217,11 +210,11 @@ class PromptBar(QWidget):
             self.remove_prompt(id_)
 
     def set_error(self, id_: int, message: str) -> None:
-        """Say why a prompt cannot be answered; an empty message takes that back."""
+        """Why a prompt cannot be decoded; empty when it can."""
         self._rows[id_].set_error(message)
 
-    def prompts(self) -> list[Prompt]:
-        return [Prompt(id_, row.text, row.colour, row.visible_in_view(), row.error, row.negative) for id_, row in self._rows.items()]
+    def prompts(self) -> list[PromptChip]:
+        return [PromptChip(id_, row.text, row.colour, row.visible_in_view(), row.error, row.negative) for id_, row in self._rows.items()]
 
     def focus_input(self) -> None:
         self._field.setFocus(Qt.FocusReason.ShortcutFocusReason)
@@ -240,7 +233,7 @@ class PromptBar(QWidget):
             return
         self._field.clear()
         if popup := self._field.completer().popup():
-            popup.hide()  # it would lie over the prompt it led to
+            popup.hide()  # it would hide the new row
         known = set(self._rows)
         negative = NEGATIVE.match(text)
         id_ = self.add_prompt(text[negative.end() :] if negative else text, negative=negative is not None)
@@ -255,7 +248,7 @@ class PromptBar(QWidget):
         self.prompt_removed.emit(id_)
 
     def _dragged(self, threshold: float) -> None:
-        self._slider.setValue(round((threshold - self._low) / (self._high - self._low) * _STEPS))
+        self._slider.setValue(round(threshold * _STEPS))
 
     def _threshold_moved(self) -> None:
         self._threshold_text.setText(f"{self.threshold():.3f}")

@@ -1,4 +1,4 @@
-"""One prompt: its colour, its words, whether it is shown, and what is wrong with it."""
+"""A row of the prompt bar: colour, text, visibility, area and error."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class _Swatch(QToolButton):
 
 
 class _ElidedLabel(QLabel):
-    """Plain text that ends in dots where there is no room, and then says all in its tooltip."""
+    """Plain text that is elided where there is no room; the tooltip has all of it."""
 
     def __init__(self, text: str, parent: QWidget) -> None:
         super().__init__(text, parent)
@@ -59,7 +59,7 @@ class _ElidedLabel(QLabel):
 
 
 class PromptRow(QFrame):
-    """A chip with swatch, words, eye and cross. Signals are the user's doing only."""
+    """A chip with swatch, text, eye and cross. Signals are emitted for the user's changes only."""
 
     toggled = Signal(bool)
     recoloured = Signal(QColor)
@@ -113,11 +113,11 @@ class PromptRow(QFrame):
         self._toggle(True)
 
     def set_answer(self, area: float | None, confidence: float | None) -> None:
-        """Say how much of the picture the mask covers and how sure that is, both in [0, 1]; None when it is not known."""
+        """Say how much of the frame the mask covers and how sure that is, both in [0, 1]; None when it is not known."""
         known = area is not None and confidence is not None and not self.negative
         self._answer.setText(f"{area:.1%}  sure {confidence:.2f}" if known else "")
         self._answer.setToolTip(
-            f"The mask covers {area:.1%} of the picture.\nConfidence {confidence:.2f}: the mean similarity in the mask, less that of the "
+            f"The mask covers {area:.1%} of the frame.\nConfidence {confidence:.2f}: the mean similarity in the mask, less that of the "
             "best rival; 0 a toss-up, 1 certain."
             if known
             else ""
@@ -133,9 +133,9 @@ class PromptRow(QFrame):
 
     def _show_sign(self) -> None:
         if self.negative:
-            self._sign.set_glyph("minus", f"{self.text} takes pixels from the masks; press to give it a mask of its own")
+            self._sign.set_glyph("minus", f"{self.text} is negative: it removes pixels from the masks; press to give it a mask")
         else:
-            self._sign.set_glyph("plus", f"{self.text} has a mask; press to let it take pixels from the others instead")
+            self._sign.set_glyph("plus", f"{self.text} has a mask; press to make it negative: it then removes pixels from the others")
         self._label.setText(f"not {self.text}" if self.negative else self.text)
         self._swatch.setEnabled(not self.negative)
 

@@ -30,7 +30,7 @@ def write_clip_masks(scene: Scene, prompts: PromptSet, frames: Sequence[int], ou
     """Answer prompts on frames of a clip, into a folder.
 
     `labels/NNNNNN.png` (8-bit index into `classes.json`, 255 where no mask is; of overlapping masks the most similar), as clips have them;
-    `masks/KK-PROMPT/NNNNNN.png` (255 in the mask); `areas.csv` (share of the picture). A frame whose files are there is not asked again, if
+    `masks/KK-PROMPT/NNNNNN.png` (255 in the mask); `areas.csv` (share of the frame). A frame whose files are there is not asked again, if
     `query.json` says that the same was asked of the same run.
 
     Returns
@@ -102,7 +102,7 @@ def _claim(out: Path, identity: dict[str, Any]) -> None:
 
 
 def _areas(folders: Sequence[Path], frame: int) -> np.ndarray:
-    """Shares of the picture float64 [n] of the masks that were written before."""
+    """Shares of the frame float64 [n] of the masks that were written before."""
     shares = []
     for folder in folders:
         mask = cv2.imread(str(folder / _file(frame)), cv2.IMREAD_GRAYSCALE)

@@ -1,4 +1,4 @@
-"""How similar the pixels are to each prompt, and where the threshold cuts."""
+"""Histogram of the similarities of the pixels to each prompt, with the threshold."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 class SimilarityHistogram(QWidget):
     """One curve a prompt over the similarity from 0 to 1, and the threshold as a line that can be dragged.
 
-    Heights are square roots of shares: most pixels are not what was asked for, and would dwarf those that are.
+    Heights are square roots of shares: most pixels lie outside the mask, and would dwarf those inside.
 
     Signals
     -------

@@ -1,4 +1,4 @@
-"""The prompts asked of every frame at once: areas under the timeline, or masks in a folder."""
+"""Query of the whole clip: areas of the prompts under the timeline, or masks in a folder."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ClipQuery(QObject):
         return scene is not None and scene.has_semantics and bool(self.session.view_state.visible_prompts) and not self.running
 
     def ask(self) -> None:
-        """Find the area of each visible prompt in every frame that was not looked at yet, from this one outwards."""
+        """Find the area of each visible prompt in every frame whose area is not known yet, from this one outwards."""
         scene, view_state = self.session.scene, self.session.view_state
         assert scene is not None
         frames = self.statistics.areas.missing(view_state, scene.frames, self.session.frame)
@@ -52,7 +52,7 @@ class ClipQuery(QObject):
             }
             self._end("The whole clip: " + "; ".join(_in_words(text, values) for text, values in curves.items()))
 
-        self.worker.cancel("areas")  # it would look at the same frames
+        self.worker.cancel("areas")  # it would compute the same frames
         self._begin()
         self.worker.submit(CHANNEL, lambda: areas(scene, view_state, frames), done, self._failed, found)
         self.shell.refresh()
@@ -99,5 +99,5 @@ class ClipQuery(QObject):
 
 
 def _in_words(text: str, areas: np.ndarray) -> str:
-    """ "liver in 38 of 40 frames, 21.4 % of the picture at most"."""
-    return f"{text} in {int((areas > 0).sum())} of {len(areas)} frames, {areas.max():.1%} of the picture at most"
+    """ "liver in 38 of 40 frames, 21.4 % of the frame at most"."""
+    return f"{text} in {int((areas > 0).sum())} of {len(areas)} frames, {areas.max():.1%} of the frame at most"

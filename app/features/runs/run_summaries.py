@@ -1,4 +1,4 @@
-"""The runs that lie next to each other in a folder, with what one compares: settings, cost and scores. No Qt."""
+"""Settings, cost and scores of the runs of a folder. No Qt."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class RunSummary:
 
 
 def list_runs(folder: Path) -> list[RunSummary]:
-    """The runs in `folder`, newest first; at most `MOST` entries are looked at. DegenseError when the folder cannot be read."""
+    """The runs in `folder`, newest first; at most `MOST` entries are read. DegenseError when the folder cannot be read."""
     try:
         inside = sorted(os.scandir(folder), key=lambda entry: entry.name)[:MOST]
         found = [summary(Path(entry.path)) for entry in inside if entry.is_dir() and (Path(entry.path) / "run.json").is_file()]

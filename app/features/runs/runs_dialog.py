@@ -1,4 +1,4 @@
-"""Train ▸ Runs: the runs next to each other in a folder, with what one compares."""
+"""Train ▸ Runs: the runs of a folder with settings and scores."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from degense.engine.errors import DegenseError
 
 @dataclass(frozen=True)
 class Column:
-    """One thing to compare: its title, the value that sorts, how it is written, and what is best."""
+    """A column: its title, the value that sorts, how it is written, and what is best."""
 
     title: str
     value: Callable[[RunSummary], Any]
@@ -49,7 +49,7 @@ COLUMNS = (
     Column("State", lambda run: run.state),
     Column("Preset", lambda run: run.preset),
     Column("Routing", lambda run: run.routing),
-    Column("Meaning", lambda run: run.teacher),
+    Column("Semantics", lambda run: run.teacher),
     Column("Steps", lambda run: run.iteration, lambda steps: f"{steps:,}"),
     Column("Gaussians", lambda run: run.gaussians, lambda count: f"{count:,}"),
     Column("Time", lambda run: run.train_seconds, duration, min, "of training"),
@@ -64,7 +64,7 @@ COLUMNS = (
 
 
 class RunsDialog(QDialog):
-    """The list, and what can be done with a run. The best of each score is bold."""
+    """The list and its actions. The best of each score is bold."""
 
     def __init__(self, folder: Path, runs: Runs, parent: QWidget) -> None:
         super().__init__(parent)

@@ -7,13 +7,14 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from degense.engine.data.clip_options import ClipOptions
 from degense.engine.errors import DegenseError
 
 if TYPE_CHECKING:
     from degense.engine.training import TrainConfig
 
 #: Answers about the clip (`engine.data.readers.ClipOptions`), not about the training: they are never reused for another clip.
-CLIP_OPTIONS = ("layout", "mask_means", "focal", "poses", "pose_axes", "labels", "start", "stride", "max_frames")
+CLIP_OPTIONS = tuple(item.name for item in fields(ClipOptions))
 OF_THE_CLIP = ("clip", "out", "resume", *CLIP_OPTIONS)
 #: Settings with an option of their own, or that are none.
 NAMED = ("preset", "routing", "iterations", "max_gaussians", "device", "seed", "fit", "given")

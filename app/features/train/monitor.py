@@ -1,4 +1,4 @@
-"""How training goes: stage, numbers, curves, a preview against the recorded frame, and buttons that pause and stop it."""
+"""Progress of a training: stage, numbers, curves, a preview compared with the recorded frame, and buttons that pause and stop it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.keys import PRESS, keep_keys
 from degense.widgets.theme import error_colour
 
-STATES = ("idle", "running", "paused", "finished", "failed", "cancelled")
-
 COMPARES = (("wipe", "Wipe: model | recorded"), ("off", "Model"), ("blink", "Blink"), ("difference", "Difference"))
 
 _FACTS = ("Iteration", "Loss", "PSNR", "Gaussians", "Elapsed", "Time left")
@@ -22,7 +20,7 @@ TOTAL = "loss"  # the sum of all terms of the loss, which is plotted at first
 
 
 def duration(seconds: float) -> str:
-    """A time span in words one reads at a glance."""
+    """A time span as text, such as "4 min 20 s"."""
     seconds = max(round(seconds), 0)
     if seconds < 60:
         return f"{seconds} s"
@@ -33,7 +31,7 @@ def duration(seconds: float) -> str:
 
 
 class TrainingMonitor(QWidget):
-    """Shows what it is told. The buttons only ask (`cancel_requested`, …); the state changes when the end is reported."""
+    """Shows the progress it is given. The buttons only emit requests; the state changes when the end is reported."""
 
     cancel_requested = Signal()
     pause_requested = Signal()
@@ -54,7 +52,7 @@ class TrainingMonitor(QWidget):
         self._bar.setAccessibleName("Progress")
         self._bar.setTextVisible(True)
         self._cancel = QPushButton("Cancel", self)
-        self._cancel.setToolTip("Stop training; what is learnt so far is kept as a checkpoint")
+        self._cancel.setToolTip("Stop training; the state so far is saved as a checkpoint")
         self._cancel.clicked.connect(self._ask_to_stop)
         self._pause = QPushButton("Pause", self)
         self._pause.clicked.connect(self._ask_to_pause)
@@ -212,7 +210,7 @@ class TrainingMonitor(QWidget):
         self._cancel.setText("Cancel")
         self._cancel.setEnabled(state in ("running", "paused"))
         self._pause.setText("Resume" if state == "paused" else "Pause")
-        self._pause.setToolTip("Go on where it was paused" if state == "paused" else "Save and make room; it goes on exactly where it was")
+        self._pause.setToolTip("Go on where it was paused" if state == "paused" else "Save and make room; it resumes exactly where it was")
         self._pause.setEnabled(state in ("running", "paused"))
 
     def _clear(self) -> None:

@@ -1,4 +1,4 @@
-"""What to train, and what it will cost."""
+"""The training dialog: what to train, and its cost."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 
 
 class TrainDialog(QDialog):
-    """Asks for a `TrainingJob`. Every choice says what it does, the cost follows each change, and what cannot be is said before the start.
+    """Asks for a `TrainingJob`. Every choice is explained, and cost and errors are shown at once.
 
     Parameters
     ----------
     answers : dict
-        What the user has said about the clip (`ClipOptions`).
+        What the user has chosen for the clip (`ClipOptions`).
     last : dict
         The answers of the last training (`TrainingJob.answers`).
     queued : bool
@@ -57,7 +57,7 @@ class TrainDialog(QDialog):
         self.preset = _combo("Quality", words.PRESET_WORDS)
         self.routing = _combo("Gradient routing", words.ROUTING_WORDS)
         self._teachers = {choice.name: choice for choice in teacher_choices(clip)}
-        self.teacher = _combo("Meaning from", words.teacher_words(self._teachers.values()))
+        self.teacher = _combo("Semantics from", words.teacher_words(self._teachers.values()))
         self.folder = TeacherFolder()
         self.device = _combo("Device", words.DEVICE_WORDS)
         self.poses = _combo("Camera", words.POSES_WORDS)
@@ -157,7 +157,7 @@ class TrainDialog(QDialog):
         line.addWidget(browse)
         rows: tuple[tuple[str, QWidget, dict[str, tuple[str, str]] | str], ...] = (
             ("Quality", self.preset, words.PRESET_WORDS),
-            ("Meaning from", self.teacher, words.teacher_words(self._teachers.values())),
+            ("Semantics from", self.teacher, words.teacher_words(self._teachers.values())),
             ("Teacher's folder", self.folder, words.TEACHER_FOLDER_WORDS),
             ("Gradient routing", self.routing, words.ROUTING_WORDS),
             ("Camera", self.poses, words.POSES_WORDS),

@@ -81,7 +81,7 @@ def _add_view_actions(viewer: Viewer) -> None:
     viewer.shell.add_actions(
         Action(
             "camera.free",
-            "Look around freely",
+            "Free camera",
             viewer.toggle_free_camera,
             menu,
             ("V",),
@@ -90,7 +90,7 @@ def _add_view_actions(viewer: Viewer) -> None:
             group=1,
             help="3D camera surgeon's view",
         ),
-        Action("view.fit", "Fit the picture", viewer.panel.zoom.fit, menu, ("F",), lambda: session.frames > 0, group=1, help="zoom"),
+        Action("view.fit", "Fit the frame", viewer.panel.zoom.fit, menu, ("F",), lambda: session.frames > 0, group=1, help="zoom"),
         Action(
             "masks.shown",
             "Show masks",

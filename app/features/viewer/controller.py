@@ -1,10 +1,9 @@
-"""From the session to both views: one request at a time, the latest only, and both views in the same moment."""
+"""The 2D and the 3D view: the latest request of the session is rendered, and both views show it together."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +12,7 @@ from PySide6.QtGui import QColor, QKeyEvent
 
 from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.viewer.layer_images import get_layer
+from degense.app.features.viewer.sequence_ranges import SequenceRanges
 from degense.app.features.viewer.view_bar import ViewBar
 from degense.app.features.viewer.view_rendering import (
     EXCLUDED,
@@ -22,25 +22,21 @@ from degense.app.features.viewer.view_rendering import (
     draw_clip,
     draw_snapshot,
     draw_view,
-    layer_request,
 )
-from degense.app.session.view_state import ViewState
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN
-from degense.engine.progress import Steps
 from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.splats.camera_moves import letterboxed
 
 if TYPE_CHECKING:
     from degense.app.shell.shell import Shell
-    from degense.engine.scene import Scene
     from degense.widgets.splats.splat_view import SplatView
 
 WELCOME = "Drop a clip or a run here, or open one from the File menu.\nFile ▸ Demo shows a finished scene."
 
 
 class Viewer(QObject):
-    """Asks the render service for what the session shows, and hands the answer to the widgets.
+    """Requests what the session shows from the worker, and shows the result in both views.
 
     Signals
     -------
@@ -60,9 +56,9 @@ class Viewer(QObject):
     view : View or None
         What is shown.
     from_free_camera : bool
-        Whether the picture is drawn from where the 3D view has been turned to, and not from the surgeon's camera.
+        Whether the 2D view is rendered from the free camera of the 3D view, and not from the surgeon's.
     recorded : bool
-        Whether the picture is the recorded frame: labels belong to that.
+        Whether the 2D view shows the recorded frame, to which labels belong.
     """
 
     shown = Signal(object)
@@ -84,7 +80,7 @@ class Viewer(QObject):
         self.view: View | None = None
         self._splats: SplatArrays | None = None  # that the 3D view has
         self.milliseconds: deque[float] = deque(maxlen=200)
-        self._spans: dict[tuple[str, tuple[str, ...], float], tuple[float, float]] = {}
+        self._ranges = SequenceRanges(shell, self.request, self._failed)
         self._camera: Camera | None = None
         self._asked = 0.0
         self.from_free_camera = False
@@ -133,7 +129,7 @@ class Viewer(QObject):
         self.shell.refresh()
 
     def set_message(self, text: str) -> None:
-        """Say something in the 2D view while nothing is open."""
+        """Show a text in the 2D view while nothing is open."""
         if self.session.frames == 0:
             self.panel.set_message(text)
 
@@ -145,7 +141,7 @@ class Viewer(QObject):
             scene, view_state = session.scene, session.view_state
             splats = self.splats is not None and not self.splats.isHidden()
             wanted = ViewRequest(
-                session.frame, view_state, self._span(scene, view_state), splats, session.playing, self.free_camera(), self.recorded
+                session.frame, view_state, self._ranges.range(scene, view_state), splats, session.playing, self.free_camera(), self.recorded
             )
             self.worker.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
@@ -157,9 +153,8 @@ class Viewer(QObject):
             self.request()  # with the exact masks
 
     def _opened(self) -> None:
-        self._spans.clear()
+        self._ranges.clear()
         self.view = self._camera = self._splats = None
-        self.worker.cancel("range")
         self.panel.set_overlay(None)
         self.panel.comparison.set_observed(None)
         self.panel.marks.set_marker(None)
@@ -170,34 +165,7 @@ class Viewer(QObject):
             self.panel.set_message(WELCOME)
         self.request()
 
-    # Ranges
-
-    def _span(self, scene: Scene, view_state: ViewState) -> tuple[float, float] | None:
-        chosen = view_state.range(view_state.layer)
-        if chosen.mode == "fixed":
-            return chosen.low, chosen.high
-        if chosen.mode == "frame" or get_layer(view_state.layer).kind != "scalar":
-            return None
-        texts = tuple(prompt.text for prompt in view_state.visible_prompts) if get_layer(view_state.layer).needs_prompt else ()
-        key = (view_state.layer, texts, chosen.clip)
-        if key not in self._spans and not get_layer(view_state.layer).missing(scene, texts):
-
-            def found(span: tuple[float, float]) -> None:
-                self._spans[key] = span
-                self.shell.set_busy()
-                self.request()
-
-            def failed(message: str) -> None:
-                self.shell.set_busy()
-                self._failed(message)
-
-            def progress(step: tuple[float, str]) -> None:
-                self.shell.set_busy("Range of the whole sequence", step[0])
-
-            self.worker.submit("range", lambda: _sequence_range(scene, view_state), found, failed, progress)
-        return self._spans.get(key)
-
-    # Answers
+    # Results
 
     def _show(self, view: View) -> None:
         same_frame = self.view is not None and self.view.frame == view.frame
@@ -208,8 +176,8 @@ class Viewer(QObject):
         self.drawn.emit(view)
         self._show_bars(view)
         if view.complete:
-            self.panel.repaint()  # the answer first: all that follows from it can wait
-        # A changed look waits for its masks: the 3D view would be drawn twice, and the worker would do it before them.
+            self.panel.repaint()  # at once: all that follows from it can wait
+        # A changed view state waits for its masks: the 3D view would be drawn twice, and the worker would do it before them.
         arrays = view.splats if view.complete or not same_frame else None
         if arrays is not None and arrays is not self._splats and self.splats is not None:
             self._splats = arrays
@@ -221,14 +189,14 @@ class Viewer(QObject):
             self.shown.emit(view)
 
     def _frame_drawn(self) -> None:
-        """The timeline may go on: while time runs it waits for each frame."""
+        """While time runs the timeline waits for each frame."""
         if self._time is not None:
             self._time.timeline.frame_drawn()
 
     def fill(self, panel: RenderPanel, view: View, keep_overlay: bool = False) -> None:
-        """Show a view in a panel: picture, masks, what was observed, and what the colours mean.
+        """Show a view in a panel: frame, masks, observed frame and legend.
 
-        With `keep_overlay` the masks that lie there stay until the new ones are known.
+        With `keep_overlay` the masks that are shown stay until the new ones are known.
         """
         view_state = self.session.view_state
         panel.set_image(view.rgb)
@@ -266,7 +234,7 @@ class Viewer(QObject):
     # The 3D camera
 
     def _aim(self, force: bool = False) -> None:
-        """Put the 3D view where the session wants it: at the surgeon's camera of this frame, or where the user has turned it."""
+        """Lock the 3D view to the surgeon's camera of this frame, or free it, as the session says."""
         splats, scene = self.splats, self.session.scene
         if splats is None or scene is None:
             return
@@ -282,7 +250,7 @@ class Viewer(QObject):
         self.session.camera_mode = "free" if self.session.camera_mode == "surgeon" else "surgeon"
 
     def free_camera(self) -> Camera | None:
-        """Where the 3D view has been turned to, as a camera of the clip's size, when the pictures are to be drawn from there too."""
+        """The free camera of the 3D view, at the clip's size, when the 2D view is to be rendered from there too."""
         splats, scene = self.splats, self.session.scene
         if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.camera.is_locked():
             return None
@@ -293,7 +261,7 @@ class Viewer(QObject):
             self.request()
 
     def _draw_snapshot(self) -> None:
-        """Draw the 3D view in the worker, where there is no GPU."""
+        """Render the 3D view in the worker, where there is no GPU."""
         splats = self.splats
         request = splats.snapshot_request() if splats is not None else None
         if splats is not None and request is not None:
@@ -301,18 +269,6 @@ class Viewer(QObject):
 
     def _locked_changed(self, locked: bool) -> None:
         self.session.camera_mode = "surgeon" if locked else "free"
-
-
-def _sequence_range(scene: Scene, view_state: ViewState) -> Steps[tuple[float, float]]:
-    """The range of a layer over the whole sequence. Its frames are drawn one a step, and kept by the scene, so that nobody waits long."""
-    from degense.engine.layers.colour import SEQUENCE_SAMPLES, layer_range
-
-    layer, request = get_layer(view_state.layer), layer_request(view_state, 0)
-    frames = [round(index * (scene.frames - 1) / max(1, SEQUENCE_SAMPLES - 1)) for index in range(SEQUENCE_SAMPLES)]
-    for done, frame in enumerate(frames):
-        yield done / len(frames), "range"
-        layer.image(scene, replace(request, frame=float(frame)))
-    return layer_range(scene, layer, request, "sequence", view_state.range(view_state.layer).clip)
 
 
 class _LayerDigits(QObject):

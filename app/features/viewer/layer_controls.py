@@ -17,7 +17,7 @@ from degense.widgets.colour_bar import ColourBar
 
 
 class LayerControls(QObject):
-    """Two-way bindings. The session is the truth: after each change the widgets are set from it, and their setters emit nothing."""
+    """Two-way bindings. After each change the widgets are set from the session; their setters emit nothing."""
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)

@@ -46,7 +46,7 @@ def check_frame(scene: Scene, frame: float) -> float:
     return int(frame) if float(frame).is_integer() else frame
 
 
-def layer_picture(scene: Scene, layer: Layer, request: LayerRequest, span: tuple[float, float] | None = None) -> np.ndarray:
+def layer_rgb(scene: Scene, layer: Layer, request: LayerRequest, span: tuple[float, float] | None = None) -> np.ndarray:
     """A layer in colours, uint8 [H, W, 3]. Scalars are coloured from `span[0]` to `span[1]`, by default over this frame's own range."""
     from degense.engine.layers import layer_range
     from degense.engine.layers.colour import colourise
@@ -62,9 +62,9 @@ def overlaid(rgb: np.ndarray, masks: Sequence[tuple[np.ndarray, tuple[int, int, 
     return (rgb * (1 - alpha) + over[..., :3] * alpha + 0.5).astype(np.uint8)
 
 
-def with_colour_bar(picture: np.ndarray, title: str, unit: str, low: float, high: float, cmap: str, *, hatched: bool = False) -> np.ndarray:
-    """The picture with a labelled colour bar at its right, uint8 [H, W + bar, 3]; with a line for hatched pixels when there are any."""
-    height = picture.shape[0]
+def with_colour_bar(image: np.ndarray, title: str, unit: str, low: float, high: float, cmap: str, *, hatched: bool = False) -> np.ndarray:
+    """The image with a labelled colour bar at its right, uint8 [H, W + bar, 3]; with a line for hatched pixels when there are any."""
+    height = image.shape[0]
     scale = max(0.4, min(0.8, height / 640))
     line = round(30 * scale)
     labels = [f"{high:.3g} {unit}".strip(), f"{(low + high) / 2:.3g}", f"{low:.3g} {unit}".strip()]
@@ -79,7 +79,7 @@ def with_colour_bar(picture: np.ndarray, title: str, unit: str, low: float, high
     for text, y in zip(labels, (top, (top + bottom) // 2, bottom), strict=True):
         cv2.line(bar, (right, min(y, bottom - 1)), (right + line // 4, min(y, bottom - 1)), (INK,) * 3)
         cv2.putText(bar, text, (right + line // 2, y + line // 4), FONT, scale, (INK,) * 3, 1, cv2.LINE_AA)
-    return np.hstack([picture, bar])
+    return np.hstack([image, bar])
 
 
 def write_png(path: Path, image: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""A small colour bar that lies over a view, so that colours can be read where one looks."""
+"""A small colour bar that lies over a view, so that values can be read beside the frame."""
 
 from __future__ import annotations
 

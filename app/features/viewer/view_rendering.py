@@ -42,7 +42,7 @@ class ViewRequest:
     quick : bool
         While time runs or is scrubbed: masks are decoded pixel by pixel, which needs no superpixels. The exact ones follow in the end.
     camera : Camera or None
-        Where the picture is seen from; None for the surgeon's camera.
+        Where the frame is rendered from; None for the surgeon's camera.
     recorded : bool
         Show the recorded frame instead of the layer, where it is there: what one labels.
     """
@@ -98,7 +98,7 @@ class View:
 
 
 def layer_request(view_state: ViewState, frame: float) -> LayerRequest:
-    """What the layers need to know of a look."""
+    """The request of a view state to the layers."""
     from degense.engine.layers import LayerRequest
 
     return LayerRequest(frame, prompt_set=view_state.prompt_set)
@@ -116,7 +116,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     if missing := layer.missing(scene, tuple(prompt.text for prompt in view_state.visible_prompts)):
         raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
     if masked:
-        scene.splats(frame, semantics=True)  # picture and masks from one look at the field
+        scene.splats(frame, semantics=True)  # frame and masks from one evaluation of the field
     query = replace(layer_request(view_state, frame), camera=request.camera, pixelwise=request.quick)
     image = layer.image(scene, query)
     scalar = image.kind == "scalar"

@@ -1,4 +1,4 @@
-"""How the window is arranged for a run: panels, the share of the views, where the free camera stands, and what is seen of the picture."""
+"""The layout of the window for a run: panels, sizes of the views, the free camera, zoom and pan of the 2D view."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class WindowLayout(PersistentState):
         super().__init__()
         self.viewer, self.session, self.docks = viewer, viewer.session, viewer.shell.docks
         self._camera: Camera | None = None
-        self._picture: tuple[float, float, float] | Literal["whole"] | None = None
-        viewer.shown.connect(self._look)
+        self._zoom: tuple[float, float, float] | Literal["whole"] | None = None
+        viewer.shown.connect(self._apply)
 
     def clear(self) -> None:
-        self._camera = self._picture = None
+        self._camera = self._zoom = None
 
     def to_json(self) -> Any:
         splats = self.viewer.splats
@@ -45,22 +45,22 @@ class WindowLayout(PersistentState):
         try:
             docks, views = str(data["docks"])[:LONGEST], [min(1 << 15, max(0, int(size))) for size in data["views"]]
             self._camera = None if data["camera"] is None else camera_from_json(data["camera"])
-            self._picture = "whole" if data.get("picture", "whole") == "whole" else _view(*data["picture"])
+            self._zoom = "whole" if data.get("picture", "whole") == "whole" else _view(*data["picture"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise RunError(f"{source} does not hold the layout of a window ({error}).") from error
         self.docks.window.restoreState(QByteArray.fromBase64(docks.encode("ascii", "ignore")))
         if self.docks.views.count() == len(views):
             self.docks.views.setSizes(views)
 
-    def _look(self) -> None:
-        """Zoom and pan as soon as there is a picture, and set the free camera as soon as there are splats to see."""
+    def _apply(self) -> None:
+        """Zoom and pan as soon as there is a frame, and set the free camera as soon as there are splats to see."""
         splats, panel = self.viewer.splats, self.viewer.panel
-        if self._picture == "whole":
+        if self._zoom == "whole":
             panel.zoom.fit()
-        elif self._picture is not None:
-            panel.zoom.set_view(*self._picture)
+        elif self._zoom is not None:
+            panel.zoom.set_view(*self._zoom)
             panel.zoom.set_factor(panel.zoom.factor())  # moves it into sight
-        self._picture = None
+        self._zoom = None
         if self._camera is None or splats is None or splats.isHidden():
             return
         if self.session.camera_mode == "free":
@@ -71,5 +71,5 @@ class WindowLayout(PersistentState):
 def _view(scale: float, x: float, y: float) -> tuple[float, float, float]:
     """A view as `RenderPanel.view` gives it. ValueError when it is none."""
     if not (0 < scale < math.inf and math.isfinite(x) and math.isfinite(y)):
-        raise ValueError("no place in a picture")
+        raise ValueError("not a zoom and a point of the image")
     return float(scale), float(x), float(y)
