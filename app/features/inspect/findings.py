@@ -34,7 +34,7 @@ class Findings(QObject):
         self.list.kind_changed.connect(lambda kind: self._list())
         self.list.chosen.connect(self._go)
         session = self.session
-        session.opened.connect(self._forget)
+        session.opened.connect(self._clear)
         session.view_state_changed.connect(self._view_state_changed)
 
     def can_search(self) -> bool:
