@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -15,32 +14,18 @@ STATUSES: tuple[Status, ...] = get_args(Status)
 
 @dataclass(frozen=True)
 class Piece:
-    """The state of one frame, as far as an edit touches it.
-
-    Attributes
-    ----------
-    top, left, height, width : int
-        The box; an empty one (height 0) where the edit does not touch pixels.
-    packed : bytes
-        The labels in the box.
-    labelled : bool
-        Whether the frame has a label map of its own.
-    by_hand : bool
-        Whether it was edited by hand: such frames are propagated to the others.
-    proposal : Proposal or None
-        The proposal from other frames that waits for an answer.
-    """
+    """The state of one frame, as far as an edit touches it."""
 
     frame: int
-    top: int
+    top: int  # of the box; an empty one (height 0) where the edit does not touch pixels
     left: int
     height: int
     width: int
-    packed: bytes
-    labelled: bool
-    by_hand: bool
+    packed: bytes  # the labels in the box
+    labelled: bool  # whether the frame has a label map of its own
+    by_hand: bool  # whether it was edited by hand: such frames are propagated to the others
     status: Status
-    proposal: Proposal | None
+    proposal: Proposal | None  # the proposal from other frames that waits for an answer
 
     @property
     def size(self) -> int:
@@ -69,10 +54,10 @@ class Piece:
         proposal = data["carried"]
         if proposal is not None:
             rows, columns = (int(number) for number in proposal["shape"])
-            proposal = Proposal(_bytes(proposal["labels"]), (rows, columns), min(1.0, max(0.0, float(proposal["confidence"]))))
+            proposal = Proposal(base64.b85decode(proposal["labels"]), (rows, columns), min(1.0, max(0.0, float(proposal["confidence"]))))
         if data["status"] not in STATUSES:
             raise ValueError(f"{data['status']!r} is no status")
-        packed = _bytes(data["labels"])
+        packed = base64.b85decode(data["labels"])
         flags = bool(data["labelled"]), bool(data["by_hand"])
         return cls(int(data["frame"]), top, left, height, width, packed, *flags, data["status"], proposal)
 
@@ -96,12 +81,3 @@ class LabelEdit:
 
 def _text(data: bytes) -> str:
     return base64.b85encode(data).decode("ascii")
-
-
-def _bytes(text: Any) -> bytes:
-    if not isinstance(text, str):
-        raise TypeError("packed labels must be text")
-    try:
-        return base64.b85decode(text)
-    except (ValueError, binascii.Error) as error:
-        raise ValueError("packed labels are damaged") from error

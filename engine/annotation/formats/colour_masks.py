@@ -22,25 +22,13 @@ from degense.engine.files import replacing
 
 @dataclass(frozen=True)
 class ColourTable:
-    """A data set's classes.
-
-    Attributes
-    ----------
-    classes : tuple of LabelClass
-        In the data set's own colours.
-    ending : str
-        What a mask's file name adds to the stem of its frame.
-    nothing : (int, int, int)
-        The colour of unlabelled pixels; of no class.
-    others : dict of str to str
-        Other names, in small letters, that mean a class of the table.
-    """
+    """A data set's classes."""
 
     title: str
-    classes: tuple[LabelClass, ...]
-    ending: str
-    nothing: tuple[int, int, int]
-    others: dict[str, str]
+    classes: tuple[LabelClass, ...]  # in the data set's own colours
+    ending: str  # what a mask's file name adds to the stem of its frame
+    nothing: tuple[int, int, int]  # the colour of unlabelled pixels; of no class
+    others: dict[str, str]  # other names, in small letters, that mean a class of the table
 
     def index(self, name: str) -> int | None:
         """The class that a name means; None when there is none."""

@@ -25,24 +25,13 @@ _COMPRESSED = re.compile("([P-o]{0,6}[0-O])+")
 
 @dataclass(frozen=True)
 class MapSet:
-    """Label maps of some frames of a clip.
-
-    Attributes
-    ----------
-    shape : (height, width)
-    names : tuple of str
-        Of all frames of the clip: the stems of their files.
-    frames : tuple of int
-        Those that have a map, ascending.
-    read : callable
-        frame → uint8 [H, W], values index `classes` or are `UNLABELLED`.
-    """
+    """Label maps of some frames of a clip."""
 
     classes: tuple[LabelClass, ...]
-    shape: tuple[int, int]
-    names: tuple[str, ...]
-    frames: tuple[int, ...]
-    read: Callable[[int], np.ndarray]
+    shape: tuple[int, int]  # (height, width)
+    names: tuple[str, ...]  # of all frames of the clip: the stems of their files
+    frames: tuple[int, ...]  # those that have a map, ascending
+    read: Callable[[int], np.ndarray]  # frame → uint8 [H, W], values index `classes` or are `UNLABELLED`
 
 
 def checked_classes(classes: Iterable[LabelClass], path: Path) -> tuple[LabelClass, ...]:

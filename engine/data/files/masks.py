@@ -16,18 +16,10 @@ SURE = 2.0  # votes; less is an assumption and is called one
 
 @dataclass(frozen=True)
 class Polarity:
-    """The decision and its reason.
+    """The decision and its reason."""
 
-    Attributes
-    ----------
-    means : "tool" or "keep"
-        What high values mark: pixels to leave out, or pixels to reconstruct.
-    words : str
-        For `provenance["masks"]`.
-    """
-
-    means: Literal["tool", "keep"]
-    words: str
+    means: Literal["tool", "keep"]  # what high values mark: pixels to leave out, or pixels to reconstruct
+    words: str  # for `provenance["masks"]`
 
 
 def read_mask(path: Path, size: tuple[int, int]) -> tuple[np.ndarray, int]:

@@ -20,26 +20,14 @@ PATIENCE = 8  # frames in a row that may show nothing before the camera counts a
 
 @dataclass(frozen=True)
 class Track:
-    """Points of one frame and where they are seen in another.
-
-    Attributes
-    ----------
-    index : int [n]
-        Which of the key frame's points.
-    pixels : float64 [n, 2]
-        Their places in the key frame, pixels (x, y), centres at .5.
-    depth : float64 [n]
-        Their camera depth z there.
-    seen : float64 [n, 2]
-        Their places in the other frame.
-    """
+    """Points of one frame and where they are seen in another."""
 
     key: int
     frame: int
-    index: np.ndarray
-    pixels: np.ndarray
-    depth: np.ndarray
-    seen: np.ndarray
+    index: np.ndarray  # int [n]; which of the key frame's points
+    pixels: np.ndarray  # float64 [n, 2]; their places in the key frame, pixels (x, y), centres at .5
+    depth: np.ndarray  # float64 [n]; their camera depth z there
+    seen: np.ndarray  # float64 [n, 2]; their places in the other frame
 
 
 class Lost(Exception):

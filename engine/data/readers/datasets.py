@@ -23,32 +23,17 @@ TEST_FOLDER = re.compile(r"test(ing)?([_ -]?(data|set|release))?([_ -]?\d+)?")
 
 @dataclass(frozen=True)
 class ClipEntry:
-    """A clip of a data set.
-
-    Attributes
-    ----------
-    layout : str
-        As `detect` names it; "unknown" where that fails.
-    split : str
-        "train" or "test", by the folders of EndoVis 2018 and by `SURGTPGS_TEST`; empty where nothing tells.
-    frames, test_frames, labelled : int
-        Their number; held-out frames of the clip itself are never trained on.
-    size : (width, height)
-    classes : tuple of str
-        Those seen in a few of its label maps.
-    problem : str
-        Why it cannot be opened, in one sentence; empty when it can.
-    """
+    """A clip of a data set."""
 
     path: Path
-    layout: str
-    split: str
-    frames: int = 0
-    test_frames: int = 0
-    labelled: int = 0
-    size: tuple[int, int] = (0, 0)
-    classes: tuple[str, ...] = ()
-    problem: str = ""
+    layout: str  # as `detect` names it; "unknown" where that fails
+    split: str  # "train" or "test", by the folders of EndoVis 2018 and by `SURGTPGS_TEST`; empty where nothing tells
+    frames: int = 0  # their number
+    test_frames: int = 0  # number of held-out frames, which are never trained on
+    labelled: int = 0  # number of frames with a label map
+    size: tuple[int, int] = (0, 0)  # (width, height)
+    classes: tuple[str, ...] = ()  # those seen in a few of its label maps
+    problem: str = ""  # why it cannot be opened, in one sentence; empty when it can
 
 
 def list_clips(folder: Path) -> Iterator[ClipEntry]:

@@ -56,31 +56,15 @@ BED_HALF = 10.0  # mm, half height of the bed
 
 @dataclass(frozen=True)
 class Kidney:
-    """The surface at rest, in two halves that meet along the cut, and the bed beneath it.
+    """The surface at rest, in two halves that meet along the cut, and the bed beneath it."""
 
-    Attributes
-    ----------
-    patches : list of Patch
-        Above the cut, below it, and the bed.
-    points : list of float64 [h, w, 2]
-        Material coordinates of their vertices.
-    cut : float64 [w, 2]
-        Material coordinates of the shared row of vertices.
-    source : float64 [2]
-        Where the blood wells up.
-    bowel : float64 [k, 2]
-        Centre line of the bowel.
-    texture, labels
-        Of surface and bed, the bed's below the surface's.
-    """
-
-    patches: list[Patch]
-    points: list[np.ndarray]
-    cut: np.ndarray
-    source: np.ndarray
-    bowel: np.ndarray
-    texture: np.ndarray
-    labels: np.ndarray
+    patches: list[Patch]  # above the cut, below it, and the bed
+    points: list[np.ndarray]  # list of float64 [h, w, 2]; material coordinates of their vertices
+    cut: np.ndarray  # float64 [w, 2]; material coordinates of the shared row of vertices
+    source: np.ndarray  # float64 [2]; where the blood wells up
+    bowel: np.ndarray  # float64 [k, 2]; centre line of the bowel
+    texture: np.ndarray  # of surface and bed, the bed's below the surface's
+    labels: np.ndarray  # of surface and bed, the bed's below the surface's
 
 
 def build_kidney(

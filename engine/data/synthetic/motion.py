@@ -19,19 +19,11 @@ STILL = (CHAR_RADIUS + 2.0, 22.0)  # mm of material from the burn path: no motio
 
 @dataclass(frozen=True)
 class Script:
-    """Motion of one phantom. Displacements vanish at s = 0 and, always, around the charred region.
+    """Motion of one phantom. Displacements vanish at s = 0 and, always, around the charred region."""
 
-    Attributes
-    ----------
-    breath, pull : float64 [Hm, Wm, 3]
-        Displacement of every mesh vertex at full inspiration and at full traction, mm.
-    sway : float
-        Phase of the slow sway of the pulling hand.
-    """
-
-    breath: np.ndarray
-    pull: np.ndarray
-    sway: float
+    breath: np.ndarray  # float64 [Hm, Wm, 3]; displacement of every mesh vertex at full inspiration, mm
+    pull: np.ndarray  # float64 [Hm, Wm, 3]; the same at full traction
+    sway: float  # phase of the slow sway of the pulling hand
 
     def displacement(self, s: float) -> np.ndarray:
         """Offset of every mesh vertex from its place at s = 0, mm, float64 [Hm, Wm, 3]."""

@@ -66,66 +66,37 @@ def cover(pixels: np.ndarray, z: np.ndarray, triangles: np.ndarray, inverse_dept
 
 
 class Mesh(NamedTuple):
-    """All meshes as one, the tissue's first.
+    """All meshes as one, the tissue's first."""
 
-    Attributes
-    ----------
-    pixels : float64 [V, 2]
-        Projected vertices, in samples.
-    z : float64 [V]
-    triangles : int32 [F, 3]
-    normals : float64 [V, 3]
-        In the camera's frame.
-    attributes : float64 [V, 5]
-        Of tissue: texture x, y (in texels) and displacement; of tools: linear RGB.
-    tool_labels : uint8 [F - tissue_triangles]
-        Label of each triangle of a tool.
-    """
-
-    pixels: np.ndarray
-    z: np.ndarray
-    triangles: np.ndarray
-    normals: np.ndarray
-    attributes: np.ndarray
+    pixels: np.ndarray  # float64 [V, 2]; projected vertices, in samples
+    z: np.ndarray  # float64 [V]
+    triangles: np.ndarray  # int32 [F, 3]
+    normals: np.ndarray  # float64 [V, 3]; in the camera's frame
+    attributes: np.ndarray  # float64 [V, 5]; of tissue: texture x, y (in texels) and displacement; of tools: linear RGB
     tissue_triangles: int
-    tool_labels: np.ndarray
+    tool_labels: np.ndarray  # uint8 [F - tissue_triangles]; label of each triangle of a tool
 
 
 class TissueSurface(NamedTuple):
-    """How tissue looks at one clip time.
+    """How tissue looks at one clip time."""
 
-    Attributes
-    ----------
-    texture : float32 [Ht, Wt, 8 or 9]
-        See `engine.data.synthetic.paint`.
-    organs : uint8 [Ht, Wt]
-        Label of each texture point, as if nothing had changed.
-    axes : float64 [2, 3]
-        World x and y in the camera's frame: along them the relief tilts the normals.
-    change, changed_label : int
-        `CHARS` or `BLEEDS`, and the label of tissue that has.
-    s, change_time : float
-        Clip time, and how long the change takes at one place.
-    """
-
-    texture: np.ndarray
-    organs: np.ndarray
-    axes: np.ndarray
-    change: int
-    changed_label: int
-    s: float
-    change_time: float
+    texture: np.ndarray  # float32 [Ht, Wt, 8 or 9]; see `engine.data.synthetic.paint`
+    organs: np.ndarray  # uint8 [Ht, Wt]; label of each texture point, as if nothing had changed
+    axes: np.ndarray  # float64 [2, 3]; world x and y in the camera's frame: along them the relief tilts the normals
+    change: int  # `CHARS` or `BLEEDS`
+    changed_label: int  # of tissue that has changed
+    s: float  # clip time
+    change_time: float  # clip time that the change takes at one place
 
 
 class Shaded(NamedTuple):
-    """Colour (linear) float64 [H, W, 3]; depth float64 [H, W], 0 where nothing is; label uint8 [H, W], 255 where nothing is;
-    displacement float64 [H, W, 3], NaN where no tissue is; change float64 [H, W] in [0, 1]."""
+    """Colour and truth of every pixel."""
 
-    colour: np.ndarray
-    depth: np.ndarray
-    label: np.ndarray
-    displacement: np.ndarray
-    change: np.ndarray
+    colour: np.ndarray  # float64 [H, W, 3], linear
+    depth: np.ndarray  # float64 [H, W]; 0 where nothing is
+    label: np.ndarray  # uint8 [H, W]; 255 where nothing is
+    displacement: np.ndarray  # float64 [H, W, 3]; NaN where no tissue is
+    change: np.ndarray  # float64 [H, W], in [0, 1]
 
 
 @njit(cache=True, nogil=True)

@@ -12,46 +12,22 @@ from degense.engine.data.synthetic.tools import Tool
 
 @dataclass(frozen=True)
 class Patch:
-    """A connected grid of tissue.
+    """A connected grid of tissue."""
 
-    Attributes
-    ----------
-    rest : float64 [h, w, 3]
-        Vertices at frame 0, mm, camera frame of frame 0.
-    texels : float64 [h, w, 2]
-        Where each vertex lies on the texture (x, y), in texels.
-    """
-
-    rest: np.ndarray
-    texels: np.ndarray
+    rest: np.ndarray  # float64 [h, w, 3]; vertices at frame 0, mm, camera frame of frame 0
+    texels: np.ndarray  # float64 [h, w, 2]; where each vertex lies on the texture (x, y), in texels
 
 
 class PhantomStage(Protocol):
-    """Tissue, what happens to it, and the tools, of one seed.
+    """Tissue, what happens to it, and the tools, of one seed."""
 
-    Attributes
-    ----------
-    classes : tuple of str
-        Names of the labels.
-    palette : tuple of RGB
-        A colour for each.
-    change : int
-        How tissue changes its look: `render.CHARS` or `render.BLEEDS`.
-    changed_label : int
-        What tissue is called that has.
-    change_time : float
-        Clip time that the change takes at one place.
-    texture : float32 [Ht, Wt, 8 or 9]
-    organs : uint8 [Ht, Wt]
-    """
-
-    classes: tuple[str, ...]
-    palette: tuple[tuple[int, int, int], ...]
-    change: int
-    changed_label: int
-    change_time: float
-    texture: np.ndarray
-    organs: np.ndarray
+    classes: tuple[str, ...]  # names of the labels
+    palette: tuple[tuple[int, int, int], ...]  # a colour for each
+    change: int  # how tissue changes its look: `render.CHARS` or `render.BLEEDS`
+    changed_label: int  # what tissue is called that has
+    change_time: float  # clip time that the change takes at one place
+    texture: np.ndarray  # float32 [Ht, Wt, 8 or 9]
+    organs: np.ndarray  # uint8 [Ht, Wt]
     patches: list[Patch]
 
     def displacements(self, s: float) -> list[np.ndarray]:

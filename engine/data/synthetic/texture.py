@@ -11,16 +11,10 @@ from scipy.interpolate import RectBivariateSpline
 
 @dataclass(frozen=True)
 class Sheet:
-    """A regular grid over the tissue: x to the right, y down, millimetres.
+    """A regular grid over the tissue: x to the right, y down, millimetres."""
 
-    Attributes
-    ----------
-    x : float64 [W]
-    y : float64 [H]
-    """
-
-    x: np.ndarray
-    y: np.ndarray
+    x: np.ndarray  # float64 [W]
+    y: np.ndarray  # float64 [H]
 
     @property
     def shape(self) -> tuple[int, int]:

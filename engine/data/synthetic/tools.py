@@ -21,20 +21,12 @@ OUT_OF_VIEW = 55.0  # mm that a tool is drawn back before it enters
 
 @dataclass(frozen=True)
 class Tool:
-    """A closed triangle mesh.
+    """A closed triangle mesh."""
 
-    Attributes
-    ----------
-    vertices, normals : float64 [V, 3]
-    triangles : int32 [F, 3]
-    colours : float32 [V, 3]
-        Linear RGB.
-    """
-
-    vertices: np.ndarray
-    normals: np.ndarray
-    triangles: np.ndarray
-    colours: np.ndarray
+    vertices: np.ndarray  # float64 [V, 3]
+    normals: np.ndarray  # float64 [V, 3]
+    triangles: np.ndarray  # int32 [F, 3]
+    colours: np.ndarray  # float32 [V, 3]; linear RGB
     label: int
 
 
