@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from degense.engine.raster import backproject, rasterize
-from degense.engine.raster.scenes import random_scene
+from degense.engine.research.bench.raster_scenes import random_scene
 
 
 def scene(seed, **options):

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from degense.engine.raster import cpu, rasterize
-from degense.engine.raster.check import Case, cases, compare, draw
-from degense.engine.raster.scenes import draw_scene, random_scene
+from degense.engine.research.bench.raster_check import Case, cases, compare, draw
+from degense.engine.research.bench.raster_scenes import draw_scene, random_scene
 
 SEED = 77
 
@@ -139,7 +139,7 @@ def test_alpha_alone_can_be_the_loss():
 
 def test_drawing_on_the_cpu_does_not_import_gsplat():
     program = (
-        "import sys; from degense.engine.raster.scenes import draw_scene, random_scene;"
+        "import sys; from degense.engine.research.bench.raster_scenes import draw_scene, random_scene;"
         "draw_scene(*random_scene(10, 8, 8, 1, 0)); sys.exit('gsplat' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from degense.engine.raster.check import cases, compare, hostile_cases
+from degense.engine.research.bench.raster_check import cases, compare, hostile_cases
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
 

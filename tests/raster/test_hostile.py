@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from degense.engine.camera import Camera
-from degense.engine.raster import check, rasterize
-from degense.engine.raster.check import Case, compare, hostile_cases
-from degense.engine.raster.scenes import draw_scene, random_scene
+from degense.engine.raster import rasterize
+from degense.engine.research.bench import raster_check as check
+from degense.engine.research.bench.raster_check import Case, compare, hostile_cases
+from degense.engine.research.bench.raster_scenes import draw_scene, random_scene
 from degense.engine.splats import Splats
 
 SEED = 5

@@ -2,7 +2,7 @@
 
 A case passes when its outcome is "ok" or, for a clip that cannot be used, one sentence that says why; when no number that came out is
 anything but finite; and when the error against float64, where the reference can follow, stays within the tolerances of
-`engine.raster.check`. Anything else stands in the table in capitals.
+`engine.research.bench.raster_check`. Anything else stands in the table in capitals.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Do all back ends agree with the float64 reference?
+"""Do all back ends of the rasterizer agree with its float64 reference?
 
-`python -m degense.engine.raster.check` prints a table of values, gradients and hostile input; the exit status is 1 if a row fails. How fast
-they are is for `degense bench raster`. Where a Gaussian's alpha lies within rounding of 1/255 a pixel may be off by 1/255, so a few such
-pixels are allowed.
+`python -m degense.engine.research.bench.raster_check` prints a table of values, gradients and hostile input; the exit status is 1 if a row
+fails. Where a Gaussian's alpha lies within rounding of 1/255 a pixel may be off by 1/255, so a few such pixels are allowed.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from torch import Tensor
 
 from degense.engine.camera import Camera
 from degense.engine.raster.render import Backend, Render, rasterize
-from degense.engine.raster.scenes import random_scene
+from degense.engine.research.bench.raster_scenes import random_scene
 from degense.engine.splats import Splats
 
 INPUTS = ("means", "quats", "scales", "opacities", "features", "background", "offsets")
