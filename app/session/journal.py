@@ -37,17 +37,14 @@ class Journal:
 
     def __init__(self, path: Path, after: str) -> None:
         self.path = path
-        fresh = not continues(path, after)
+        self._end = sum(size for _, size in _read(path)) if continues(path, after) else 0
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | (os.O_TRUNC if fresh else 0) | getattr(os, "O_BINARY", 0), 0o666)
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
         except OSError as error:
             raise DegenseError(f"{path} cannot be written ({error.strerror}): a crash would lose what is not saved.") from error
-        self._end = 0
-        if fresh:
+        os.ftruncate(self._file, self._end)  # without what a crash left half written
+        if not self._end:
             self._write({"journal": 1, "after": after})
-        else:
-            self._end = _whole(path)
-            os.ftruncate(self._file, self._end)  # what a crash left half written
 
     def append(self, state: str, record: Any) -> None:
         """Add a record.
@@ -80,34 +77,17 @@ class Journal:
 
 def continues(path: Path, after: str) -> bool:
     """Whether the journal at `path` continues the session file with this id."""
-    header = next(iter(_lines(path)), None)
-    return header == {"journal": 1, "after": after}
+    return [line for line, _ in _read(path)[:1]] == [{"journal": 1, "after": after}]
 
 
 def entries(path: Path, after: str) -> list[Entry]:
     """The changes since the session file with the id `after`, up to the first line that a crash left half written."""
-    if not continues(path, after):
-        return []
-    return [Entry(str(line["part"]), line["record"]) for line in _lines(path)[1:] if set(line) == {"part", "record"}]
-
-
-def _lines(path: Path) -> list[dict[str, Any]]:
-    return [line for line, _ in _read(path)]
-
-
-def _whole(path: Path) -> int:
-    """Where the last whole line ends, in bytes."""
-    return sum(size for _, size in _read(path))
+    lines = [line for line, _ in _read(path)] if continues(path, after) else []
+    return [Entry(str(line["part"]), line["record"]) for line in lines if set(line) == {"part", "record"}]
 
 
 def _read(path: Path) -> list[tuple[dict[str, Any], int]]:
-    """The whole lines of a file with their sizes. None where there is no file.
-
-    Raises
-    ------
-    DegenseError
-        When there is a file that cannot be read.
-    """
+    """The whole lines of a file and their sizes in bytes; none where there is no file. DegenseError when it cannot be read."""
     try:
         if path.stat().st_size > LARGEST:
             raise DegenseError(f"{path} is larger than {LARGEST >> 20} MiB, so it is no journal; move it away.")

@@ -22,7 +22,7 @@ class ViewEditor(PersistentState):
     ----------
     undo : UndoStack
     scene : callable
-        Returns the open scene, of which the encoder must know the words of prompts.
+        Returns the open scene, whose encoder must know the words of prompts.
 
     Attributes
     ----------
@@ -120,10 +120,8 @@ class ViewEditor(PersistentState):
         self._change_prompt(f"Colour of {prompt.text}", replace(prompt, colour=colour))
 
     def _change_prompt(self, name: str, prompt: Prompt) -> None:
-        self.edit(
-            name,
-            replace(self.state, prompts=tuple(prompt if p.text == prompt.text else p for p in self.state.prompts)),
-        )
+        prompts = tuple(prompt if p.text == prompt.text else p for p in self.state.prompts)
+        self.edit(name, replace(self.state, prompts=prompts))
 
     def _set(self, state: ViewState) -> None:
         before, self.state = self.state, state

@@ -11,9 +11,7 @@ from PySide6.QtCore import QObject
 from degense.app.features.annotate.label_sets import annotated, label_format, names_of, write_labels
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.train.controller import Training
-from degense.app.session.session_file import clip_folder
 from degense.app.shell.shell import Shell
-from degense.engine.annotation.folder import NAME
 from degense.engine.annotation.formats import MapSet
 
 TEACHER = "teacher"
@@ -25,8 +23,6 @@ class LabelExchange(QObject):
     def __init__(self, shell: Shell, state: AnnotationState, training: Training | None) -> None:
         super().__init__(shell)
         self.shell, self.session, self.state, self.training = shell, shell.session, state, training
-
-    # Out
 
     def ask_to_export(self, name: str) -> None:
         chosen = label_format(name)
@@ -45,8 +41,6 @@ class LabelExchange(QObject):
         maps = annotated(self.state.ready(), clip, clip.labelled_frames if clip is not None else [])
         labels = {frame: maps.read(frame) for frame in maps.frames}
         return MapSet(maps.classes, maps.shape, maps.names, maps.frames, labels.__getitem__)
-
-    # In
 
     def ask_to_import(self, name: str) -> None:
         chosen = label_format(name)
@@ -78,22 +72,16 @@ class LabelExchange(QObject):
 
         self.shell.run_task("export", f"Reading {path.name}", job, done)
 
-    # The teacher
-
     def teach(self) -> None:
         """Offer a training of which the teacher are the annotated labels."""
-        session, maps = self.session, self._maps()
-        if session.scene is not None:
-            folder = session.scene.run.path / NAME / TEACHER
-        else:
-            assert session.clip is not None
-            folder = clip_folder(session.clip.path) / TEACHER
+        maps, training = self._maps(), self.training
+        assert self.state.folder is not None
+        folder = self.state.folder / TEACHER
 
         def job() -> Any:
             if folder.is_dir() and not folder.is_symlink():
                 shutil.rmtree(folder)
             return write_labels("masks-png", maps, folder)
 
-        training = self.training
         if training is not None:
             self.shell.run_task("export", "Writing the labels", job, lambda text: training.ask(folder))

@@ -7,7 +7,7 @@ from functools import partial
 from degense.app.features.annotate.controller import Annotator
 from degense.app.features.annotate.exchange import LabelExchange
 from degense.app.features.annotate.state import AnnotationState
-from degense.app.features.annotate.tool import TOOLS
+from degense.app.features.annotate.tool import TOOLS, ToolKind
 from degense.app.features.train.controller import Training
 from degense.app.features.viewer.controller import Viewer
 from degense.app.shell.actions import Action
@@ -32,41 +32,26 @@ def install(shell: Shell) -> None:
     _add_exchange(shell, state, exchange)
 
 
-def _ready(state: AnnotationState) -> bool:
-    """Whether one is annotating."""
-    return state.tool.active and state.work is not None
-
-
 def _add_painting(shell: Shell, annotator: Annotator) -> None:
     session, state, painter = shell.session, annotator.state, annotator.painter
-    tool, ready = state.tool, partial(_ready, state)
+    tool = state.tool
+
+    def ready() -> bool:
+        return tool.active and state.work is not None
 
     def has_prompt() -> bool:
         return ready() and session.scene is not None and bool(session.view_state.visible_prompts)
 
-    def is_chosen(name: str) -> bool:
-        return tool.name == name
+    def tool_action(kind: ToolKind) -> Action:
+        choose, keys = partial(tool.choose, kind.name), "tool; 1–9 choose the class, [ and ] the size"
+        return Action(f"annotate.{kind.name}", kind.title, choose, MENU, (kind.key,), ready, lambda: tool.name == kind.name, 1, keys)
 
     def has_frames() -> bool:
         return session.frames > 0
 
-    keys = "tool; 1–9 choose the class, [ and ] the size"
     shell.add_actions(
         Action("annotate.mode", "Annotate", annotator.toggle, MENU, ("A",), has_frames, lambda: tool.active, help="label masks paint"),
-        *(
-            Action(
-                f"annotate.{kind.name}",
-                kind.title,
-                partial(tool.choose, kind.name),
-                MENU,
-                (kind.key,),
-                ready,
-                partial(is_chosen, kind.name),
-                group=1,
-                help=keys,
-            )
-            for kind in TOOLS
-        ),
+        *map(tool_action, TOOLS),
         Action("annotate.holes", "Fill holes of the class", painter.fill_holes, MENU, ("H",), ready, group=2),
         Action("annotate.largest", "Keep the largest part of the class", painter.keep_largest, MENU, (), ready, group=2),
         Action("annotate.prompt", "Take the masks of the prompts", painter.paint_prompts, MENU, (), has_prompt, group=2),
@@ -75,7 +60,9 @@ def _add_painting(shell: Shell, annotator: Annotator) -> None:
 
 def _add_review(shell: Shell, annotator: Annotator) -> None:
     session, state, review = shell.session, annotator.state, annotator.review
-    ready = partial(_ready, state)
+
+    def ready() -> bool:
+        return state.tool.active and state.work is not None
 
     def busy() -> bool:
         return shell.worker.busy("annotate")
@@ -84,19 +71,21 @@ def _add_review(shell: Shell, annotator: Annotator) -> None:
         return ready() and session.clip is not None and not busy()
 
     def proposed() -> bool:
-        return ready() and state.work is not None and state.work.record(session.frame).proposal is not None
+        return state.tool.active and state.work is not None and state.work.record(session.frame).proposal is not None
 
     def any_proposed() -> bool:
-        return ready() and state.work is not None and bool(state.work.waiting())
+        return state.tool.active and state.work is not None and bool(state.work.waiting())
 
+    accept, reject = partial(review.answer, state.accept), partial(review.answer, state.reject)
+    accept_all, reject_all = partial(accept, all_frames=True), partial(reject, all_frames=True)
     done, flag = partial(state.set_status, "done"), partial(state.set_status, "flagged")
     shell.add_actions(
-        Action("annotate.propagate", "Propagate labels to all frames", review.propagate, MENU, ("Ctrl+G",), can_propagate, group=3),
+        Action("annotate.propagate", "Propagate labels to all frames", review.propagate, MENU, ("Ctrl+G",), can_propagate, None, 3, "time"),
         Action("annotate.stop", "Stop propagating", review.stop, MENU, (), busy, group=3),
-        Action("annotate.accept", "Accept this frame's proposal", review.accept, MENU, ("Y",), proposed, group=4),
-        Action("annotate.reject", "Reject this frame's proposal", review.reject, MENU, ("Shift+Y",), proposed, group=4),
-        Action("annotate.accept-all", "Accept all proposals", review.accept_all, MENU, (), any_proposed, group=4),
-        Action("annotate.reject-all", "Reject all proposals", review.reject_all, MENU, (), any_proposed, group=4),
+        Action("annotate.accept", "Accept this frame's proposal", accept, MENU, ("Y",), proposed, group=4),
+        Action("annotate.reject", "Reject this frame's proposal", reject, MENU, ("Shift+Y",), proposed, group=4),
+        Action("annotate.accept-all", "Accept all proposals", accept_all, MENU, (), any_proposed, group=4),
+        Action("annotate.reject-all", "Reject all proposals", reject_all, MENU, (), any_proposed, group=4),
         Action("annotate.done", "This frame is done", done, MENU, ("D",), ready, group=5, help="review"),
         Action("annotate.flag", "Flag this frame", flag, MENU, ("Shift+F",), ready, group=5, help="review"),
         Action("annotate.next", "Next flagged frame (Tab)", review.go_to_flagged, MENU, (), ready, group=5, help="doubtful review"),

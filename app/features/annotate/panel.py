@@ -85,37 +85,28 @@ class AnnotationPanel(QWidget):
         self._lay_out()
 
     def _lay_out(self) -> None:
-        size, lock, status = QHBoxLayout(), QHBoxLayout(), QHBoxLayout()
-        size.addWidget(QLabel("Size", self))
-        size.addWidget(self._slider, 1)
-        size.addWidget(self._size)
-        lock.addWidget(QLabel("Only inside", self))
-        lock.addWidget(self._lock, 1)
-        status.addWidget(self._frame, 1)
-        status.addWidget(self._status)
         column = QVBoxLayout(self)
         column.setContentsMargins(8, 6, 8, 6)
         column.setSpacing(6)
         column.addLayout(self._tool_row)
-        column.addLayout(size)
+        column.addLayout(_row(QLabel("Size", self), self._slider, self._size, wide=1))
         column.addWidget(self.classes, 1)
         column.addWidget(self._new)
-        column.addLayout(lock)
-        column.addLayout(self._row(("annotate.holes", "Fill holes"), ("annotate.largest", "Largest"), ("annotate.prompt", "From prompt")))
-        column.addLayout(status)
-        column.addLayout(self._row(("annotate.accept", "Accept"), ("annotate.reject", "Reject"), ("annotate.next", "Next flagged")))
+        column.addLayout(_row(QLabel("Only inside", self), self._lock, wide=1))
+        column.addLayout(self._button_row(holes="Fill holes", largest="Largest", prompt="From prompt"))
+        column.addLayout(_row(self._frame, self._status, wide=0))
+        column.addLayout(self._button_row(accept="Accept", reject="Reject", next="Next flagged"))
         column.addWidget(self._all)
-        column.addLayout(self._row(("annotate.propagate", "Propagate to all frames"), ("annotate.stop", "Stop")))
+        column.addLayout(self._button_row(propagate="Propagate to all frames", stop="Stop"))
         column.addWidget(self._progress)
-        column.addLayout(
-            self._row(("annotate.accept-all", "Accept all"), ("annotate.reject-all", "Reject all"), ("annotate.teach", "Train…"))
-        )
+        column.addLayout(self._button_row(accept_all="Accept all", reject_all="Reject all", teach="Train…"))
 
-    def _row(self, *buttons: tuple[str, str]) -> QHBoxLayout:
+    def _button_row(self, **buttons: str) -> QHBoxLayout:
+        """Buttons for actions of this feature: their names and what stands on them."""
         row = QHBoxLayout()
         row.setSpacing(4)
-        for action, text in buttons:
-            button = QPushButton(text, self)
+        for name, text in buttons.items():
+            action, button = f"annotate.{name.replace('_', '-')}", QPushButton(text, self)
             button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
             button.clicked.connect(lambda _checked=False, action=action: self.asked.emit(action))
             keep_keys(button, PRESS)
@@ -200,9 +191,6 @@ class AnnotationPanel(QWidget):
     def button(self, action: str) -> QPushButton:
         return self._buttons[action]
 
-    def tool_button(self, name: str) -> QToolButton:
-        return next(button for button in self._tools.buttons() if button.objectName() == name)  # type: ignore[return-value]
-
     def set_progress(self, fraction: float | None) -> None:
         """How far the propagation is, in [0, 1]; None while nothing is propagated."""
         self._progress.setVisible(fraction is not None)
@@ -215,3 +203,11 @@ class AnnotationPanel(QWidget):
         if name:
             self._new.clear()
             self.class_added.emit(name)
+
+
+def _row(*widgets: QWidget, wide: int) -> QHBoxLayout:
+    """Widgets side by side; the one at index `wide` takes the room that is left."""
+    row = QHBoxLayout()
+    for index, widget in enumerate(widgets):
+        row.addWidget(widget, int(index == wide))
+    return row

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
@@ -62,17 +62,9 @@ class PropagationReview(QObject):
         self._ended()
         self.shell.say("Stopped; no frame was changed.")
 
-    def accept(self) -> None:
-        self.state.accept([self.session.frame])
-
-    def reject(self) -> None:
-        self.state.reject([self.session.frame])
-
-    def accept_all(self) -> None:
-        self.state.accept(self.state.ready().waiting())
-
-    def reject_all(self) -> None:
-        self.state.reject(self.state.ready().waiting())
+    def answer(self, answer: Callable[[Sequence[int]], None], all_frames: bool = False) -> None:
+        """Accept or reject (a method of the state) the proposal for the frame that is shown, or all proposals."""
+        answer(self.state.ready().waiting() if all_frames else [self.session.frame])
 
     def go_to_flagged(self) -> None:
         """Go to the next frame that is flagged or of which the proposal is doubtful."""

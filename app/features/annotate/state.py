@@ -42,6 +42,8 @@ class AnnotationState(PersistentState):
     Attributes
     ----------
     tool : PaintTool
+    folder : Path or None
+        Where the label maps are saved.
     work : Annotations or None
         None while nothing is open, or where `blocked` says why.
     blocked : str
@@ -68,6 +70,7 @@ class AnnotationState(PersistentState):
 
     def clear(self) -> None:
         self.work: Annotations | None = None
+        self.folder: Path | None = None
         self.blocked = ""
         self._stroke: Stroke | None = None
         self._written, self._unwritten, self._edited = -math.inf, False, False
@@ -81,22 +84,23 @@ class AnnotationState(PersistentState):
 
     def load(self, folder: Path) -> None:
         scene, clip = self.session.scene, self.session.clip
-        if scene is not None:
-            self._open(folder / NAME, scene.labels, tuple(scene.clip.classes) if scene.clip and scene.clip.classes else scene.classes)
-        elif clip is not None:
-            try:
-                self._adopt_journal(folder)
-                self._open(folder, clip.labels, clip.classes)
-            except DegenseError as error:  # the clip itself can still be watched and trained on
-                self.work, self.blocked = None, str(error)
-
-    def _open(self, folder: Path, original: Any, names: Sequence[str]) -> None:
+        source = scene or clip
+        assert source is not None
+        self.folder = folder / NAME if scene is not None else folder
+        names = (clip.classes if clip is not None else ()) or (scene.classes if scene is not None else ())
         (width, height), count = self.session.size, self.session.frames
-        self.work = load(folder, (height, width), count, original) or Annotations(named_classes(names), (height, width), count, original)
+        try:
+            self._adopt_journal(folder)
+            saved = load(self.folder, (height, width), count, source.labels)
+            self.work = saved or Annotations(named_classes(names), (height, width), count, source.labels)
+        except DegenseError as error:
+            if scene is not None:
+                raise
+            self.blocked = str(error)  # the clip can still be watched and trained on
 
     def store(self, folder: Path) -> None:
-        if self.work is not None and self._edited:
-            save(self.work, folder / NAME if self.session.scene is not None else folder)
+        if self.work is not None and self.folder is not None and self._edited:
+            save(self.work, self.folder)
             self._edited = False
         self._unwritten = self._stroke is not None  # the journal, which is emptied now, held what the stroke has painted so far
 

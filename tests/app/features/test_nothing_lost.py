@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -45,7 +46,8 @@ def mouse(kind):
     app.sendEvent(panel, QMouseEvent(kind, place, panel.mapToGlobal(place), left, left, Qt.KeyboardModifier.NoModifier))
 
 def work():
-    window.session.view.add_prompt("liver")
+    if window.session.scene is not None:
+        window.session.view.add_prompt("liver")
     window.session.view.set_layer("depth")
     window.registry.run("annotate.mode")
     on.annotations(window).tool.choose("eraser", radius=3.0)
@@ -120,22 +122,24 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
     screenshot(opened, "reopened")
 
 
-def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, run, idle, tmp_path, screenshot):
+@pytest.mark.parametrize("kind", ["run", "clip"])
+def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, kind, run, tiny_clip, idle, tmp_path, screenshot):
     """kill -9 amid a stroke that has lasted for seconds: at most its last two are lost, and nothing else."""
+    path = run if kind == "run" else shutil.copytree(tiny_clip, tmp_path / "clip")
+    folder, prompts = (path, ["liver"]) if kind == "run" else (path / "annotations", [])
     settings = tmp_path / "other.json"
-    with subprocess.Popen([sys.executable, "-c", WINDOW, str(run), str(settings)], cwd=ROOT, stdout=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen([sys.executable, "-c", WINDOW, str(path), str(settings)], cwd=ROOT, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
-        told: list[tuple[float, int]] = []
-        while len(told) < 10 or time.monotonic() - told[9][0] < 2.2:
+        printed: list[tuple[float, int]] = []
+        while len(printed) < 10 or time.monotonic() - printed[9][0] < 2.2:
             x = int(child.stdout.readline())
-            told.append((time.monotonic(), x))
+            printed.append((time.monotonic(), x))
         killed = time.monotonic()
         os.kill(child.pid, signal.SIGKILL)
-    safe = max(x for moment, x in told if moment < killed - 2)
+    safe = max(x for moment, x in printed if moment < killed - 2)
     write_text(window.settings.path, settings.read_text())
     window.settings.__init__(window.settings.path)  # as the next start reads them
-    path = on.autosave(window).left_behind()
-    assert path == run.resolve()
+    assert on.autosave(window).left_behind() == path.resolve()
     on.documents(window).open_path(path)
     idle()
     box = window.findChild(QMessageBox, "recovery")
@@ -144,12 +148,12 @@ def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, ru
     screenshot(window, "recovery")
     click(qtbot, box, "Restore")
     idle()
-    assert (window.session.view_state.layer, [prompt.text for prompt in window.session.view_state.prompts]) == ("depth", ["liver"])
+    assert (window.session.view_state.layer, [prompt.text for prompt in window.session.view_state.prompts]) == ("depth", prompts)
     assert safe > 15
     assert (on.annotations(window).labels(0)[40, 10:safe] == UNLABELLED).all()
     assert window.isWindowModified()
     window.registry.run("file.save")
-    assert not (run / JOURNAL).exists()
+    assert not (folder / JOURNAL).exists()
     assert not window.isWindowModified()
 
 
