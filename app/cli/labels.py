@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from degense.app.cli.terminal import Bar, run_steps
-from degense.app.features.annotate.label_sets import label_format, names_of, write_labels
+from degense.app.features.annotate.label_sets import label_format, names_of, open_annotations, write_labels
 from degense.app.session.session_file import clip_folder
-from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.classes import LabelClass, merged, named_classes
-from degense.engine.annotation.folder import NAME, load, save
+from degense.engine.annotation.folder import NAME, save
 from degense.engine.annotation.formats import MapSet
 from degense.engine.annotation.formats.indexed_png import read_label_png
 from degense.engine.clip import UNLABELLED
@@ -46,10 +45,7 @@ class Subject:
 
             self.clip = open_clip(path)
             self.folder = clip_folder(self.clip.path)
-        width, height = self.clip.size
-        names = self.clip.classes or (self.scene.classes if self.scene else ())
-        saved = load(self.folder, (height, width), len(self.clip), self.clip.labels)
-        self.work = saved or Annotations(named_classes(names), (height, width), len(self.clip), self.clip.labels)
+        self.work = open_annotations(self.folder, self.scene, self.clip)
         self.names = names_of(self.clip, len(self.clip))
 
 

@@ -124,31 +124,25 @@ class UndoStack:
 
     def undo(self) -> str | None:
         """Take the last edit back; its name, or None when there was none."""
-        if not self._cursor:
-            return None
-        edit = self._edits[self._cursor - 1]
-        edit.apply(edit.before)
-        self._cursor -= 1
-        self.changed.emit()
-        return edit.name
+        name = self.undo_name
+        self.go_to(self._cursor - 1)
+        return name
 
     def redo(self) -> str | None:
-        """Bring the next undone edit again; its name, or None when there was none."""
-        if self._cursor == len(self._edits):
-            return None
-        edit = self._edits[self._cursor]
-        edit.apply(edit.after)
-        self._cursor += 1
-        self.changed.emit()
-        return edit.name
+        """Repeat the next undone edit; its name, or None when there was none."""
+        name = self.redo_name
+        self.go_to(self._cursor + 1)
+        return name
 
     def go_to(self, position: int) -> None:
         """Undo or redo until `position` entries are done; numbers beyond the ends are clamped."""
         position = min(max(0, position), len(self._edits))
-        while self._cursor > position:
-            self.undo()
-        while self._cursor < position:
-            self.redo()
+        while self._cursor != position:
+            back = self._cursor > position
+            edit = self._edits[self._cursor - back]
+            edit.apply(edit.before if back else edit.after)
+            self._cursor += -1 if back else 1
+            self.changed.emit()
 
     def clear(self) -> None:
         self._edits.clear()

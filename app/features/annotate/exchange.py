@@ -37,8 +37,7 @@ class LabelExchange(QObject):
 
     def _maps(self) -> MapSet:
         """A copy of the labels as they are now: painting goes on while they are written."""
-        clip = self.session.clip
-        maps = annotated(self.state.ready(), clip, clip.labelled_frames if clip is not None else [])
+        maps = annotated(self.state.ready(), self.session.clip)
         labels = {frame: maps.read(frame) for frame in maps.frames}
         return MapSet(maps.classes, maps.shape, maps.names, maps.frames, labels.__getitem__)
 

@@ -1,8 +1,8 @@
-"""Label maps to hand over, and where they come from: what a run answers, what was annotated, other tools' files. No Qt."""
+"""Sources of label maps (masks of a run, annotations), and writing them in formats of other tools. No Qt."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,10 +40,22 @@ def label_source(scene: Scene, source: str | None, prompts: PromptSet) -> MapSet
     if source == "annotations" or (source is None and not prompts.prompts):
         work = saved_annotations(scene)
         if work is not None:
-            return annotated(work, scene.clip, scene.clip.labelled_frames if scene.clip else [])
+            return annotated(work, scene.clip)
         if source == "annotations":
             raise DegenseError(f"{scene.name} has no annotations; annotate it in the window, or export the masks of prompts.")
     return masks_of_run(scene, prompts)
+
+
+def open_annotations(folder: Path, scene: Scene | None, clip: Clip | None) -> Annotations:
+    """The annotations saved in a folder of a run or clip, else empty ones with its classes. Errors as `load`."""
+    labels: Callable[[int], np.ndarray | None]
+    if scene is not None:
+        (width, height), count, labels = scene.clip_size, scene.frames, scene.labels
+    else:
+        assert clip is not None
+        (width, height), count, labels = clip.size, len(clip), clip.labels
+    names = (clip.classes if clip is not None else ()) or (scene.classes if scene is not None else ())
+    return load(folder, (height, width), count, labels) or Annotations(named_classes(names), (height, width), count, labels)
 
 
 def saved_annotations(scene: Scene) -> Annotations | None:
@@ -52,10 +64,11 @@ def saved_annotations(scene: Scene) -> Annotations | None:
     return load(scene.run.path / NAME, (height, width), scene.frames, scene.labels)
 
 
-def annotated(work: Annotations, clip: Clip | None, came: Sequence[int] = ()) -> MapSet:
-    """The label maps that were made or accepted, and those of the frames that came with one."""
+def annotated(work: Annotations, clip: Clip | None) -> MapSet:
+    """The label maps that were made or accepted, and those that the clip came with."""
     made = {frame for frame, record in work.records.items() if record.labels is not None}
-    return MapSet(work.classes, work.shape, names_of(clip, work.count), tuple(sorted({*made, *came})), work.labels)
+    frames = tuple(sorted(made.union(clip.labelled_frames if clip is not None else ())))
+    return MapSet(work.classes, work.shape, names_of(clip, work.count), frames, work.labels)
 
 
 def masks_of_run(scene: Scene, prompts: PromptSet) -> MapSet:

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from degense.app.features.annotate.label_sets import open_annotations
 from degense.app.features.annotate.tool import PaintTool
 from degense.app.session import journal, session_file
 from degense.app.session.journal import Journal
 from degense.app.session.state import PersistentState, Signal
 from degense.app.session.store import JOURNAL
 from degense.engine.annotation.annotations import Annotations, Stroke
-from degense.engine.annotation.classes import LabelClass, check_classes, default_colour, merged, named_classes
+from degense.engine.annotation.classes import LabelClass, check_classes, default_colour, merged
 from degense.engine.annotation.edits import LabelEdit, Piece, State, Status
-from degense.engine.annotation.folder import INDEX, NAME, load, save
+from degense.engine.annotation.folder import INDEX, NAME, save
 from degense.engine.annotation.packed import Proposal
 from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import DegenseError, RunError
@@ -84,15 +85,10 @@ class AnnotationState(PersistentState):
 
     def load(self, folder: Path) -> None:
         scene, clip = self.session.scene, self.session.clip
-        source = scene or clip
-        assert source is not None
         self.folder = folder / NAME if scene is not None else folder
-        names = (clip.classes if clip is not None else ()) or (scene.classes if scene is not None else ())
-        (width, height), count = self.session.size, self.session.frames
         try:
             self._adopt_journal(folder)
-            saved = load(self.folder, (height, width), count, source.labels)
-            self.work = saved or Annotations(named_classes(names), (height, width), count, source.labels)
+            self.work = open_annotations(self.folder, scene, clip)
         except DegenseError as error:
             if scene is not None:
                 raise
