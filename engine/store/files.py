@@ -1,4 +1,4 @@
-"""JSON and tensors on disk: whole or absent, and checked before they are believed."""
+"""JSON and tensors on disk: whole or absent, and checked before they are used."""
 
 from __future__ import annotations
 

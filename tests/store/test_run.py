@@ -11,6 +11,7 @@ from degense.engine.errors import RunError
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.store import Run
 from degense.engine.store.files import write_tensors
+from degense.engine.store.migrations import current_layer
 from degense.engine.store.run import build_model, cameras_from_json, cameras_to_json
 
 FILE = Path("run") / "run.json"
@@ -95,6 +96,11 @@ def test_damaged_observability_is_refused(tmp_path, tensors):
     write_tensors(tmp_path / "observability.safetensors", tensors)
     with pytest.raises(RunError, match=r"observability\.safetensors"):
         Run(tmp_path, {}).load_observability(3)
+
+
+def test_layers_of_earlier_versions_have_todays_names():
+    assert current_layer("support") == "observability"
+    assert current_layer("rgb") == "rgb"
 
 
 @pytest.mark.parametrize("moving", [None, [1, 3]])

@@ -47,18 +47,18 @@ def motion_error(
     grid = start.detach() * 2 - 1
     way = look_up(flow.float(), grid)
     target = start.detach() + way
-    believed = (look_up(weight.float(), grid)[:, 0] > 0.99) * visible  # at all four pixels around, but for rounding
+    reliable = (look_up(weight.float(), grid)[:, 0] > 0.99) * visible  # at all four pixels around, but for rounding
     if before is not None and after is not None:
         z_before = look_up(before[None], grid)[:, 0]
         z_after = look_up(after[None], target * 2 - 1)[:, 0]
-        believed = believed * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < STEADY * z_before)
+        reliable = reliable * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < STEADY * z_before)
         error = (there - here) - (unproject(target, z_after, other) - unproject(start.detach(), z_before, camera))
     else:
         lateral = ((end - start) - way) / other[4, :2] * z.detach()[:, None]
         error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
-    error = torch.where(believed[:, None] > 0, error, 0.0)  # elsewhere it may be beyond all numbers, which no weight would undo
+    error = torch.where(reliable[:, None] > 0, error, 0.0)  # elsewhere it may be beyond all numbers, which no weight would undo
     distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
-    return (distance * believed).sum() / believed.sum().clamp_min(1)
+    return (distance * reliable).sum() / reliable.sum().clamp_min(1)
 
 
 def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Tensor) -> Tensor:

@@ -63,8 +63,8 @@ def revealed_motion(frames: TrainingFrames, flow: FlowSupervision, index: int) -
     """
     reference = frames.clip.train_frames[0]
     frame = cv2.resize(frames.image(index), flow.size, interpolation=cv2.INTER_AREA)
-    believed = np.zeros(frame.shape[:2], np.float32)
+    reliable = np.zeros(frame.shape[:2], np.float32)
     for pair in flow.pairs[index]:
         if pair.to == reference:
-            believed = np.maximum(believed, pair.weight[0].float().cpu().numpy())
-    return believed * (confidence(frame) > TEXTURE)
+            reliable = np.maximum(reliable, pair.weight[0].float().cpu().numpy())
+    return reliable * (confidence(frame) > TEXTURE)

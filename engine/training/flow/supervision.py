@@ -150,10 +150,10 @@ class FlowSupervision:
             row, column = np.clip(end[:, ::-1].astype(int), 0, size[::-1] - 1).T
             there = self.frames.depth(other)[row, column] if clip.depth_measured else depth
             steady = (there > 0) & (np.abs(there - depth) < STEADY * depth)
-            believed = sure & inside & steady
-            moved = self.frames.cameras[other].unproject(end, np.where(believed, there, depth)) - start
-            total += np.where(believed[:, None], moved / (clip.time(other) - clip.time(frame)), 0)
-            count += believed
+            reliable = sure & inside & steady
+            moved = self.frames.cameras[other].unproject(end, np.where(reliable, there, depth)) - start
+            total += np.where(reliable[:, None], moved / (clip.time(other) - clip.time(frame)), 0)
+            count += reliable
         return total / np.maximum(count, 1)[:, None]
 
     def pair(self, here: int, there: int) -> Pair | None:

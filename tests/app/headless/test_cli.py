@@ -136,6 +136,8 @@ def test_raw_displacement_says_how_much_of_it_is_a_guess(run, tmp_path, scene, c
     assert main(["render", str(run), "--frame", "5", "--layer", "displacement", "--out", str(out)]) == 0
     share = (scene.render(5, what=("observability",))["observability"] < 0.5).mean()
     assert f"{share:.1%} of the pixels hold a guess" in capsys.readouterr().out
+    assert main(["render", str(run), "--frame", "5", "--layer", "support", "--out", str(out)]) == 0  # as earlier versions call it
+    assert np.array_equal(np.load(out) < 0.5, scene.render(5, what=("observability",))["observability"] < 0.5)
     assert main(["render", str(run), "--frame", "5", "--layer", "depth", "--out", str(out)]) == 0
     assert capsys.readouterr().out == ""
 

@@ -147,6 +147,12 @@ def test_a_view_state_survives_json(view_state):
     assert ViewState.from_json(json.loads(json.dumps(view_state.to_json())), "here") == view_state
 
 
+def test_a_view_state_of_an_earlier_version_has_todays_layers():
+    data = ViewState(layer="support", ranges=(("support", ColourRange("fixed", 0.0, 1.0, "magma")),)).to_json()
+    view_state = ViewState.from_json(data, "here")
+    assert (view_state.layer, view_state.ranges[0][0]) == ("observability", "observability")
+
+
 @pytest.mark.parametrize(
     "spoil",
     [
