@@ -37,13 +37,8 @@ EMPTY = Record()
 class Annotations:
     """Label maps, uint8 [H, W] with values that index `classes` and `UNLABELLED` (255), of which only a few are decoded at a time.
 
-    Parameters
-    ----------
-    shape : (height, width)
-    count : int
-        Frames of the clip.
-    original : callable
-        The label map that a frame came with, or None. It is never changed.
+    `shape` is (height, width), `count` the number of frames. `original` gives the label map that a frame came with, or None; it is never
+    changed.
     """
 
     def __init__(

@@ -38,14 +38,9 @@ def hatching(pattern: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def label_overlay(
     labels: np.ndarray, classes: Sequence[LabelClass], box: tuple[slice, slice] | None = None, proposed: bool = False
 ) -> np.ndarray:
-    """Labels uint8 [H, W] as colours to lay over the picture, uint8 RGBA [h, w, 4]; unlabelled pixels are clear.
+    """Labels uint8 [H, W] as colours to lay over the frame, uint8 RGBA [h, w, 4]; unlabelled pixels are clear.
 
-    Parameters
-    ----------
-    box : (rows, columns), optional
-        The part that is wanted; default: all.
-    proposed : bool
-        Whether the labels wait for an answer.
+    `box` (rows, columns) is the part that is wanted, by default all; `proposed` labels wait for an answer and get a dashed outline.
     """
     rows, columns = box or (slice(0, labels.shape[0]), slice(0, labels.shape[1]))
     top, left = rows.start, columns.start

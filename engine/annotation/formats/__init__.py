@@ -15,16 +15,10 @@ __all__ = ["LABEL_FORMATS", "LabelFormat", "MapSet"]
 
 @dataclass(frozen=True)
 class LabelFormat:
-    """One way in and out.
+    """One way in and out; the suffix is that of a file, empty for a folder.
 
-    Attributes
-    ----------
-    suffix : str
-        Of the file; empty for a folder.
-    write : (maps, out) → frames done, one by one
-        DegenseError when it cannot be written.
-    read : (path, shape, names of the clip's frames) → MapSet
-        ClipError when it is damaged or does not fit the clip.
+    `write` yields the frames done, DegenseError when it cannot be written. `read` takes a path, the shape and the names of the clip's
+    frames, ClipError when the file is damaged or does not fit the clip.
     """
 
     title: str

@@ -19,11 +19,7 @@ WIDTH, STEPS, BATCH, RATE, SMOOTHING = 32, 300, 2048, 1e-2, 0.1
 class AppearanceVotes:
     """A small network from the surroundings of a pixel to its class.
 
-    Parameters
-    ----------
-    pictures : sequence of uint8 [H, W, 3]
-    labels : sequence of int64 [H, W]
-        Values 0 … count − 1.
+    Learned from frames, uint8 [H, W, 3], and their labels, int64 [H, W], 0 … count − 1.
     """
 
     def __init__(self, pictures: Sequence[np.ndarray], labels: Sequence[np.ndarray], count: int, seed: int = 0):

@@ -19,16 +19,9 @@ UNLIKE = 0.15
 
 
 class FieldVotes:
-    """Votes of the Gaussians.
+    """Votes of the Gaussians of a scene that has the frames and the size of the label maps.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of the same frames and size as the label maps.
-    labels : mapping of frame to int64 [H, W]
-        Values 0 … count − 1.
-    valid : mapping of frame to bool [H, W]
-        Pixels that the scene reconstructs.
+    `labels` int64 [H, W] by frame are 0 … count − 1; `valid` bool [H, W] by frame are the pixels that the scene reconstructs.
     """
 
     def __init__(self, scene: Scene, labels: Mapping[int, np.ndarray], valid: Mapping[int, np.ndarray], count: int):

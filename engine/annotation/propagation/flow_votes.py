@@ -22,16 +22,9 @@ def nearness(frame: int, sources: Sequence[int]) -> np.ndarray:
 
 
 class FlowVotes:
-    """Label maps of the corrected frames, warped to every frame up to the next corrected one.
+    """Label maps of the corrected frames, warped to every frame up to the next corrected one. Call `measure` to the end before asking.
 
-    Call `measure` to the end before asking.
-
-    Parameters
-    ----------
-    labels : mapping of frame to int64 [H, W]
-        Values 0 … count − 1.
-    frames : sequence of int
-        Where votes are wanted, ascending, without gaps.
+    `labels` int64 [H, W] by frame are 0 … count − 1; votes are wanted for `frames`, ascending, without gaps.
     """
 
     def __init__(self, clip: Clip, labels: Mapping[int, np.ndarray], count: int, frames: Sequence[int]):
