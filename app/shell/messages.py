@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
+    QAbstractButton,
     QDialog,
     QDialogButtonBox,
     QLabel,
@@ -34,6 +37,35 @@ def show_error(parent: QWidget, text: str) -> None:
         box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         box.setTextFormat(Qt.TextFormat.PlainText)
     box.setText(text)
+    box.open()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A button of `ask`: what it says, and what it does; `escape` is what closing the dialog means, `default` what Enter means."""
+
+    label: str
+    act: Callable[[], object] = lambda: None
+    default: bool = False
+    escape: bool = False
+
+
+def ask(parent: QWidget, name: str, text: str, choices: Sequence[Choice], details: str = "") -> None:
+    """Ask a question that does not block the window; `name` is the dialog's object name."""
+    box = QMessageBox(QMessageBox.Icon.Warning, "DeGense", text, QMessageBox.StandardButton.NoButton, parent)
+    box.setObjectName(name)
+    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    box.setInformativeText(details)
+    buttons: dict[QAbstractButton, Choice] = {}
+    for choice in choices:
+        role = QMessageBox.ButtonRole.RejectRole if choice.escape else QMessageBox.ButtonRole.AcceptRole
+        button = box.addButton(choice.label, role)
+        buttons[button] = choice
+        if choice.default:
+            box.setDefaultButton(button)
+        if choice.escape:
+            box.setEscapeButton(button)
+    box.finished.connect(lambda: buttons[box.clickedButton()].act())
     box.open()
 
 

@@ -14,7 +14,7 @@ from degense.app.session.session import Session
 from degense.app.shell.actions import Action, ActionRegistry
 from degense.app.shell.docks import Docks
 from degense.app.shell.menus import Menus
-from degense.app.shell.messages import show_error
+from degense.app.shell.messages import Choice, ask, show_error
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.worker import Job, Worker
 from degense.engine.errors import DegenseError
@@ -146,6 +146,10 @@ class Shell(QMainWindow):
 
     def show_error(self, text: str) -> None:
         show_error(self, text)
+
+    def ask(self, name: str, text: str, *choices: Choice, details: str = "") -> None:
+        """Ask a question; the window goes on meanwhile. See `messages.ask`."""
+        ask(self, name, text, choices, details)
 
     def attempt(self, act: Callable[[], object]) -> None:
         """Do it, and show in a dialog why when it cannot be done."""

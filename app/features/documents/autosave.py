@@ -9,11 +9,12 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtWidgets import QApplication, QMessageBox
+from PySide6.QtWidgets import QApplication
 
 from degense.app.session import session_file
 from degense.app.session.session_file import DamagedSession, clip_folder
 from degense.app.session.store import waiting
+from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 
@@ -65,21 +66,17 @@ class Autosave(QObject):
         return True
 
     def _ask_to_leave(self, problem: str, go_on: Callable[[], object]) -> None:
-        box = QMessageBox(QMessageBox.Icon.Warning, "DeGense", problem, QMessageBox.StandardButton.NoButton, self.shell)
-        box.setObjectName("unsaved")
-        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        box.setInformativeText("What was changed since the last save is offered again when this is next opened, if it could be written.")
-        leave = box.addButton("Leave without saving", QMessageBox.ButtonRole.DestructiveRole)
-        stay = box.addButton("Stay", QMessageBox.ButtonRole.RejectRole)
-        box.setDefaultButton(stay)
+        def leave() -> None:
+            self._left_unsaved = True
+            go_on()
 
-        def answered() -> None:
-            if box.clickedButton() is leave:
-                self._left_unsaved = True
-                go_on()
-
-        box.finished.connect(answered)
-        box.open()
+        self.shell.ask(
+            "unsaved",
+            problem,
+            Choice("Leave without saving", leave),
+            Choice("Stay", default=True, escape=True),
+            details="What was changed since the last save is offered again when this is next opened, if it could be written.",
+        )
 
     def tick(self) -> None:
         """Every second: write the journal, and save when it is time; not during a stroke or a drag."""
@@ -118,59 +115,44 @@ class Autosave(QObject):
         store = self.session.store
         areas = ", ".join(sorted({"view" if entry.state == session_file.VIEW else entry.state for entry in store.unsaved}))
         count = len(store.unsaved)
-        box = QMessageBox(self.shell)
-        box.setObjectName("recovery")
-        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        box.setWindowTitle("DeGense")
-        box.setIcon(QMessageBox.Icon.Information)
-        box.setText("Recovered unsaved work")
-        box.setInformativeText(
-            f"The program ended before {count} change{'s' if count > 1 else ''} of {self.session.name} could be saved ({areas}). "
-            "Restore them, or go on from what was saved last?"
+
+        def restore() -> None:
+            self.shell.attempt(self.session.recover)
+            self.shell.say(f"Restored {count} changes.")
+
+        def discard() -> None:
+            self.shell.attempt(store.discard)
+            self.shell.say("The recovered work was discarded.")
+
+        self.shell.ask(
+            "recovery",
+            "Recovered unsaved work",
+            Choice("Restore", restore, default=True, escape=True),
+            Choice("Discard", discard),
+            details=f"The program ended before {count} change{'s' if count > 1 else ''} of {self.session.name} could be saved ({areas}). "
+            "Restore them, or go on from what was saved last?",
         )
-        restore = box.addButton("Restore", QMessageBox.ButtonRole.AcceptRole)
-        discard = box.addButton("Discard", QMessageBox.ButtonRole.DestructiveRole)
-        box.setDefaultButton(restore)
-        box.setEscapeButton(restore)
-
-        def answered() -> None:
-            try:
-                store.discard() if box.clickedButton() is discard else self.session.recover()
-            except DegenseError as error:
-                self.shell.show_error(str(error))
-            self.shell.say("The recovered work was discarded." if box.clickedButton() is discard else f"Restored {count} changes.")
-
-        box.finished.connect(answered)
-        box.open()
 
     def offer_backups(self, error: DamagedSession, again: Callable[[], None]) -> None:
         """A session file is damaged: open a backup or a fresh view, and `again` opens the run. The damaged file is kept."""
         log.error(str(error))
-        box = QMessageBox(self.shell)
-        box.setObjectName("damaged session")
-        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        box.setWindowTitle("DeGense")
-        box.setIcon(QMessageBox.Icon.Warning)
-        box.setText(str(error))
-        box.setInformativeText("Whatever you choose, the damaged file is kept beside it.")
-        choices: dict[object, Callable[[], object]] = {}
-        for backup in error.backups[:3]:
-            button = box.addButton(f"Backup of {session_file.backup_time(backup):%d %b %H:%M}", QMessageBox.ButtonRole.AcceptRole)
-            choices[button] = partial(session_file.restore, backup, error.path)
-        fresh = box.addButton("Fresh view", QMessageBox.ButtonRole.DestructiveRole)
-        choices[fresh] = partial(session_file.set_aside, error.path)
-        box.setEscapeButton(box.addButton(QMessageBox.StandardButton.Cancel))
 
-        def answered() -> None:
-            chosen = choices.get(box.clickedButton())
-            if chosen is None:
-                return
-            try:
-                chosen()
-            except DegenseError as problem:
-                self.shell.show_error(str(problem))
-            else:
+        def after(change: Callable[[], object]) -> Callable[[], None]:
+            def act() -> None:
+                change()
                 again()
 
-        box.finished.connect(answered)
-        box.open()
+            return lambda: self.shell.attempt(act)
+
+        backups = [
+            Choice(f"Backup of {session_file.backup_time(path):%d %b %H:%M}", after(partial(session_file.restore, path, error.path)))
+            for path in error.backups[:3]
+        ]
+        self.shell.ask(
+            "damaged session",
+            str(error),
+            *backups,
+            Choice("Fresh view", after(partial(session_file.set_aside, error.path))),
+            Choice("Cancel", escape=True),
+            details="Whatever you choose, the damaged file is kept beside it.",
+        )

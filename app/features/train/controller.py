@@ -9,7 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QMessageBox
 
 from degense.app.features.documents.controller import Documents
 from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob
@@ -17,6 +16,7 @@ from degense.app.features.train.monitor import TrainingMonitor
 from degense.app.features.train.process import TrainingProcess
 from degense.app.features.train.queue import TrainingQueue
 from degense.app.features.train.train_dialog import TrainDialog
+from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 from degense.engine.events import Budget, Done, EarlyStopped, Event, Failed, Preview, Rollback, Stage, Step, Stopped, TrainingProgress
@@ -182,23 +182,19 @@ class Training(QObject):
         """Whether the window may close now. If a training runs, the user is asked, and `close` is called once it has stopped."""
         if not self.running:
             return True
-        box = QMessageBox(self.shell)
-        box.setObjectName("training runs")
-        box.setWindowTitle("DeGense")
         waiting = len(self.queue.waiting)
         others = f", and so is the queue of {waiting}" if waiting else ""
-        box.setText(f"A training is running. Stop it and close? It saves a checkpoint; at the next start it is offered again{others}.")
-        stop = box.addButton("Stop and save", QMessageBox.ButtonRole.AcceptRole)
-        box.addButton("Keep it running", QMessageBox.ButtonRole.RejectRole)
 
-        def answered() -> None:
-            if box.clickedButton() is stop:
-                self._then = close
-                self.pause()
+        def stop() -> None:
+            self._then = close
+            self.pause()
 
-        box.finished.connect(answered)
-        box.finished.connect(box.deleteLater)
-        box.open()
+        self.shell.ask(
+            "training runs",
+            f"A training is running. Stop it and close? It saves a checkpoint; at the next start it is offered again{others}.",
+            Choice("Stop and save", stop),
+            Choice("Keep it running", escape=True),
+        )
         return False
 
     def _take(self, event: Event) -> None:
