@@ -33,7 +33,7 @@ class TrainConfig:
     iterations : int
         All steps of the trainer.
     coarse_iterations : int
-        How many of them draw the first training frame only, from static Gaussians, while the field learns motion from optical flow; at
+        How many of them draw the first training frame only, from static Gaussians, while the field learns motion; at
         most a fifth of all steps.
     early_stopping : bool
         Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.fitting.early_stopping`).
