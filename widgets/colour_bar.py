@@ -5,23 +5,23 @@ from __future__ import annotations
 import math
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QPainter, QPaintEvent, QPalette
-from PySide6.QtWidgets import QComboBox, QFormLayout, QHBoxLayout, QLabel, QLineEdit, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtGui import QPainter, QPalette
+from PySide6.QtWidgets import QComboBox, QFormLayout, QLabel, QLineEdit, QSizePolicy, QWidget
 
 from degense.engine.colour_maps import COLOUR_MAPS, colour_table
-from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
+from degense.widgets import forms
+from degense.widgets.keys import TYPING, keep_keys
 from degense.widgets.qt_images import to_qimage
 from degense.widgets.ticks import linear_ticks, short
-
-RANGE_MODES = ("frame", "sequence", "fixed")
 
 #: Percentages of the values beyond each end that are offered.
 CLIPS = (0.0, 0.5, 1.0, 2.0, 5.0)
 
 _MODE_TITLES = {"frame": "This frame", "sequence": "Whole sequence", "fixed": "Fixed"}
+RANGE_MODES = tuple(_MODE_TITLES)
 
 
-class _Gradient(QWidget):
+class _Gradient(forms.PaintedWidget):
     """The bar itself with its ticks."""
 
     def __init__(self, parent: QWidget) -> None:
@@ -33,10 +33,6 @@ class _Gradient(QWidget):
 
     def sizeHint(self) -> QSize:
         return QSize(90, 200)
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            self._paint(painter)
 
     def _paint(self, painter: QPainter) -> None:
         metrics = painter.fontMetrics()
@@ -71,26 +67,14 @@ class ColourBar(QWidget):
         self._heading = QLabel(self)
         self._heading.setWordWrap(True)
         self._gradient = _Gradient(self)
-        self._mode_box = QComboBox(self)
-        self._mode_box.setAccessibleName("Range of the colours")
-        for mode in RANGE_MODES:
-            self._mode_box.addItem(_MODE_TITLES[mode], mode)
-        self._mode_box.setCurrentIndex(RANGE_MODES.index("sequence"))
-        self._mode_box.activated.connect(lambda: self.range_mode_changed.emit(self.range_mode()))
-        self._map_box = QComboBox(self)
-        self._map_box.setAccessibleName("Colour map")
-        self._map_box.addItems(list(COLOUR_MAPS))
-        self._map_box.activated.connect(self._map_chosen)
-        self._clip_box = QComboBox(self)
-        self._clip_box.setAccessibleName("Share of the values beyond each end")
+        self._mode_box = forms.choice("Range of the colours", _MODE_TITLES.items(), lambda: self.range_mode_changed.emit(self.range_mode()))
+        self._map_box = forms.choice("Colour map", [(name, name) for name in COLOUR_MAPS], self._map_chosen)
+        shares = [(share, f"clip {share:g} %" if share else "clip none") for share in CLIPS]
+        self._clip_box = forms.choice("Share of the values beyond each end", shares, lambda: self.clip_changed.emit(self.clip()))
         self._clip_box.setToolTip("Share of the values beyond each end of the range, so that a few strays do not darken the rest")
-        for share in CLIPS:
-            self._clip_box.addItem(f"clip {share:g} %" if share else "clip none", share)
-        self._clip_box.activated.connect(lambda: self.clip_changed.emit(self.clip()))
         for box in (self._mode_box, self._clip_box, self._map_box):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
             box.setMinimumContentsLength(8)
-            keep_keys(box, ARROWS | PRESS)
         self._high_field, self._low_field = QLineEdit(self), QLineEdit(self)
         for field, name in ((self._high_field, "Highest value"), (self._low_field, "Lowest value")):
             field.setAccessibleName(name)
@@ -101,20 +85,10 @@ class ColourBar(QWidget):
         form = QFormLayout()
         form.setHorizontalSpacing(6)
         form.setVerticalSpacing(4)
-        form.addRow(self._mode_box)
-        form.addRow(self._clip_box)
-        form.addRow("Max", self._high_field)
-        form.addRow("Min", self._low_field)
-        form.addRow(self._map_box)
-        beside = QHBoxLayout()
-        beside.setSpacing(6)
-        beside.addWidget(self._gradient)
-        beside.addLayout(form, 1)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 6, 6, 6)
-        layout.setSpacing(6)
-        layout.addWidget(self._heading)
-        layout.addLayout(beside, 1)
+        for row in ((self._mode_box,), (self._clip_box,), ("Max", self._high_field), ("Min", self._low_field), (self._map_box,)):
+            form.addRow(*row)
+        forms.column(self._heading, (forms.row(self._gradient, (form, 1)), 1), parent=self)
+        self.set_range_mode("sequence")
         self.set_clip(1.0)
         self._show_range()
 

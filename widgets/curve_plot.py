@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPalette, QPen, QPolygonF
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPalette, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from degense.widgets.forms import PaintedWidget
 from degense.widgets.theme import class_colour
 from degense.widgets.ticks import linear_ticks, log_ticks, short
 
@@ -25,7 +26,7 @@ class _Series:
     band: tuple[np.ndarray, np.ndarray] | None = None
 
 
-class CurvePlot(QWidget):
+class CurvePlot(PaintedWidget):
     """Curves with round ticks, a legend, a cursor line and a read-out under the pointer. Values that are not finite leave gaps."""
 
     x_clicked = Signal(float)
@@ -143,10 +144,6 @@ class CurvePlot(QWidget):
         return QRectF(left, legend, max(self.width() - left - 10, 10), max(self.height() - legend - bottom, 10)), limits, ticks
 
     # Painting
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            self._paint(painter)
 
     def _paint(self, painter: QPainter) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)

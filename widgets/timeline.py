@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QKeyEvent
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
+from degense.widgets import forms
 from degense.widgets.frame_track import FrameTrack
 from degense.widgets.glyphs import GlyphButton
-from degense.widgets.keys import ARROWS, PRESS, keep_keys
 
-LOOP_MODES = ("once", "loop", "bounce")
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 
 _LOOP_TITLES = {"once": "Once", "loop": "Loop", "bounce": "Back and forth"}
+LOOP_MODES = tuple(_LOOP_TITLES)
 
 #: Playback goes on after this many seconds when `frame_drawn` is not called.
 PATIENCE = 0.5
@@ -78,46 +78,26 @@ class Timeline(QWidget):
             button.setAutoRepeat(glyph in ("previous", "next"))
             button.clicked.connect(action)
             self._move_buttons.append(button)
-        self._speed_box = self._choice("Playback speed", [(f"{speed:g} ×", speed) for speed in SPEEDS], 1.0)
-        self._speed_box.activated.connect(lambda: self.speed_changed.emit(self.speed()))
-        self._loop_box = self._choice("What happens at the end", [(_LOOP_TITLES[mode], mode) for mode in LOOP_MODES], "loop")
-        self._loop_box.activated.connect(lambda: self.loop_mode_changed.emit(self.loop_mode()))
+        speeds = [(speed, f"{speed:g} ×") for speed in SPEEDS]
+        self._speed_box = forms.choice("Playback speed", speeds, lambda: self.speed_changed.emit(self.speed()))
+        self._speed_box.setToolTip("Playback speed")
+        self._loop_box = forms.choice("At the end", _LOOP_TITLES.items(), lambda: self.loop_mode_changed.emit(self.loop_mode()))
+        self._loop_box.setToolTip("What happens at the end")
         self._readout = QLabel(self)
         self._readout.setAccessibleName("Frame and time")
         self._rate = QLabel(self)
         self._rate.setObjectName("secondary")
         self._rate.setAccessibleName("Frames a second, reached and wanted")
         self._arrange()
+        self.set_speed(1.0)
+        self.set_loop_mode("loop")
         self.set_frames(0)
 
-    def _choice(self, name: str, entries: Sequence[tuple[str, object]], chosen: object) -> QComboBox:
-        box = QComboBox(self)
-        box.setAccessibleName(name)
-        box.setToolTip(name)
-        for title, value in entries:
-            box.addItem(title, value)
-        box.setCurrentIndex(box.findData(chosen))
-        keep_keys(box, ARROWS | PRESS)
-        return box
-
     def _arrange(self) -> None:
-        row = QHBoxLayout()
-        row.setSpacing(2)
-        for button in (*self._move_buttons[:2], self._play_button, *self._move_buttons[2:]):
-            row.addWidget(button)
-        row.addSpacing(8)
-        row.addWidget(self._speed_box)
-        row.addSpacing(4)
-        row.addWidget(self._loop_box)
-        row.addStretch(1)
-        row.addWidget(self._rate)
-        row.addSpacing(12)
-        row.addWidget(self._readout)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 4, 6, 4)
-        layout.setSpacing(4)
-        layout.addWidget(self._track)
-        layout.addLayout(row)
+        first, previous, following, last = self._move_buttons
+        buttons = (first, previous, self._play_button, following, last)
+        row = forms.row(*buttons, 8, self._speed_box, 4, self._loop_box, 0, self._rate, 12, self._readout, spacing=2)
+        forms.column(self._track, row, spacing=4, parent=self).setContentsMargins(6, 4, 6, 4)
 
     # The frames
 

@@ -206,7 +206,7 @@ def test_choices_are_told_when_the_user_makes_them(timeline, qtbot):
     assert (speeds, modes) == ([], [])
     boxes = {box.accessibleName(): box for box in timeline.findChildren(QComboBox)}
     QTest.keyClick(boxes["Playback speed"], Qt.Key.Key_Up)
-    QTest.keyClick(boxes["What happens at the end"], Qt.Key.Key_Up)
+    QTest.keyClick(boxes["At the end"], Qt.Key.Key_Up)
     assert (speeds, modes) == ([2.0], ["loop"])
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, QSize, QSizeF, Qt, Signal
-from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPalette, QPen, QResizeEvent, QWheelEvent
+from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPalette, QPen, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from degense.widgets.forms import PaintedWidget
 from degense.widgets.frame.frame_comparison import Comparison
 from degense.widgets.frame.panel_marks import PanelMarks, paint_outline, paint_wipe_handle
 from degense.widgets.frame.panel_tools import PanelTool
@@ -32,7 +33,7 @@ _KEYS = {
 }
 
 
-class RenderPanel(QWidget):
+class RenderPanel(PaintedWidget):
     """Shows one frame, a mask overlay above it, and a label map above both.
 
     Signals
@@ -133,10 +134,6 @@ class RenderPanel(QWidget):
         return to_array(canvas)
 
     # Painting
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            self._paint(painter)
 
     def _paint(self, painter: QPainter) -> None:
         painter.fillRect(self.rect(), frame_background(self.palette()))

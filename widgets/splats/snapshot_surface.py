@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import QObject, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
+from PySide6.QtGui import QColor, QImage, QPainter
 from PySide6.QtWidgets import QWidget
 
 from degense.engine.camera import Camera
+from degense.widgets.forms import PaintedWidget
 from degense.widgets.qt_images import to_array, to_qimage
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.gaussians import Gaussians
@@ -112,7 +113,7 @@ class SnapshotSurface(QObject):
             self._ask()
 
 
-class _SnapshotWidget(QWidget):
+class _SnapshotWidget(PaintedWidget):
     """An image, stretched to the widget; a plain colour until there is one."""
 
     def __init__(self, parent: QWidget) -> None:
@@ -131,10 +132,9 @@ class _SnapshotWidget(QWidget):
         self._background = colour
         self.update()
 
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            if self._image.isNull():
-                painter.fillRect(self.rect(), self._background)
-            else:
-                painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-                painter.drawImage(self.rect(), self._image)
+    def _paint(self, painter: QPainter) -> None:
+        if self._image.isNull():
+            painter.fillRect(self.rect(), self._background)
+        else:
+            painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+            painter.drawImage(self.rect(), self._image)

@@ -5,20 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QHBoxLayout,
-    QHeaderView,
-    QLabel,
-    QPushButton,
-    QTableWidget,
-    QTableWidgetItem,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QTableWidgetItem, QWidget
 
+from degense.widgets import forms
 from degense.widgets.glyphs import GlyphButton
-from degense.widgets.keys import PRESS, TYPING, keep_keys
+from degense.widgets.keys import TYPING, keep_keys
 
 _NAME, _FRAME, _SECONDS = range(3)
 
@@ -48,58 +39,24 @@ class CameraList(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Cameras")
-        self._table = QTableWidget(0, 3, self)
-        self._table.setAccessibleName("Cameras and the path between them")
-        self._table.setHorizontalHeaderLabels(["Name", "Frame", "Seconds to next"])
-        self._table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self._table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
-        self._table.setEditTriggers(QAbstractItemView.EditTrigger.DoubleClicked | QAbstractItemView.EditTrigger.EditKeyPressed)
-        self._table.setShowGrid(False)
-        self._table.verticalHeader().hide()
-        self._table.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 8)
-        self._table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
-        self._table.setTabKeyNavigation(False)
+        self._table = forms.table("Cameras and the path between them", ["Name", "Frame", "Seconds to next"], editable=True)
         self._table.itemChanged.connect(self._edited)
         self._table.itemClicked.connect(lambda item: self.chosen.emit(item.row()))
         keep_keys(self._table, TYPING)
-        self._hint = QLabel("Move the camera in the 3D view, then add it. Two or more cameras make a path.", self)
-        self._hint.setObjectName("secondary")
-        self._hint.setWordWrap(True)
-        self._add = GlyphButton("plus", "Add the present camera", self)
-        self._add.clicked.connect(self.add_requested)
-        self._remove = GlyphButton("cross", "Remove the chosen camera", self)
-        self._up = GlyphButton("up", "Earlier", self)
-        self._down = GlyphButton("down", "Later", self)
-        self._update = QPushButton("Update", self)
-        self._update.setToolTip("Put the present camera and frame into the chosen row")
-        for button, act in (
-            (self._remove, self.remove_requested.emit),
-            (self._up, lambda row: self.move_requested.emit(row, -1)),
-            (self._down, lambda row: self.move_requested.emit(row, 1)),
-            (self._update, self.update_requested.emit),
-        ):
-            button.clicked.connect(lambda _checked=False, act=act: act(self.current()))
-        self._fly = QPushButton("Fly along", self)
-        self._fly.setToolTip("Move the 3D view along the path; again to stop")
-        self._fly.clicked.connect(self.flight_requested)
-        self._movie = QPushButton("Movie…", self)
-        self._movie.setToolTip("Save a movie along the path")
-        self._movie.clicked.connect(self.movie_requested)
-        for button in (self._update, self._fly, self._movie):
-            keep_keys(button, PRESS)
-        top = QHBoxLayout()
-        top.setSpacing(4)
-        for button in (self._add, self._remove, self._up, self._down):
-            top.addWidget(button)
-        top.addStretch(1)
-        for button in (self._update, self._fly, self._movie):
-            top.addWidget(button)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 6, 6, 6)
-        layout.setSpacing(6)
-        layout.addLayout(top)
-        layout.addWidget(self._hint)
-        layout.addWidget(self._table, 1)
+        self._hint = forms.label("Move the camera in the 3D view, then add it. Two or more cameras make a path.", secondary=True)
+        add = GlyphButton("plus", "Add the present camera")
+        add.clicked.connect(self.add_requested)
+        remove, up, down = (GlyphButton(*about) for about in (("cross", "Remove the chosen camera"), ("up", "Earlier"), ("down", "Later")))
+        remove.clicked.connect(lambda: self.remove_requested.emit(self.current()))
+        up.clicked.connect(lambda: self.move_requested.emit(self.current(), -1))
+        down.clicked.connect(lambda: self.move_requested.emit(self.current(), 1))
+        tip = "Put the present camera and frame into the chosen row"
+        update = forms.button("Update", lambda: self.update_requested.emit(self.current()), tip)
+        self._fly = forms.button("Fly along", self.flight_requested.emit, "Move the 3D view along the path; again to stop")
+        movie = forms.button("Movie…", self.movie_requested.emit, "Save a movie along the path")
+        self._of_row, self._of_path = (remove, up, down, update), (self._fly, movie)
+        top = forms.row(add, remove, up, down, 0, update, self._fly, movie, spacing=4)
+        forms.column(top, self._hint, (self._table, 1), parent=self)
         self._table.itemSelectionChanged.connect(self._enable)
         self.set_rows(())
 
@@ -136,9 +93,9 @@ class CameraList(QWidget):
 
     def _enable(self) -> None:
         chosen, path = self.current() >= 0, self._table.rowCount() > 1
-        for button in (self._remove, self._up, self._down, self._update):
+        for button in self._of_row:
             button.setEnabled(chosen)
-        for button in (self._fly, self._movie):
+        for button in self._of_path:
             button.setEnabled(path)
 
     def _edited(self, item: QTableWidgetItem) -> None:

@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QDoubleSpinBox,
     QFormLayout,
     QFrame,
-    QHBoxLayout,
     QLabel,
     QScrollArea,
     QSlider,
@@ -27,8 +26,8 @@ from PySide6.QtWidgets import (
 from degense.app.features.clip_check.check_frames import ASPECTS, CheckFrame, draw_check_frame, field_of_view_words
 from degense.app.shell.worker import Worker
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions
+from degense.widgets import forms
 from degense.widgets.frame.render_panel import RenderPanel
-from degense.widgets.theme import error_colour
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
@@ -66,28 +65,23 @@ class CheckDialog(QDialog):
         self._path, self._clip, self._service = path, clip, service
         self.panel = RenderPanel()
         self.panel.setAccessibleName("Frame of the clip")
-        self.aspect = _combo("What the frame shows", tuple(ASPECTS.items()))
+        self.aspect = forms.choice("What the frame shows", tuple(ASPECTS.items()))
         self.frame = QSlider(Qt.Orientation.Horizontal)
         self.frame.setAccessibleName("Frame")
         self.frame_words = QLabel()
-        self.complaint = QLabel()
-        self.complaint.setAccessibleName("What is wrong")
-        self.complaint.setWordWrap(True)
-        colours = self.complaint.palette()
-        colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
-        self.complaint.setPalette(colours)
+        self.complaint = forms.complaint()
         self.found: dict[str, QLabel] = {}
         self._aspect_of: dict[QObject, str] = {}
         layouts = ((None, "as detected"), *((name, LAYOUT_WORDS.get(name, name)) for name in LAYOUTS))
         self.controls: dict[str, QComboBox | QSpinBox | QDoubleSpinBox] = {
-            "layout": _combo("Layout", layouts),
+            "layout": forms.choice("Layout", layouts),
             "start": _whole("First frame", 0),
             "stride": _whole("Each so manyth frame", 1),
             "max_frames": _whole("Most frames", 1),
-            "mask_means": _combo("Masks", MASK_WORDS),
+            "mask_means": forms.choice("Masks", MASK_WORDS),
             "focal": _focal_length(),
-            "poses": _combo("Camera", POSE_WORDS),
-            "pose_axes": _combo("Axes of the poses", AXES_WORDS),
+            "poses": forms.choice("Camera", POSE_WORDS),
+            "pose_axes": forms.choice("Axes of the poses", AXES_WORDS),
         }
         self.buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
         self.use = self.buttons.addButton("Use these answers", QDialogButtonBox.ButtonRole.AcceptRole)
@@ -115,15 +109,7 @@ class CheckDialog(QDialog):
                 control.setValue(getattr(options, name) or 0)
 
     def _place(self) -> None:
-        left = QWidget()
-        column = QVBoxLayout(left)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.panel, 1)
-        below = QHBoxLayout()
-        below.addWidget(self.aspect)
-        below.addWidget(self.frame, 1)
-        below.addWidget(self.frame_words)
-        column.addLayout(below)
+        left = forms.column((self.panel, 1), forms.row(self.aspect, (self.frame, 1), self.frame_words), margin=0)
         inside = QWidget()
         form = QVBoxLayout(inside)
         form.setSpacing(2)
@@ -147,20 +133,11 @@ class CheckDialog(QDialog):
         area.setFrameShape(QFrame.Shape.NoFrame)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setFixedWidth(410)
-        both = QHBoxLayout()
-        both.addWidget(left, 1)
-        both.addWidget(area)
-        whole = QVBoxLayout(self)
-        whole.addLayout(both, 1)
-        whole.addWidget(self.complaint)
-        whole.addWidget(self.buttons)
+        forms.column((forms.row((left, 1), area), 1), self.complaint, self.buttons, margin=9, parent=self)
 
     def _section(self, column: QVBoxLayout, title: str, aspect: str, rows: tuple[tuple[str, str], ...]) -> None:
         head = QLabel(f"<b>{title}</b>")
-        found = QLabel()
-        found.setObjectName("secondary")
-        found.setWordWrap(True)
-        found.setAccessibleName(f"{title}: what was found")
+        found = forms.label(name=f"{title}: what was found", secondary=True)
         column.addSpacing(8)
         column.addWidget(head)
         column.addWidget(found)
@@ -254,14 +231,6 @@ class CheckDialog(QDialog):
         for channel in ("check", "check-frame"):
             self._service.cancel(channel)
         super().done(result)
-
-
-def _combo(name: str, entries: tuple[tuple[Any, str], ...]) -> QComboBox:
-    box = QComboBox()
-    box.setAccessibleName(name)
-    for value, words in entries:
-        box.addItem(words, value)
-    return box
 
 
 def _value(control: QComboBox | QSpinBox | QDoubleSpinBox) -> Any:

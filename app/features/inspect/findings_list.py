@@ -5,20 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QComboBox,
-    QHBoxLayout,
-    QHeaderView,
-    QLabel,
-    QPushButton,
-    QTableWidget,
-    QTableWidgetItem,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QTableWidgetItem, QWidget
 
-from degense.widgets.keys import ARROWS, PRESS, keep_keys
+from degense.widgets import forms
+from degense.widgets.keys import ARROWS, keep_keys
 
 KINDS = (("frames", "Worst frames"), ("places", "Worst places"))
 
@@ -42,41 +32,13 @@ class RankingList(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Worst frames and places")
-        self._kinds = QComboBox(self)
-        self._kinds.setAccessibleName("What is listed")
-        for name, title in KINDS:
-            self._kinds.addItem(title, name)
-        self._kinds.activated.connect(lambda: self.kind_changed.emit(self.kind()))
-        keep_keys(self._kinds, ARROWS | PRESS)
-        self._find = QPushButton("Find", self)
-        self._find.setToolTip("Look through all frames of the layer that is shown")
-        self._find.clicked.connect(self.search_requested)
-        keep_keys(self._find, PRESS)
-        self._note = QLabel(self)
-        self._note.setObjectName("secondary")
-        self._note.setWordWrap(True)
-        self._table = QTableWidget(0, 3, self)
-        self._table.setAccessibleName("Findings")
-        self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self._table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self._table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
-        self._table.setShowGrid(False)
-        self._table.verticalHeader().hide()
-        self._table.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 6)
-        self._table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
-        self._table.setTabKeyNavigation(False)
+        self._kinds = forms.choice("What is listed", KINDS, lambda: self.kind_changed.emit(self.kind()))
+        find = forms.button("Find", self.search_requested.emit, "Search all frames of the layer that is shown")
+        self._note = forms.label(secondary=True)
+        self._table = forms.table("Findings", ["", "", ""])
         self._table.currentCellChanged.connect(lambda row, *_: self.chosen.emit(row) if row >= 0 else None)
         keep_keys(self._table, ARROWS)
-        top = QHBoxLayout()
-        top.setSpacing(6)
-        top.addWidget(self._kinds, 1)
-        top.addWidget(self._find)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 6, 6, 6)
-        layout.setSpacing(6)
-        layout.addLayout(top)
-        layout.addWidget(self._note)
-        layout.addWidget(self._table, 1)
+        forms.column(forms.row((self._kinds, 1), find), self._note, (self._table, 1), parent=self)
         self.set_note("")
 
     def kind(self) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QWidget
 
 from degense.app.features.inspect.curves import Curves, follow, to_csv
 from degense.app.features.inspect.probe_maps import ProbeMaps, probe_maps
@@ -20,6 +20,7 @@ from degense.app.session.targets import Found, Region, Spot, Target, material
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from degense.widgets import forms
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.panel_tools import RegionTool
 from degense.widgets.qt_images import to_array
@@ -39,10 +40,7 @@ class Probe(QObject):
         self.similarity.set_labels("frame", "cosine")
         self.similarity.hide()
         both = QWidget()
-        column = QVBoxLayout(both)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.panel, 3)
-        column.addWidget(self.similarity, 2)
+        forms.column((self.panel, 3), (self.similarity, 2), margin=0, parent=both)
         self.dock = self.shell.add_dock("Probe", both, height=420)
         self._maps: ProbeMaps | None = None
         self._cursor: tuple[int, int] | None = None

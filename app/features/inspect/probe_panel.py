@@ -5,20 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor, QPixmap
-from PySide6.QtWidgets import (
-    QAbstractItemView,
-    QFrame,
-    QHBoxLayout,
-    QHeaderView,
-    QLabel,
-    QTableWidget,
-    QTableWidgetItem,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QFrame, QHeaderView, QTableWidgetItem, QWidget
 
+from degense.widgets import forms
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import ARROWS, keep_keys
@@ -37,43 +28,21 @@ class ProbePanel(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Probe")
-        self._place = QLabel(self)
-        self._place.setTextFormat(Qt.TextFormat.PlainText)
-        self._place.setWordWrap(True)
-        self._swatch = QLabel(self)
-        self._swatch.setAccessibleName("Colour under the cursor")
-        self._unpin = GlyphButton("cross", "Follow the pointer again", self)
+        self._place = forms.label()
+        self._swatch = forms.label(name="Colour under the cursor", wrap=False)
+        self._unpin = GlyphButton("cross", "Follow the pointer again")
         self._unpin.clicked.connect(self.unpin_requested)
-        self._table = QTableWidget(0, 2, self)
-        self._table.setAccessibleName("Values")
+        self._table = forms.table("Values", ["", ""])
         self._table.setFrameShape(QFrame.Shape.NoFrame)
-        self._table.setShowGrid(False)
         self._table.viewport().setAutoFillBackground(False)
-        self._table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self._table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self._table.verticalHeader().hide()
-        self._table.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 6)
         self._table.horizontalHeader().hide()
         self._table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
-        self._table.horizontalHeader().setSectionResizeMode(1, QHeaderView.ResizeMode.Stretch)
-        self._table.setTabKeyNavigation(False)
         keep_keys(self._table, ARROWS)
-        self._plot = CurvePlot(self)
+        self._plot = CurvePlot()
         self._plot.setAccessibleName("Values over time")
         self._plot.set_message("Click in the 2D view to follow a place through time")
         self._plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
-
-        top = QHBoxLayout()
-        top.setSpacing(6)
-        top.addWidget(self._swatch)
-        top.addWidget(self._place, 1)
-        top.addWidget(self._unpin)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 6, 6, 6)
-        layout.setSpacing(6)
-        layout.addLayout(top)
-        layout.addWidget(self._table, 3)
-        layout.addWidget(self._plot, 2)
+        forms.column(forms.row(self._swatch, (self._place, 1), self._unpin), (self._table, 3), (self._plot, 2), parent=self)
         self.clear()
 
     def set_values(self, rows: Sequence[tuple[str, str]]) -> None:

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from PySide6.QtCore import QStringListModel, Qt, Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QCheckBox, QComboBox, QCompleter, QHBoxLayout, QLabel, QLineEdit, QSlider, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QCompleter, QLabel, QLineEdit, QSlider, QWidget
 
 from degense.app.features.prompts.prompt_row import PromptRow
 from degense.app.features.prompts.similarity_histogram import SimilarityHistogram
+from degense.widgets import forms
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 from degense.widgets.theme import class_colour
@@ -68,16 +69,10 @@ class PromptBar(QWidget):
         self._add_button = GlyphButton("plus", "Add the prompt", self)
         self._add_button.clicked.connect(self._submit)
 
-        self._list = QVBoxLayout()
-        self._list.setSpacing(4)
-        self._hint = QLabel("No prompts yet", self)
-        self._hint.setObjectName("secondary")
-        self._list.addWidget(self._hint)
+        self._hint = forms.label("No prompts yet", secondary=True)
+        self._list = forms.column(self._hint, margin=0, spacing=4)
 
-        self._decoder_box = QComboBox(self)
-        self._decoder_box.setAccessibleName("Decoder of the masks")
-        self._decoder_box.activated.connect(lambda: self.decoder_changed.emit(self.decoder()))
-        keep_keys(self._decoder_box, ARROWS | PRESS)
+        self._decoder_box = forms.choice("Decoder of the masks", picked=lambda: self.decoder_changed.emit(self.decoder()))
         self._refined = QCheckBox("Refined", self)
         self._refined.setToolTip("Average over superpixels and follow the edges of the frame; off: pixel by pixel, coarse")
         self._refined.clicked.connect(self.refined_toggled)
@@ -102,28 +97,15 @@ class PromptBar(QWidget):
         self.set_threshold(0.5)
 
     def _arrange(self) -> None:
-        entry = QHBoxLayout()
-        entry.setSpacing(4)
-        entry.addWidget(self._field, 1)
-        entry.addWidget(self._add_button)
-        decision = QHBoxLayout()
-        decision.setSpacing(6)
-        decision.addWidget(self._decoder_box, 1)
-        decision.addWidget(self._refined)
-        cut = QHBoxLayout()
-        cut.setSpacing(6)
-        cut.addWidget(QLabel("Threshold", self))
-        cut.addWidget(self._slider, 1)
-        cut.addWidget(self._threshold_text)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 6, 6, 6)
-        layout.setSpacing(6)
-        layout.addLayout(entry)
-        layout.addLayout(self._list)
-        layout.addLayout(decision)
-        layout.addWidget(self._histogram)
-        layout.addLayout(cut)
-        layout.addStretch(1)
+        forms.column(
+            forms.row((self._field, 1), self._add_button, spacing=4),
+            self._list,
+            forms.row((self._decoder_box, 1), self._refined),
+            self._histogram,
+            forms.row(QLabel("Threshold"), (self._slider, 1), self._threshold_text),
+            0,
+            parent=self,
+        )
 
     # Decoder and threshold
 

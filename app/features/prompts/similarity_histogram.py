@@ -6,11 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPalette, QPen, QPolygonF
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPalette, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
+from degense.widgets.forms import PaintedWidget
 
-class SimilarityHistogram(QWidget):
+
+class SimilarityHistogram(PaintedWidget):
     """One curve a prompt over the similarity from 0 to 1, and the threshold as a line that can be dragged.
 
     Heights are square roots of shares: most pixels lie outside the mask, and would dwarf those inside.
@@ -50,10 +52,6 @@ class SimilarityHistogram(QWidget):
 
     def _area(self) -> QRectF:
         return QRectF(self.rect()).adjusted(4, 3, -4, -3)
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            self._paint(painter)
 
     def _paint(self, painter: QPainter) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)

@@ -10,16 +10,12 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QProcess, Qt
 from PySide6.QtWidgets import (
-    QAbstractItemView,
     QDialog,
     QDialogButtonBox,
     QFileDialog,
-    QHBoxLayout,
-    QLabel,
+    QHeaderView,
     QPushButton,
-    QTableWidget,
     QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -30,6 +26,7 @@ from degense.app.features.train.monitor import duration
 from degense.app.shell.messages import show_error
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
+from degense.widgets import forms
 
 
 @dataclass(frozen=True)
@@ -74,21 +71,11 @@ class RunsDialog(QDialog):
         self.resize(1180, 460)
         self._folder, self._runs = folder, runs
         self.summaries: list[RunSummary] = []
-        self.where = QLabel()
-        self.where.setTextFormat(Qt.TextFormat.PlainText)
-        other = QPushButton("Another folder…")
-        other.clicked.connect(self._choose)
-        top = QHBoxLayout()
-        top.addWidget(self.where, 1)
-        top.addWidget(other)
-        self.table = QTableWidget(0, len(COLUMNS))
-        self.table.setAccessibleName("Runs")
-        self.table.setHorizontalHeaderLabels([column.title for column in COLUMNS])
+        self.where = forms.label(wrap=False)
+        top = forms.row((self.where, 1), forms.button("Another folder…", self._choose))
+        self.table = forms.table("Runs", [column.title for column in COLUMNS])
+        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         self.table.horizontalHeader().setToolTip("; ".join(f"{about.title}: {about.help}" for about in COLUMNS if about.help))
-        self.table.verticalHeader().hide()
-        self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.table.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
-        self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.setSortingEnabled(True)
         self.table.sortByColumn(len(COLUMNS) - 1, Qt.SortOrder.DescendingOrder)
         self.table.itemSelectionChanged.connect(self._enable)
@@ -109,10 +96,7 @@ class RunsDialog(QDialog):
             buttons.addButton(button, QDialogButtonBox.ButtonRole.ActionRole)
             button.clicked.connect(action)
         buttons.rejected.connect(self.reject)
-        stack = QVBoxLayout(self)
-        stack.addLayout(top)
-        stack.addWidget(self.table, 1)
-        stack.addWidget(buttons)
+        forms.column(top, (self.table, 1), buttons, margin=9, parent=self)
         self.refresh()
 
     def refresh(self) -> None:

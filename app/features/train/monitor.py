@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QLabel, QProgressBar, QPushButton, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QGridLayout, QProgressBar, QSplitter, QWidget
 
 from degense.app.features.train.queue_list import RunQueue
 from degense.engine.events import TrainingProgress
+from degense.widgets import forms
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.render_panel import RenderPanel
-from degense.widgets.keys import PRESS, keep_keys
 from degense.widgets.theme import error_colour
 
 COMPARES = (("wipe", "Wipe: model | recorded"), ("off", "Model"), ("blink", "Blink"), ("difference", "Difference"))
@@ -42,77 +42,51 @@ class TrainingMonitor(QWidget):
         self.setAccessibleName("Training")
         self._state = "idle"
         self._history: list[TrainingProgress] = []
-        self._heading = _plain_label(self)
+        self._heading = forms.label(wrap=False)
         font = self._heading.font()
         font.setBold(True)
         self._heading.setFont(font)
-        self._stage = _plain_label(self, "State")
-        self._stage.setWordWrap(True)
-        self._bar = QProgressBar(self)
+        self._stage = forms.label("–", name="State")
+        self._bar = QProgressBar()
         self._bar.setAccessibleName("Progress")
         self._bar.setTextVisible(True)
-        self._cancel = QPushButton("Cancel", self)
-        self._cancel.setToolTip("Stop training; the state so far is saved as a checkpoint")
-        self._cancel.clicked.connect(self._ask_to_stop)
-        self._pause = QPushButton("Pause", self)
-        self._pause.clicked.connect(self._ask_to_pause)
-        self._facts = {name: _plain_label(self, name) for name in _FACTS}
-        self._note = _plain_label(self)
-        self._note.setObjectName("secondary")
-        self._note.setWordWrap(True)
+        self._cancel = forms.button("Cancel", self._ask_to_stop, "Stop training; the state so far is saved as a checkpoint")
+        self._pause = forms.button("Pause", self._ask_to_pause)
+        self._facts = {name: forms.label("–", name=name, wrap=False) for name in _FACTS}
+        self._note = forms.label(secondary=True)
         self._note.hide()
-        self._plot = _curve_plot(self, "Loss", "loss", "The loss curve appears here")
+        self._plot = _curve_plot("Loss", "loss", "The loss curve appears here")
         self._plot.set_log_y(True)
-        self._term = QComboBox(self)
-        self._term.setAccessibleName("Term of the loss that is plotted")
-        self._term.addItem(TOTAL)
+        self._term = forms.choice("Term of the loss that is plotted", [(None, TOTAL)])
         self._term.currentIndexChanged.connect(self._plot_term)
-        self._scores = _curve_plot(self, "PSNR", "PSNR [dB]", "The PSNR of the training frames appears here")
-        self._preview = RenderPanel(self)
+        self._scores = _curve_plot("PSNR", "PSNR [dB]", "The PSNR of the training frames appears here")
+        self._preview = RenderPanel()
         self._preview.setAccessibleName("Preview")
         self._preview.set_message("A preview appears here during training")
-        self._compare = QComboBox(self)
-        self._compare.setAccessibleName("Compare the preview with the recorded frame")
-        for mode, words in COMPARES:
-            self._compare.addItem(words, mode)
+        self._compare = forms.choice("Compare the preview with the recorded frame", COMPARES)
         self._compare.currentIndexChanged.connect(lambda: self._preview.comparison.set_mode(self._compare.currentData()))
         self._preview.comparison.set_mode("wipe")
-        self.queue = RunQueue(self)
-        for button in (self._cancel, self._pause):
-            keep_keys(button, PRESS)
+        self.queue = RunQueue()
         self._arrange()
         self.reset()
 
     def _arrange(self) -> None:
         """Heading and buttons on top, then state, bar and numbers; below them curves, preview and queue side by side."""
-        top = QHBoxLayout()
-        top.addWidget(self._heading, 1)
-        top.addWidget(self._pause)
-        top.addWidget(self._cancel)
         facts = QGridLayout()
         facts.setHorizontalSpacing(10)
         facts.setVerticalSpacing(2)
         for i, (name, value) in enumerate(self._facts.items()):
-            label = QLabel(name, self)
-            label.setObjectName("secondary")
             row, column = i // 3, 2 * (i % 3)
-            facts.addWidget(label, row, column)
+            facts.addWidget(forms.label(name, secondary=True, wrap=False), row, column)
             facts.addWidget(value, row, column + 1)
             facts.setColumnStretch(column + 1, 1)
-        split = QSplitter(Qt.Orientation.Horizontal, self)
+        split = QSplitter(Qt.Orientation.Horizontal)
         split.setChildrenCollapsible(False)
         for part in (_stacked(self._plot, self._term), self._scores, _stacked(self._preview, self._compare), self.queue):
             split.addWidget(part)
         split.setSizes([300, 300, 300, 160])
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 8, 8, 8)
-        layout.setSpacing(6)
-        layout.addLayout(top)
-        layout.addWidget(self._stage)
-        layout.addWidget(self._bar)
-        layout.addLayout(facts)
-        layout.addWidget(self._note)
-        layout.addWidget(split, 1)
+        top = forms.row((self._heading, 1), self._pause, self._cancel)
+        forms.column(top, self._stage, self._bar, facts, self._note, (split, 1), margin=8, parent=self)
 
     def state(self) -> str:
         return self._state
@@ -246,29 +220,17 @@ class TrainingMonitor(QWidget):
             self.pause_requested.emit()
 
 
-def _plain_label(parent: QWidget, name: str = "") -> QLabel:
-    """A label whose text is never taken for markup."""
-    label = QLabel("–", parent)
-    label.setAccessibleName(name)
-    label.setTextFormat(Qt.TextFormat.PlainText)
-    return label
-
-
-def _curve_plot(parent: QWidget, name: str, unit: str, message: str) -> CurvePlot:
+def _curve_plot(name: str, unit: str, message: str) -> CurvePlot:
     """An empty plot over iterations."""
-    plot = CurvePlot(parent)
+    plot = CurvePlot()
     plot.setAccessibleName(name)
     plot.set_labels("iteration", unit)
     plot.set_message(message)
     return plot
 
 
-def _stacked(view: QWidget, choice: QComboBox) -> QWidget:
+def _stacked(view: QWidget, box: QComboBox) -> QWidget:
     """A view with the menu that belongs to it below."""
     both = QWidget()
-    column = QVBoxLayout(both)
-    column.setContentsMargins(0, 0, 0, 0)
-    column.setSpacing(4)
-    column.addWidget(view, 1)
-    column.addWidget(choice)
+    forms.column((view, 1), box, margin=0, spacing=4, parent=both)
     return both

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QListWidget, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QListWidget, QWidget
 
-from degense.widgets.keys import ARROWS, PRESS, keep_keys
+from degense.widgets import forms
+from degense.widgets.keys import ARROWS, keep_keys
 
 
 class RunQueue(QWidget):
@@ -25,27 +26,14 @@ class RunQueue(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Waiting trainings")
-        title = QLabel("Waiting")
-        title.setObjectName("secondary")
         self.list = QListWidget()
         self.list.setAccessibleName("Waiting trainings, the next one first")
-        self.earlier, self.remove = QPushButton("Earlier"), QPushButton("Remove")
-        for button, words in ((self.earlier, "Let it come before the one above"), (self.remove, "Take it out of the queue")):
-            button.setToolTip(words)
-            keep_keys(button, PRESS)
-        keep_keys(self.list, ARROWS)
-        self.earlier.clicked.connect(lambda: self.raised.emit(self.list.currentRow()))
-        self.remove.clicked.connect(lambda: self.removed.emit(self.list.currentRow()))
         self.list.currentRowChanged.connect(lambda row: self._enable())
-        buttons = QHBoxLayout()
-        buttons.addWidget(self.earlier)
-        buttons.addWidget(self.remove)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(4)
-        column.addWidget(title)
-        column.addWidget(self.list, 1)
-        column.addLayout(buttons)
+        keep_keys(self.list, ARROWS)
+        self.earlier = forms.button("Earlier", lambda: self.raised.emit(self.list.currentRow()), "Start it before the one above")
+        self.remove = forms.button("Remove", lambda: self.removed.emit(self.list.currentRow()), "Take it out of the queue")
+        buttons = forms.row(self.earlier, self.remove)
+        forms.column(forms.label("Waiting", secondary=True), (self.list, 1), buttons, margin=0, spacing=4, parent=self)
         self.set_runs(())
 
     def set_runs(self, names: Sequence[str]) -> None:

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -14,13 +13,11 @@ from PySide6.QtWidgets import (
     QDialogButtonBox,
     QFileDialog,
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QLineEdit,
     QPushButton,
     QSpinBox,
     QTabWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -30,7 +27,7 @@ from degense.app.features.train.settings_table import SettingsTable
 from degense.app.features.train.teacher_folder import TeacherFolder
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers import default_teacher, teacher_choices
-from degense.widgets.theme import error_colour
+from degense.widgets import forms
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
@@ -54,13 +51,13 @@ class TrainDialog(QDialog):
         self.setWindowTitle(f"Train {clip.name}")
         self.resize(880, 640)
         self._clip, self._answers = clip, answers
-        self.preset = _combo("Quality", words.PRESET_WORDS)
-        self.routing = _combo("Gradient routing", words.ROUTING_WORDS)
+        self.preset = _choice("Quality", words.PRESET_WORDS)
+        self.routing = _choice("Gradient routing", words.ROUTING_WORDS)
         self._teachers = {choice.name: choice for choice in teacher_choices(clip)}
-        self.teacher = _combo("Semantics from", words.teacher_words(self._teachers.values()))
+        self.teacher = _choice("Semantics from", words.teacher_words(self._teachers.values()))
         self.folder = TeacherFolder()
-        self.device = _combo("Device", words.DEVICE_WORDS)
-        self.poses = _combo("Camera", words.POSES_WORDS)
+        self.device = _choice("Device", words.DEVICE_WORDS)
+        self.poses = _choice("Camera", words.POSES_WORDS)
         self.fit = QCheckBox("Fit the budget to the clip")
         self.iterations = _number("Iterations", 1_000_000, 500, "as the preset")
         self.gaussians = _number("Gaussians", 5_000_000, 5000, "as the preset")
@@ -68,13 +65,9 @@ class TrainDialog(QDialog):
         self.out = QLineEdit(str(_free_folder(clip.path.parent / f"{clip.path.stem}-run")))
         self.out.setAccessibleName("Run folder")
         self.table = SettingsTable()
-        self.cost, self.complaint = QLabel(), QLabel()
-        for label, name in ((self.cost, "Cost"), (self.complaint, "What is wrong")):
-            label.setWordWrap(True)
-            label.setAccessibleName(name)
-        colours = self.complaint.palette()
-        colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
-        self.complaint.setPalette(colours)
+        self.cost, self.complaint = QLabel(), forms.complaint()
+        self.cost.setWordWrap(True)
+        self.cost.setAccessibleName("Cost")
         self.buttons = QDialogButtonBox()
         self.start = self.buttons.addButton("Add to queue" if queued else "Start", QDialogButtonBox.ButtonRole.AcceptRole)
         self.buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
@@ -87,11 +80,7 @@ class TrainDialog(QDialog):
         tabs.addTab(self._choices(), "Choices")
         tabs.addTab(self.table, "All settings")
         tabs.setAccessibleName("Pages")
-        column = QVBoxLayout(self)
-        column.addWidget(tabs, 1)
-        column.addWidget(self.cost)
-        column.addWidget(self.complaint)
-        column.addWidget(self.buttons)
+        forms.column((tabs, 1), self.cost, self.complaint, self.buttons, margin=9, parent=self)
         self.fill(last)
         for box in (self.preset, self.routing, self.teacher, self.device, self.poses):
             box.currentIndexChanged.connect(self._update)
@@ -151,10 +140,7 @@ class TrainDialog(QDialog):
         browse = QPushButton("Choose…")
         browse.clicked.connect(self._browse)
         folder = QWidget()
-        line = QHBoxLayout(folder)
-        line.setContentsMargins(0, 0, 0, 0)
-        line.addWidget(self.out, 1)
-        line.addWidget(browse)
+        forms.row((self.out, 1), browse, parent=folder)
         rows: tuple[tuple[str, QWidget, dict[str, tuple[str, str]] | str], ...] = (
             ("Quality", self.preset, words.PRESET_WORDS),
             ("Semantics from", self.teacher, words.teacher_words(self._teachers.values())),
@@ -176,7 +162,7 @@ class TrainDialog(QDialog):
             grid.addWidget(_explained(control, said), row, 2)
         grid.addWidget(QLabel("Run folder"), len(rows), 0)
         grid.addWidget(folder, len(rows), 1, 1, 2)
-        grid.addWidget(_secondary(words.OUT_WORDS), len(rows) + 1, 1, 1, 2)
+        grid.addWidget(forms.label(words.OUT_WORDS, secondary=True), len(rows) + 1, 1, 1, 2)
         grid.setRowStretch(len(rows) + 2, 1)
         return page
 
@@ -208,13 +194,9 @@ class TrainDialog(QDialog):
             self.out.setText(folder)
 
 
-def _combo(name: str, entries: dict[str, tuple[str, str]]) -> QComboBox:
-    box = QComboBox()
-    box.setAccessibleName(name)
-    for value, (title, said) in entries.items():
-        box.addItem(title, value)
-        box.setItemData(box.count() - 1, said, Qt.ItemDataRole.ToolTipRole)
-    return box
+def _choice(name: str, entries: dict[str, tuple[str, str]]) -> QComboBox:
+    """A menu of value to (title, explanation)."""
+    return forms.choice(name, [(value, *about) for value, about in entries.items()])
 
 
 def _number(name: str, most: int, step: int, none: str) -> QSpinBox:
@@ -227,16 +209,9 @@ def _number(name: str, most: int, step: int, none: str) -> QSpinBox:
     return box
 
 
-def _secondary(text: str) -> QLabel:
-    label = QLabel(text)
-    label.setObjectName("secondary")
-    label.setWordWrap(True)
-    return label
-
-
 def _explained(control: QWidget, said: dict[str, tuple[str, str]] | str) -> QLabel:
     """What a choice does; it follows the choice."""
-    label = _secondary(said if isinstance(said, str) else "")
+    label = forms.label(said if isinstance(said, str) else "", secondary=True)
     if isinstance(control, QComboBox) and not isinstance(said, str):
 
         def show() -> None:

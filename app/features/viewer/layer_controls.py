@@ -6,13 +6,14 @@ from dataclasses import replace
 from typing import get_args
 
 from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.layer_list import LayerList
 from degense.app.features.viewer.view_rendering import View
 from degense.app.session.view_state import ColourRange, RangeMode, ViewState
+from degense.widgets import forms
 from degense.widgets.colour_bar import ColourBar
 
 
@@ -26,11 +27,7 @@ class LayerControls(QObject):
         self.colour_bar.hide()
         panel = QWidget()
         panel.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
-        column = QVBoxLayout(panel)
-        column.setContentsMargins(6, 6, 6, 6)
-        column.addWidget(self.layers)
-        column.addWidget(self.colour_bar)
-        column.addStretch(1)
+        forms.column(self.layers, self.colour_bar, 0, parent=panel)
         self.dock = viewer.shell.add_dock("Layers", panel, "right", height=240)
         layers, bar = self.layers, self.colour_bar
         layers.layer_changed.connect(session.view.set_layer)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QButtonGroup, QCheckBox, QGridLayout, QHBoxLayout, QLabel, QRadioButton, QSlider, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QButtonGroup, QCheckBox, QGridLayout, QLabel, QRadioButton, QSlider, QWidget
 
+from degense.widgets import forms
 from degense.widgets.keys import ARROWS, PRESS, keep_keys
 
 #: So many layers stand in two columns, one below the other in each.
@@ -45,17 +46,8 @@ class LayerList(QWidget):
         self._percent = QLabel(self)
         self._percent.setMinimumWidth(self.fontMetrics().horizontalAdvance("100 %"))
         self._percent.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        row = QHBoxLayout()
-        row.setSpacing(6)
-        row.addWidget(self._masks)
-        row.addWidget(self._slider, 1)
-        row.addWidget(self._percent)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 6, 6, 6)
-        layout.setSpacing(6)
-        layout.addLayout(self._list)
-        layout.addLayout(row)
-        layout.addStretch(1)
+        row = forms.row(self._masks, (self._slider, 1), self._percent)
+        forms.column(self._list, row, 0, parent=self)
         self.set_opacity(1.0)
 
     def set_layers(self, layers: Sequence[tuple[str, str, str, str]]) -> None:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent
+from PySide6.QtGui import QColor, QPainter
 from PySide6.QtWidgets import QWidget
 
 from degense.engine.colour_maps import colour_table
+from degense.widgets.forms import PaintedWidget
 from degense.widgets.qt_images import to_qimage
 from degense.widgets.ticks import short
 
 _EDGE, _BAR, _GAP, _HEIGHT = 8, 12, 5, 110
 
 
-class ViewBar(QWidget):
+class ViewBar(PaintedWidget):
     """Lies in the upper right corner of the widget that it is given, and lets the mouse through."""
 
     def __init__(self, host: QWidget) -> None:
@@ -52,10 +53,6 @@ class ViewBar(QWidget):
 
     def _stay(self) -> None:
         self.move(self._host.width() - self.width() - _EDGE, _EDGE)
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            self._paint(painter)
 
     def _paint(self, painter: QPainter) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)

@@ -1,0 +1,130 @@
+"""Controls and layouts as they look everywhere in the window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QBoxLayout,
+    QComboBox,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QLayout,
+    QPushButton,
+    QTableWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from degense.widgets.keys import ARROWS, PRESS, keep_keys
+from degense.widgets.theme import error_colour
+
+Layout = TypeVar("Layout", bound=QBoxLayout)
+#: What a layout holds: widgets, layouts, either with a stretch factor, or a free space in pixels (0: a stretch).
+Item = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
+
+
+class PaintedWidget(QWidget):
+    """A widget that paints itself in `_paint`."""
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
+            self._paint(painter)
+
+    def _paint(self, painter: QPainter) -> None:
+        raise NotImplementedError
+
+
+def row(*items: Item, spacing: int = 6, parent: QWidget | None = None) -> QHBoxLayout:
+    """Items beside each other, as the layout of `parent` or without margins in another one."""
+    layout = QHBoxLayout(parent) if parent is not None else QHBoxLayout()
+    return _fill(layout, items, 0, spacing)
+
+
+def column(*items: Item, margin: int = 6, spacing: int = 6, parent: QWidget | None = None) -> QVBoxLayout:
+    """Items below each other, as the layout of `parent` or in another one."""
+    layout = QVBoxLayout(parent) if parent is not None else QVBoxLayout()
+    return _fill(layout, items, margin, spacing)
+
+
+def _fill(layout: Layout, items: Iterable[Item], margin: int, spacing: int) -> Layout:
+    layout.setContentsMargins(margin, margin, margin, margin)
+    layout.setSpacing(spacing)
+    for item in items:
+        content, stretch = item if isinstance(item, tuple) else (item, 0)
+        if isinstance(content, QLayout):
+            layout.addLayout(content, stretch)
+        elif isinstance(content, QWidget):
+            layout.addWidget(content, stretch)
+        elif content:
+            layout.addSpacing(content)
+        else:
+            layout.addStretch(1)
+    return layout
+
+
+def choice(
+    name: str, entries: Iterable[tuple[object, str] | tuple[object, str, str]] = (), picked: Callable[[], object] | None = None
+) -> QComboBox:
+    """A menu of (value, title) or (value, title, tooltip). `picked` is called when the user picks one."""
+    box = QComboBox()
+    box.setAccessibleName(name)
+    for value, title, *tip in entries:
+        box.addItem(title, value)
+        if tip:
+            box.setItemData(box.count() - 1, tip[0], Qt.ItemDataRole.ToolTipRole)
+    if picked is not None:
+        box.activated.connect(picked)
+    keep_keys(box, ARROWS | PRESS)
+    return box
+
+
+def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushButton:
+    """A button that Space and Enter press."""
+    made = QPushButton(title)
+    made.setToolTip(tip)
+    made.clicked.connect(lambda checked: clicked())
+    keep_keys(made, PRESS)
+    return made
+
+
+def label(text: str = "", *, name: str = "", secondary: bool = False, wrap: bool = True) -> QLabel:
+    """Plain text, never taken for markup; a secondary one is quieter."""
+    made = QLabel(text)
+    made.setTextFormat(Qt.TextFormat.PlainText)
+    made.setAccessibleName(name)
+    made.setWordWrap(wrap)
+    if secondary:
+        made.setObjectName("secondary")
+    return made
+
+
+def complaint() -> QLabel:
+    """What is wrong, in the colour of errors."""
+    made = label(name="What is wrong")
+    colours = made.palette()
+    colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
+    made.setPalette(colours)
+    return made
+
+
+def table(name: str, heads: Sequence[str], *, editable: bool = False) -> QTableWidget:
+    """A table of rows of which one can be chosen; its columns share the width."""
+    made = QTableWidget(0, len(heads))
+    made.setAccessibleName(name)
+    made.setHorizontalHeaderLabels(list(heads))
+    made.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+    made.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+    trigger = QAbstractItemView.EditTrigger
+    made.setEditTriggers(trigger.DoubleClicked | trigger.EditKeyPressed if editable else trigger.NoEditTriggers)
+    made.setShowGrid(False)
+    made.setTabKeyNavigation(False)
+    made.verticalHeader().hide()
+    made.verticalHeader().setDefaultSectionSize(made.fontMetrics().height() + 6)
+    made.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+    return made
