@@ -69,10 +69,6 @@ class CurvePlot(PaintedWidget):
         self._series[name].y.append(float(y))
         self.update()
 
-    def remove_series(self, name: str) -> None:
-        self._series.pop(name, None)
-        self.update()
-
     def clear(self) -> None:
         self._series.clear()
         self.update()

@@ -61,9 +61,7 @@ class Timeline(QWidget):
         self._tick_timer = QTimer(self)
         self._tick_timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._tick_timer.timeout.connect(self._tick)
-        self._emit_timer = QTimer(self)
-        self._emit_timer.setSingleShot(True)
-        self._emit_timer.setInterval(0)
+        self._emit_timer = QTimer(self, singleShot=True, interval=0)
         self._emit_timer.timeout.connect(lambda: self.frame_changed.emit(self.frame()))
 
         self._track = FrameTrack(self)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from degense.engine.colour_maps import CLASS_COLOURS, hatched
 from degense.engine.colour_maps import colourise as colourise_values
-from degense.engine.colour_maps import hatched
 from degense.engine.layers.layer import Layer, LayerImage, LayerRequest, RangeMode
 from degense.engine.scene import Scene
 
@@ -15,10 +15,8 @@ from degense.engine.scene import Scene
 SEQUENCE_SAMPLES = 9
 #: Percentage of the values cut off at each end, so that a few stray pixels do not darken all others.
 DEFAULT_CLIP = 1.0
-#: Okabe–Ito, the eight colours that colour-blind people tell apart, without black.
-MASK_COLOURS = np.array(
-    [(230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167)], np.uint8
-)
+#: Okabe–Ito without black: the first of the classes.
+MASK_COLOURS = np.array(CLASS_COLOURS[:7], np.uint8)
 
 
 def colourise(image: LayerImage, low: float, high: float, cmap: str = "viridis") -> np.ndarray:

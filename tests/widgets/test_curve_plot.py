@@ -116,10 +116,6 @@ def test_growing_keeps_names_and_colours(plot):
         plot.append("loss", i, 1.0 / (i + 1))
     plot.append("psnr", 0, 20.0)
     assert plot.series_names() == ["loss", "psnr"]
-    plot.set_series("loss", np.arange(3), np.arange(3))
-    plot.remove_series("psnr")
-    plot.remove_series("never there")
-    assert plot.series_names() == ["loss"]
 
 
 def test_clicks_give_points_of_the_curves(plot):

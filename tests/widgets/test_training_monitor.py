@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QComboBox, QLabel, QProgressBar, QPushButton
+from PySide6.QtWidgets import QComboBox, QLabel, QProgressBar
 
 from degense.app.features.train.monitor import TrainingMonitor, duration
 from degense.engine.events import TrainingProgress
@@ -23,7 +23,7 @@ def fact(monitor, name):
 
 
 def cancel(monitor):
-    return monitor.findChild(QPushButton)
+    return monitor._cancel
 
 
 @pytest.mark.parametrize(

@@ -37,8 +37,7 @@ class Comparison(QObject):
         self.observed: DrawableFrame | None = None
         self._observed_turn = False
         self._difference: tuple[DrawableFrame, QImage] | None = None
-        self._timer = QTimer(self)
-        self._timer.setInterval(BLINK_MS)
+        self._timer = QTimer(self, interval=BLINK_MS)
         self._timer.timeout.connect(self._blink)
 
     def set_observed(self, rgb: np.ndarray | None) -> None:

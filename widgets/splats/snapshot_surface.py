@@ -57,9 +57,7 @@ class SnapshotSurface(QObject):
         self._colours = np.zeros((0, 3), np.uint8)
         self._camera: Camera | None = None
         self._background = QColor()
-        self._rest = QTimer(self)
-        self._rest.setSingleShot(True)
-        self._rest.setInterval(REST_MS)
+        self._rest = QTimer(self, singleShot=True, interval=REST_MS)
         self._rest.timeout.connect(self._refine)
         self._coarse = False
 

@@ -31,8 +31,7 @@ class Cameras(QObject):
         session.register("cameras", self.book)
         self._flight: CameraPath | None = None
         self._started = 0.0
-        self._timer = QTimer(self)
-        self._timer.setInterval(TICK_MS)
+        self._timer = QTimer(self, interval=TICK_MS)
         self._timer.timeout.connect(self._fly_on)
         self.book.changed.connect(lambda record: self._list())
         session.opened.connect(self._opened)

@@ -154,8 +154,8 @@ class CheckDialog(QDialog):
             (control.currentIndexChanged if isinstance(control, QComboBox) else control.valueChanged).connect(self._changed)
         self.aspect.currentIndexChanged.connect(self._draw)
         self.frame.valueChanged.connect(self._draw)
-        for control in self._aspect_of:
-            control.installEventFilter(self)
+        for watched in self._aspect_of:
+            watched.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Show the view that a control is about as soon as one turns to it."""

@@ -30,9 +30,7 @@ class PromptStatistics(QObject):
         session = self.session
         self.areas = AreaCurves()
         session.register("areas", self.areas)
-        self._quiet = QTimer(self)
-        self._quiet.setSingleShot(True)
-        self._quiet.setInterval(QUIET_MS)
+        self._quiet = QTimer(self, singleShot=True, interval=QUIET_MS)
         self._quiet.timeout.connect(self._compute_areas)
         viewer.shown.connect(self._drawn)
         session.view_state_changed.connect(self._view_state_changed)
