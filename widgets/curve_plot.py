@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from degense.widgets.forms import PaintedWidget
 from degense.widgets.theme import class_colour
-from degense.widgets.ticks import linear_ticks, log_ticks, short
+from degense.widgets.ticks import linear_ticks, log_ticks, pieces, short
 
 #: Larger values (and, on a logarithmic axis, smaller ones than its inverse) are gaps: the axis could not be computed.
 LARGEST = 1e100
@@ -192,13 +192,10 @@ class CurvePlot(PaintedWidget):
         x, y = np.asarray(series.x), self._values(series)
         # A long run has more points than pixels; one point a half pixel is all that can be seen.
         keep = max(1, len(x) // (2 * max(int(area.width()), 1)))
-        finite = np.isfinite(y)
         if series.band is not None and not self._log:
             self._paint_band(painter, series, area, limits)
         painter.setPen(QPen(series.colour, 1.6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin))
-        for run in np.split(np.arange(len(y)), np.flatnonzero(np.diff(finite.astype(np.int8))) + 1):
-            if len(run) == 0 or not finite[run[0]]:
-                continue
+        for run in pieces(y):
             chosen = run if keep == 1 else np.unique(np.append(run[::keep], run[-1]))
             points = [QPointF(self._to_x(x[i], area, limits), self._to_y(y[i], area, limits)) for i in chosen]
             if len(points) == 1:
@@ -211,10 +208,9 @@ class CurvePlot(PaintedWidget):
     def _paint_band(self, painter: QPainter, series: _Series, area: QRectF, limits: tuple) -> None:
         assert series.band is not None
         low, high = series.band
-        known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
         shade = QColor(series.colour)
         shade.setAlpha(45)
-        for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+        for run in pieces(np.asarray(low) + high):
             there = [QPointF(self._to_x(series.x[i], area, limits), self._to_y(high[i], area, limits)) for i in run]
             back = [QPointF(self._to_x(series.x[i], area, limits), self._to_y(low[i], area, limits)) for i in run[::-1]]
             painter.setPen(Qt.PenStyle.NoPen)

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLayout,
     QPushButton,
+    QSpinBox,
     QTableWidget,
     QVBoxLayout,
     QWidget,
@@ -84,6 +85,17 @@ def choice(
     return box
 
 
+def number(name: str, least: int = 0, most: int = 1_000_000, step: int = 1, zero: str = "") -> QSpinBox:
+    """A whole number; `zero` is shown in place of the least one."""
+    box = QSpinBox()
+    box.setAccessibleName(name)
+    box.setRange(least, most)
+    box.setSingleStep(step)
+    box.setGroupSeparatorShown(True)
+    box.setSpecialValueText(zero)
+    return box
+
+
 def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushButton:
     """A button that Space and Enter press."""
     made = QPushButton(title)
@@ -128,3 +140,9 @@ def table(name: str, heads: Sequence[str], *, editable: bool = False) -> QTableW
     made.verticalHeader().setDefaultSectionSize(made.fontMetrics().height() + 6)
     made.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
     return made
+
+
+def texts(of: QTableWidget) -> list[tuple[str, ...]]:
+    """What is written in the rows of a table."""
+    cells = [[of.item(row, column) for column in range(of.columnCount())] for row in range(of.rowCount())]
+    return [tuple(item.text() for item in row if item is not None) for row in cells]

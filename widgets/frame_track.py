@@ -10,6 +10,7 @@ from PySide6.QtGui import QColor, QHelpEvent, QKeyEvent, QMouseEvent, QPainter, 
 from PySide6.QtWidgets import QSizePolicy, QSlider, QToolTip, QWidget
 
 from degense.widgets.keys import ARROWS, keep_keys
+from degense.widgets.ticks import pieces
 
 _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
 
@@ -127,9 +128,7 @@ class FrameTrack(QSlider):
         scale = (height - 3) / max(float(values[finite].max()), 1e-12)
         # No more points than pixels: of the frames that share a pixel the largest value is drawn.
         step = max(1, len(values) // max(self.width(), 1))
-        for run in np.split(np.arange(len(values)), np.flatnonzero(np.diff(finite.astype(np.int8))) + 1):
-            if not finite[run[0]]:
-                continue
+        for run in pieces(values):
             peaks = [(run[i], max(float(values[run[i : i + step]].max()), 0.0)) for i in range(0, len(run), step)]
             points = [QPointF(self._x(frame), height - scale * peak) for frame, peak in peaks]
             line = QPainterPath(points[0])

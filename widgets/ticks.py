@@ -1,8 +1,11 @@
-"""Round numbers for axes and read-outs."""
+"""Round numbers for axes and read-outs, and the pieces of curves with gaps. No Qt."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+
+import numpy as np
 
 
 def linear_ticks(low: float, high: float, count: int) -> list[float]:
@@ -38,3 +41,9 @@ def short(value: float, digits: int = 3) -> str:
         text = f"{value:.{decimals}f}"
         return text.rstrip("0").rstrip(".") if "." in text else text
     return f"{value:.{digits - 1}e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+
+
+def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Indices of each run of finite values, [n] each, one after another."""
+    known = np.flatnonzero(np.isfinite(values))
+    return (run for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(run))

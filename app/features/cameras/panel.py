@@ -80,8 +80,7 @@ class CameraList(QWidget):
 
     def rows(self) -> list[tuple[str, ...]]:
         """What is written in the list."""
-        cells = [[self._table.item(row, column) for column in range(3)] for row in range(self._table.rowCount())]
-        return [tuple(item.text() for item in row if item is not None) for row in cells]
+        return forms.texts(self._table)
 
     def current(self) -> int:
         """The chosen row, −1 for none."""

@@ -75,9 +75,9 @@ class CheckDialog(QDialog):
         layouts = ((None, "as detected"), *((name, LAYOUT_WORDS.get(name, name)) for name in LAYOUTS))
         self.controls: dict[str, QComboBox | QSpinBox | QDoubleSpinBox] = {
             "layout": forms.choice("Layout", layouts),
-            "start": _whole("First frame", 0),
-            "stride": _whole("Each so manyth frame", 1),
-            "max_frames": _whole("Most frames", 1),
+            "start": forms.number("First frame", 0),
+            "stride": forms.number("Each so manyth frame", 1),
+            "max_frames": forms.number("Most frames", 1),
             "mask_means": forms.choice("Masks", MASK_WORDS),
             "focal": _focal_length(),
             "poses": forms.choice("Camera", POSE_WORDS),
@@ -247,11 +247,4 @@ def _focal_length() -> QDoubleSpinBox:
     box.setDecimals(1)
     box.setSuffix(" px")
     box.setSpecialValueText("as detected")
-    return box
-
-
-def _whole(name: str, least: int) -> QSpinBox:
-    box = QSpinBox()
-    box.setAccessibleName(name)
-    box.setRange(least, 1_000_000)
     return box

@@ -16,16 +16,11 @@ def install(shell: Shell) -> None:
         shell.worker.add_channel(channel, 40)
     comparison, menu = RunComparison(viewer), ("Inspect",)
     shell.provide(comparison)
+
+    def has_scene() -> bool:
+        return shell.session.scene is not None
+
     shell.add_actions(
-        Action(
-            "inspect.second-run",
-            "Compare with run…",
-            comparison.ask,
-            menu,
-            (),
-            lambda: shell.session.scene is not None,
-            group=2,
-            help="side by side second run",
-        ),
+        Action("inspect.second-run", "Compare with run…", comparison.ask, menu, (), has_scene, group=2, help="side by side second run"),
         Action("inspect.one-run", "Close the other run", comparison.close, menu, (), lambda: comparison.scene is not None, group=2),
     )

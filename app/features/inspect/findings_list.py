@@ -65,9 +65,7 @@ class RankingList(QWidget):
 
     def rows(self) -> list[tuple[str, ...]]:
         """What is written in the list."""
-        columns = range(self._table.columnCount())
-        cells = [[self._table.item(row, column) for column in columns] for row in range(self._table.rowCount())]
-        return [tuple(item.text() for item in row if item is not None) for row in cells]
+        return forms.texts(self._table)
 
     def choose(self, step: int) -> None:
         """Go to the next finding (or back), round and round."""

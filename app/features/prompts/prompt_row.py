@@ -113,9 +113,9 @@ class PromptRow(QFrame):
         self._toggle(True)
 
     def set_answer(self, area: float | None, confidence: float | None) -> None:
-        """Say how much of the frame the mask covers and how sure that is, both in [0, 1]; None when it is not known."""
+        """Area (share of the frame) and confidence of the mask, both in [0, 1]; None when they are not known."""
         known = area is not None and confidence is not None and not self.negative
-        self._answer.setText(f"{area:.1%}  sure {confidence:.2f}" if known else "")
+        self._answer.setText(f"{area:.1%}  confidence {confidence:.2f}" if known else "")
         self._answer.setToolTip(
             f"The mask covers {area:.1%} of the frame.\nConfidence {confidence:.2f}: the mean similarity in the mask, less that of the "
             "best rival; 0 a toss-up, 1 certain."

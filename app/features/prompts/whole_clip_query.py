@@ -17,7 +17,7 @@ CHANNEL = "query"
 
 
 class ClipQuery(QObject):
-    """Runs in the worker while the window goes on; what was found stays when it is stopped."""
+    """Runs in the worker; what was computed stays when it is stopped."""
 
     def __init__(self, shell: Shell, statistics: PromptStatistics) -> None:
         super().__init__(shell)
@@ -29,12 +29,12 @@ class ClipQuery(QObject):
         return self.worker.busy(CHANNEL)
 
     def can_ask(self) -> bool:
-        """Whether there is something to ask, and something to ask it of."""
+        """Whether there are visible prompts and a scene with semantics."""
         scene = self.session.scene
         return scene is not None and scene.has_semantics and bool(self.session.view_state.visible_prompts) and not self.running
 
     def ask(self) -> None:
-        """Find the area of each visible prompt in every frame whose area is not known yet, from this one outwards."""
+        """Compute the areas of the visible prompts in all frames where they are not known, from this one outwards."""
         scene, view_state = self.session.scene, self.session.view_state
         assert scene is not None
         frames = self.statistics.areas.missing(view_state, scene.frames, self.session.frame)
@@ -44,7 +44,7 @@ class ClipQuery(QObject):
             nonlocal known
             known += 1
             self.statistics.take(scene, view_state, *step)
-            self.shell.set_busy("Asking the whole clip", known / scene.frames)
+            self.shell.set_busy("Querying the whole clip", known / scene.frames)
 
         def done(result: object) -> None:
             curves = {
@@ -85,7 +85,7 @@ class ClipQuery(QObject):
             self.stop()
 
     def _begin(self) -> None:
-        self.shell.set_busy("Asking the whole clip", 0.0)
+        self.shell.set_busy("Querying the whole clip", 0.0)
 
     def _end(self, text: str) -> None:
         self.shell.set_busy()

@@ -16,7 +16,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QPushButton,
-    QSpinBox,
     QTabWidget,
     QWidget,
 )
@@ -59,9 +58,9 @@ class TrainDialog(QDialog):
         self.device = _choice("Device", words.DEVICE_WORDS)
         self.poses = _choice("Camera", words.POSES_WORDS)
         self.fit = QCheckBox("Fit the budget to the clip")
-        self.iterations = _number("Iterations", 1_000_000, 500, "as the preset")
-        self.gaussians = _number("Gaussians", 5_000_000, 5000, "as the preset")
-        self.seed = _number("Seed", 2**31 - 1, 1, "")
+        self.iterations = forms.number("Iterations", most=1_000_000, step=500, zero="as the preset")
+        self.gaussians = forms.number("Gaussians", most=5_000_000, step=5000, zero="as the preset")
+        self.seed = forms.number("Seed", most=2**31 - 1)
         self.out = QLineEdit(str(_free_folder(clip.path.parent / f"{clip.path.stem}-run")))
         self.out.setAccessibleName("Run folder")
         self.table = SettingsTable()
@@ -197,16 +196,6 @@ class TrainDialog(QDialog):
 def _choice(name: str, entries: dict[str, tuple[str, str]]) -> QComboBox:
     """A menu of value to (title, explanation)."""
     return forms.choice(name, [(value, *about) for value, about in entries.items()])
-
-
-def _number(name: str, most: int, step: int, none: str) -> QSpinBox:
-    box = QSpinBox()
-    box.setAccessibleName(name)
-    box.setRange(0, most)
-    box.setSingleStep(step)
-    box.setGroupSeparatorShown(True)
-    box.setSpecialValueText(none)
-    return box
 
 
 def _explained(control: QWidget, said: dict[str, tuple[str, str]] | str) -> QLabel:
