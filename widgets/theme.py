@@ -74,6 +74,7 @@ QToolButton { padding: 3px; border: 1px solid transparent; border-radius: 4px; }
 QToolButton:hover { background: palette(midlight); }
 QToolButton:checked { background: palette(mid); }
 QToolButton:focus { border: 1px solid palette(accent); }
+QMainWindow > QTabBar { qproperty-elideMode: ElideNone; }
 QFrame#chip { background: palette(button); border: 1px solid palette(mid); border-radius: 6px; }
 """
 

@@ -16,7 +16,6 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QSizePolicy,
     QSplitter,
-    QTabBar,
     QVBoxLayout,
     QWidget,
 )
@@ -101,8 +100,6 @@ class Docks(QObject):
         if self._heights:
             self.window.resizeDocks(list(self._heights), list(self._heights.values()), Qt.Orientation.Vertical)
             self.window.resizeDocks([next(iter(self._heights))], [WIDTH], Qt.Orientation.Horizontal)
-        for bar in self.window.findChildren(QTabBar):
-            bar.setElideMode(Qt.TextElideMode.ElideNone)
         if self._tabs:
             self._tabs[0].raise_()
         # Clicked buttons and sliders leave the keyboard to the window, whose Space and arrows move time. Tab still reaches everything.
