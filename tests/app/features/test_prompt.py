@@ -151,7 +151,7 @@ def test_similarities_are_seen_and_the_threshold_dragged_over_them(qtbot, opened
     assert session.view_state.threshold == bar.threshold() == pytest.approx(0.95, abs=0.01)
     idle()
     assert all(float(answer.split("%")[0]) < area for answer, area in zip(bar.answers(), before, strict=True))
-    assert "sure" in bar.answers()[0]
+    assert "confidence" in bar.answers()[0]
     screenshot(opened, "prompt-histogram")
 
 
