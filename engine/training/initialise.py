@@ -19,7 +19,7 @@ DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame 
 
 
 def initial_gaussians(
-    frames: TrainingFrames, evidence: FlowSupervision | None, budget: int, rank: int, generator: np.random.Generator, color_knots: int = 0
+    frames: TrainingFrames, flow: FlowSupervision | None, budget: int, rank: int, generator: np.random.Generator, color_knots: int = 0
 ) -> tuple[dict[str, Tensor], Tensor]:
     """Canonical parameters and the bounds of the field.
 
@@ -51,7 +51,7 @@ def initial_gaussians(
     for key in keys:
         image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
         smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
-        expected = [shown] if evidence is None else [shown, evidence.warped(shown, train[0], key)[0]]
+        expected = [shown] if flow is None else [shown, flow.warped(shown, train[0], key)[0]]
         fresh = valid & (~known | (np.minimum.reduce([unlike(smooth, picture) for picture in expected]) > DIFFERENT))
         pixels = jittered_grid(width, height, stride, generator)
         pixels = pixels[fresh[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]]
@@ -61,8 +61,8 @@ def initial_gaussians(
         place, pitch = frames.cameras[key].unproject(pixels, z), stride * z / frames.cameras[key].fx
         brief = born[:, 1] > 0
         drift = np.zeros_like(place)
-        if evidence is not None and brief.any():
-            drift[brief] = evidence.velocity(key, pixels[brief]) / rate
+        if flow is not None and brief.any():
+            drift[brief] = flow.velocity(key, pixels[brief]) / rate
         found.append((place, smooth[rows, columns] / 255.0, pitch, born, drift))
         shown[valid & ~known] = smooth[valid & ~known]
         known |= valid

@@ -43,8 +43,8 @@ class Visited(MovingWall):
 
 def start(clip, budget=1200, motion=False, seed=0):
     frames = TrainingFrames(clip, 1 << 20, CPU)
-    evidence = FlowSupervision(frames) if motion else None
-    canonical, bounds = initial_gaussians(frames, evidence, budget, 3, np.random.default_rng(seed))
+    flow = FlowSupervision(frames) if motion else None
+    canonical, bounds = initial_gaussians(frames, flow, budget, 3, np.random.default_rng(seed))
     position, z = frames.cameras[0].project(canonical["means"].double().numpy())
     return frames, canonical, bounds, position, z
 

@@ -85,17 +85,17 @@ def said(value: Any) -> str:
     return f"{value:,}"
 
 
-def fit_budget(frames: TrainingFrames, config: TrainConfig, evidence: FlowSupervision | None, basis: Basis | None = None) -> Budget:
+def fit_budget(frames: TrainingFrames, config: TrainConfig, flow: FlowSupervision | None, basis: Basis | None = None) -> Budget:
     """Settings that fit the clip: the preset's or smaller, never larger. What was given by hand (`TrainConfig.given`) stays.
 
     Parameters
     ----------
-    evidence : MotionEvidence or None
+    flow : FlowSupervision or None
         None, for a single frame or without flow, keeps everything that motion would decide.
     basis : Basis or None
         Of the semantic latents; its rank was chosen from the singular values (`engine.semantics.fit_basis`) and is only put on record.
     """
-    found = measure(frames, evidence)
+    found = measure(frames, flow)
     chosen = [
         choice for choice in choose(found, config, len(frames.clip), len(frames.clip.train_frames)) if choice.setting not in config.given
     ]

@@ -60,8 +60,8 @@ class Statistics:
     believed: float
 
 
-def measure(frames: TrainingFrames, evidence: FlowSupervision | None) -> Statistics:
-    """The statistics of a clip at its working size. Without evidence (one frame, or no flow wanted) motion is unknown: the finest."""
+def measure(frames: TrainingFrames, supervision: FlowSupervision | None) -> Statistics:
+    """The statistics of a clip at its working size. Without flow (one frame, or no flow wanted) motion is unknown: the finest."""
     train = frames.clip.train_frames
     near, many = spread(train, PICTURES), spread(train, MOMENTS)
     small = {i: frames.image(i) for i in {*near, *many}}
@@ -71,25 +71,25 @@ def measure(frames: TrainingFrames, evidence: FlowSupervision | None) -> Statist
         needed = pool.map(lambda i: gaussians_needed(small[i], valid[i], noise), near)
         moments = list(pool.map(lambda i: _cells(small[i].astype(np.float32), valid[i]), many))
         ways = []
-        if evidence is not None:
-            ways = list(pool.map(lambda i: way_from_first(evidence, i, small[train[0]], small[i], noise), many[1:]))
+        if supervision is not None:
+            ways = list(pool.map(lambda i: way_from_first(supervision, i, small[train[0]], small[i], noise), many[1:]))
         gaussians = max(needed)
         if not any(weight.any() for _, weight in ways):
             knots = knots_needed(moments, LOST_CHANGE)
             return Statistics(noise, gaussians, 1.0 if len(train) > 1 else 0.0, CELLS[-1], knots, 255.0, 0.0, 0.0)
-        assert evidence is not None
-        width, height = evidence.size
+        assert supervision is not None
+        width, height = supervision.size
         still = np.zeros((height, width, 2), np.float32), np.ones((height, width), bool)
         coarse_ways = list(pool.map(lambda way: _cells(*way), (still, *ways)))
-        changes = [recolouring(frames, evidence, i) for i in near[1:]]
+        changes = [recolouring(frames, supervision, i) for i in near[1:]]
         cells = [*pool.map(lambda way: cells_needed(way[0], way[1], LOST_MOTION), spread(ways, PICTURES))]
         cells += pool.map(lambda change: cells_needed(change[0], change[1], LOST_CHANGE), changes)
     lengths = np.concatenate([np.linalg.norm(flow[weight], axis=-1) for flow, weight in ways])
-    weights = [float(pair.weight.float().mean()) for pairs in evidence.pairs.values() for pair in pairs]
+    weights = [float(pair.weight.float().mean()) for pairs in supervision.pairs.values() for pair in pairs]
     return Statistics(
         noise=noise,
         gaussians=gaussians,
-        unmatched=float(np.mean([unmatched(frames, evidence, i) for i in near[1:]])),
+        unmatched=float(np.mean([unmatched(frames, supervision, i) for i in near[1:]])),
         cells=max(cells),
         knots=max(knots_needed(moments, LOST_CHANGE), knots_needed(coarse_ways, LOST_MOTION)),
         delta_color=float(np.percentile(np.concatenate([np.abs(change[both]).max(1) for change, both in changes]), 99)),
@@ -133,17 +133,17 @@ def gaussians_needed(rgb: np.ndarray, valid: np.ndarray, noise: float) -> float:
 
 
 def way_from_first(
-    evidence: FlowSupervision, index: int, before: np.ndarray, after: np.ndarray, noise: float
+    supervision: FlowSupervision, index: int, before: np.ndarray, after: np.ndarray, noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Flow of the first training frame to another, float32 [h, w, 2] in pixels of the flow, and where it is believed, bool [h, w].
 
     0 where the two frames, `before` and `after`, look the same but for noise: there flow follows the noise, on plain surfaces by pixels.
     """
-    first = evidence.frames.clip.train_frames[0]
-    flow = evidence.flow(first, index)
-    start, end = (smooth(cv2.resize(picture, evidence.size, interpolation=cv2.INTER_AREA)) for picture in (before, after))
+    first = supervision.frames.clip.train_frames[0]
+    flow = supervision.flow(first, index)
+    start, end = (smooth(cv2.resize(picture, supervision.size, interpolation=cv2.INTER_AREA)) for picture in (before, after))
     flow[np.abs(start - end).max(2) < 1 + noise] = 0
-    return flow, _believed(evidence, first, index)
+    return flow, _believed(supervision, first, index)
 
 
 def smooth(rgb: np.ndarray) -> np.ndarray:
@@ -151,21 +151,21 @@ def smooth(rgb: np.ndarray) -> np.ndarray:
     return cv2.GaussianBlur(rgb.astype(np.float32), (0, 0), 2.0)
 
 
-def unmatched(frames: TrainingFrames, evidence: FlowSupervision, index: int) -> float:
+def unmatched(frames: TrainingFrames, supervision: FlowSupervision, index: int) -> float:
     """Share of the valid pixels of a training frame without a believed way to the first."""
     first = frames.clip.train_frames[0]
-    valid = cv2.resize(frames.valid(index).astype(np.uint8), evidence.size, interpolation=cv2.INTER_NEAREST) > 0
-    return float(1 - _believed(evidence, index, first)[valid].mean()) if valid.any() else 1.0
+    valid = cv2.resize(frames.valid(index).astype(np.uint8), supervision.size, interpolation=cv2.INTER_NEAREST) > 0
+    return float(1 - _believed(supervision, index, first)[valid].mean()) if valid.any() else 1.0
 
 
-def _believed(evidence: FlowSupervision, here: int, there: int) -> np.ndarray:
+def _believed(supervision: FlowSupervision, here: int, there: int) -> np.ndarray:
     """Where the flow between two frames of a pair is believed, bool [h, w]."""
-    pair = evidence.pair(here, there)
+    pair = supervision.pair(here, there)
     assert pair is not None
     return pair.weight[0].float().cpu().numpy() > 0.5
 
 
-def recolouring(frames: TrainingFrames, evidence: FlowSupervision, index: int) -> tuple[np.ndarray, np.ndarray]:
+def recolouring(frames: TrainingFrames, supervision: FlowSupervision, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Grey levels by which the colours of a frame differ from those of the first, float32 [H, W, 3], blurred by 2 pixels; and where both
     frames are valid, bool [H, W].
 
@@ -174,7 +174,7 @@ def recolouring(frames: TrainingFrames, evidence: FlowSupervision, index: int) -
     """
     first = frames.clip.train_frames[0]
     here, start = smooth(frames.image(index)), frames.image(first)
-    moved, unmoved = here - smooth(evidence.warped(start, first, index)[0]), here - smooth(start)
+    moved, unmoved = here - smooth(supervision.warped(start, first, index)[0]), here - smooth(start)
     both = frames.valid(first) & frames.valid(index)
     return np.where(np.abs(moved).max(2, keepdims=True) < np.abs(unmoved).max(2, keepdims=True), moved, unmoved), both
 
