@@ -27,5 +27,5 @@ def camera_from_json(data: dict[str, Any]) -> Camera:
     if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-3) or np.linalg.det(turn) < 0:
         raise ValueError("not the rotation of a camera")
     if not (0 < width < LARGEST_SIDE and 0 < height < LARGEST_SIDE):
-        raise ValueError("not the size of a picture")
+        raise ValueError("not the size of a frame")
     return Camera(width, height, fx, fy, cx, cy, viewmat)

@@ -86,7 +86,7 @@ def target_from_json(data: Any) -> Target | None:
 def material(scene: Scene, place: Spot | Region) -> tuple[np.ndarray, np.ndarray]:
     """Indices [k] and weights [k] (sum 1) of the Gaussians that make the visible surface at a place.
 
-    Gaussians keep their identity in time, so whoever follows them follows the material, not the pixel. The weights are opacities; at a
+    Gaussians keep their identity in time, so following them follows the tissue, not the pixel. The weights are opacities; at a
     spot they also fall off with the distance from it.
 
     Raises

@@ -108,7 +108,7 @@ class ViewEditor(PersistentState):
         self._change_prompt(f"{prompt.text}: {'negative' if negative else 'positive'}", replace(prompt, negative=negative))
 
     def set_refined(self, refined: bool) -> None:
-        """Decide masks region by region along the edges of the picture, or pixel by pixel."""
+        """Decide masks region by region along the edges of the frame, or pixel by pixel."""
         self.set_decoder(decoder_refined(self.state.decoder, refined))
 
     def set_visible(self, text: str, visible: bool) -> None:

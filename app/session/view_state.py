@@ -19,7 +19,7 @@ Colour = tuple[int, int, int]
 PROMPT_COLOURS: tuple[Colour, ...] = (*CLASS_COLOURS[:7], (255, 255, 255))
 
 
-#: Each decoder that works pixel by pixel, and the one that decides alike on regions and along the edges of the picture.
+#: Each decoder that works pixel by pixel, and the one that decides alike on regions and along the edges of the frame.
 REFINED = {"threshold": "rnse", "argmax": "rnse+argmax"}
 
 

@@ -97,9 +97,9 @@ class ClassList(QListWidget):
 
 def _icon(swatch: np.ndarray, key: str) -> QIcon:
     """A swatch with the key that chooses it."""
-    picture = QPixmap.fromImage(to_qimage(swatch))
-    with QPainter(picture) as painter:
+    pixmap = QPixmap.fromImage(to_qimage(swatch))
+    with QPainter(pixmap) as painter:
         for offset, colour in ((1, QColor(0, 0, 0)), (0, QColor(255, 255, 255))):
             painter.setPen(colour)
-            painter.drawText(picture.rect().translated(offset, offset), Qt.AlignmentFlag.AlignCenter, key)
-    return QIcon(picture)
+            painter.drawText(pixmap.rect().translated(offset, offset), Qt.AlignmentFlag.AlignCenter, key)
+    return QIcon(pixmap)

@@ -79,7 +79,7 @@ def masks_of_run(scene: Scene, prompts: PromptSet) -> MapSet:
     if not classes:
         raise PromptError(f"{scene.name} has no classes of its own; say which masks to export with prompts.")
     asked = replace(prompts, prompts=classes)
-    encode_prompts(scene, asked)  # what is not understood is said before anything is written
+    encode_prompts(scene, asked)  # an unknown prompt is refused before anything is written
     width, height = scene.clip_size
 
     def read(frame: int) -> np.ndarray:
@@ -90,7 +90,7 @@ def masks_of_run(scene: Scene, prompts: PromptSet) -> MapSet:
 
 
 def write_labels(name: str, maps: MapSet, out: Path) -> Steps[str]:
-    """Write label maps; returns what was done, in words. DegenseError when they cannot be written."""
+    """Write label maps; returns a summary in one sentence. DegenseError when they cannot be written."""
     chosen = label_format(name)
     if not maps.frames:
         raise DegenseError("No frame is labelled yet, so there is nothing to export.")

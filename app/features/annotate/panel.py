@@ -127,7 +127,7 @@ class AnnotationPanel(QWidget):
 
     def set_tools(self, tools: Sequence[tuple[str, str, str]]) -> None:
         """Offer tools: (name, title, description)."""
-        for place, (name, title, description) in enumerate(tools):
+        for index, (name, title, description) in enumerate(tools):
             button = QToolButton(self)
             button.setText(title)
             button.setToolTip(description)
@@ -139,7 +139,7 @@ class AnnotationPanel(QWidget):
             button.clicked.connect(lambda _checked=False, name=name: self.tool_chosen.emit(name))
             keep_keys(button, PRESS)
             self._tools.addButton(button)
-            self._tool_row.addWidget(button, place // 3, place % 3)
+            self._tool_row.addWidget(button, index // 3, index % 3)
 
     def set_statuses(self, statuses: Sequence[str]) -> None:
         self._status.clear()

@@ -134,7 +134,7 @@ class Autosave(QObject):
         )
 
     def offer_backups(self, error: DamagedSession, again: Callable[[], None]) -> None:
-        """A session file is damaged: open a backup or a fresh view, and `again` opens the run. The damaged file is kept."""
+        """A session file is damaged: open a backup or a fresh view; `again` opens it then. The damaged file is kept."""
         log.error(str(error))
 
         def after(change: Callable[[], object]) -> Callable[[], None]:

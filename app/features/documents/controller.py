@@ -29,7 +29,7 @@ class Documents(QObject):
     Signals
     -------
     loading(name), failed(message)
-        Something is being opened; it could not be, and the user has been told.
+        Something is being opened; it could not be, and the error has been shown.
     clip_opened(chosen)
         A clip without a run is open; `chosen` says whether the user has just picked it in a dialog.
 

@@ -109,7 +109,7 @@ def test_a_movie_is_stopped_and_leaves_nothing(qtbot, opened, idle, tmp_path):
     idle()
     on.cameras(opened).book.change(0, seconds=600.0)
     on.cameras(opened).write_movie(tmp_path / "long.mp4")
-    qtbot.waitUntil(lambda: ": picture" in opened.docks.busy_text.text())
+    qtbot.waitUntil(lambda: ": frame" in opened.docks.busy_text.text())
     opened.registry.run("export.stop")
     idle()
     qtbot.waitUntil(lambda: list(tmp_path.glob("*long*")) == [])

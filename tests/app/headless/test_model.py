@@ -41,14 +41,14 @@ def test_the_model_needs_no_qt():
 
 def test_signal_calls_in_order_until_disconnected():
     signal: Signal[[int]] = Signal()
-    heard: list[str] = []
-    stop = signal.connect(lambda value: heard.append(f"a{value}"))
-    signal.connect(lambda value: heard.append(f"b{value}"))
+    received: list[str] = []
+    stop = signal.connect(lambda value: received.append(f"a{value}"))
+    signal.connect(lambda value: received.append(f"b{value}"))
     signal.emit(1)
     stop()
     stop()
     signal.emit(2)
-    assert heard == ["a1", "b1", "b2"]
+    assert received == ["a1", "b1", "b2"]
 
 
 @given(st.lists(st.one_of(st.integers(0, 9), st.sampled_from(["undo", "redo"])), max_size=40))
@@ -201,13 +201,13 @@ def test_no_prompt_without_a_scene():
 
 
 def test_frames_are_clamped_and_said_once(session):
-    heard: list[int] = []
-    session.frame_changed.connect(heard.append)
+    received: list[int] = []
+    session.frame_changed.connect(received.append)
     for frame in (3, 3, 99, -5):
         session.go_to(frame)
     session.play()
     session.step(2)
-    assert heard == [3, 9, 0, 2]
+    assert received == [3, 9, 0, 2]
     assert not session.playing
 
 
@@ -255,11 +255,11 @@ def test_the_cursor_comes_back_and_the_views_are_told(session, tmp_path):
     assert not session.dirty
     session.save()
     session.close()
-    again, heard = Session(), []
+    again, received = Session(), []
     for signal in (again.frame_changed, again.camera_mode_changed, again.probe_changed):
-        signal.connect(heard.append)
+        signal.connect(received.append)
     again.open_scene(FakeScene(tmp_path))
-    assert heard == [7, "free", Spot(7, 3.5, 4.5)]
+    assert received == [7, "free", Spot(7, 3.5, 4.5)]
     assert (again.frame, again.camera_mode, again.probe, again.dirty) == (7, "free", Spot(7, 3.5, 4.5), False)
 
 
