@@ -74,6 +74,7 @@ class RunsDialog(QDialog):
         self.where = forms.label(wrap=False)
         top = forms.row((self.where, 1), forms.button("Another folder…", self._choose))
         self.table = forms.table("Runs", [column.title for column in COLUMNS])
+        self.table.setShowGrid(True)
         self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         self.table.horizontalHeader().setToolTip("; ".join(f"{about.title}: {about.help}" for about in COLUMNS if about.help))
         self.table.setSortingEnabled(True)
