@@ -23,7 +23,6 @@ class LayerRequest:
 
     Attributes
     ----------
-    frame : float
     camera : Camera or None
         None: the surgeon's camera.
     prompt_set : PromptSet
@@ -47,7 +46,6 @@ class LayerImage:
     values : ndarray
         `colour`: float32 [H, W, 3] in [0, 1]. `scalar`: float32 [H, W], NaN where nothing is known. `mask`: uint8 [H, W], 0 nothing,
         k + 1 where prompt k owns the pixel.
-    unit : str
     kind : {"colour", "scalar", "mask"}
     uncertain : bool [H, W] or None
         Pixels whose value is a guess; None where the layer cannot tell.
@@ -93,7 +91,6 @@ class Layer:
         Where the value is a guess; None where the scene cannot tell.
     uncertain_words : str
         What that means, for legends.
-    needs_semantics, needs_clip, needs_prompt, needs_observability : bool
     """
 
     name: str

@@ -27,7 +27,6 @@ class Finding:
 
     Attributes
     ----------
-    frame : int
     x, y : float
         Pixels; of a frame, its worst place.
     value : float

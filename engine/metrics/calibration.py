@@ -31,7 +31,6 @@ class Calibration:
 
     Parameters
     ----------
-    classes : sequence of str
     skipped : sequence of str
         Classes that are not scored.
     """

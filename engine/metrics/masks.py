@@ -79,7 +79,6 @@ class MaskScores:
 
     Parameters
     ----------
-    classes : sequence of str
     skipped : sequence of str
         Classes that are not scored, for example "background".
     """

@@ -74,8 +74,6 @@ def query_clip(scene: Scene, prompts: PromptSet, frames: Sequence[int] | None = 
 
     Parameters
     ----------
-    scene : Scene
-    prompts : PromptSet
     frames : sequence of int, optional
         All by default.
     """

@@ -78,8 +78,6 @@ class PromptVectors:
         For each prompt what it excludes, negatives among them; empty when none excludes anything.
     classes : float [n, D] or None
         The session's classes. Those that a prompt includes do not compete with it.
-    decoder : str
-    threshold : float
     """
 
     included: tuple[np.ndarray, ...]

@@ -79,7 +79,6 @@ def decode(similarities: Sequence[Similarities], decoder: str, threshold: float,
         All of one shape; at most 255.
     decoder : str
         One of `engine.semantics.prompts.DECODERS`.
-    threshold : float
     regions : bool
         Whether the similarities are refined ones of a picture [H, W]; then masks lose specks and small holes.
     """

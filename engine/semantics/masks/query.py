@@ -34,7 +34,6 @@ class PendingMasks:
         Each prompt's own, rivals' and excluded similarities; None for what it has not.
     numpy : callable
         `Aggregation.numpy`.
-    asked : PromptVectors
     regions : bool
         Whether the similarities are refined.
     """

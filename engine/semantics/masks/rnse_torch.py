@@ -22,19 +22,17 @@ from degense.engine.semantics.masks.superpixels_torch import superpixels_on_devi
 
 
 class TorchAggregation(rnse.Aggregation[Tensor]):
-    """See `Aggregation`.
+    """See `Aggregation`: of rgb uint8 [H, W, 3] (None without regions), latent float32 [H, W, d], alpha float32 [H, W]; on one device."""
 
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3]
-    latent : float32 [H, W, d]
-    alpha : float32 [H, W] or None
-        All on one device.
-    """
-
-    def __init__(self, rgb: Tensor, latent: Tensor, alpha: Tensor | None = None):
-        self._rgb = rgb
+    def __init__(self, rgb: Tensor | None, latent: Tensor, alpha: Tensor | None = None):
+        self._picture = rgb
         self.unit = _normalised(latent.float(), alpha)
+
+    @property
+    def _rgb(self) -> Tensor:
+        if self._picture is None:
+            raise ValueError("latents without a picture have no regions")
+        return self._picture
 
     @property
     def regions(self) -> np.ndarray:

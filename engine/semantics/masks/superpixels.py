@@ -37,7 +37,6 @@ def superpixels(rgb: np.ndarray, region_size: int = REGION_SIZE, compactness: fl
     rgb : uint8 [H, W, 3]
     region_size : int
         Pixels between centres; below 1 is a ValueError.
-    compactness : float
     """
     if region_size < 1:
         raise ValueError(f"region_size must be at least 1, not {region_size}")

@@ -46,7 +46,6 @@ def renamed_weights(file: Path, wanted: Mapping[str, tuple[int, ...]]) -> dict[s
 
     Parameters
     ----------
-    file : Path
     wanted : mapping of str to tuple of int
         Shapes of all weights of transformers' model, by name.
 

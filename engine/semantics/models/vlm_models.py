@@ -32,11 +32,6 @@ BATCH, SENTENCES = 8, 64  # pictures and sentences that are asked at once
 class DenseModel:
     """A model that maps pictures to one vector a patch.
 
-    Parameters
-    ----------
-    folder : Path
-    device : torch.device
-
     Attributes
     ----------
     kind : "clip" or "clipseg"

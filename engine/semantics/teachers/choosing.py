@@ -69,8 +69,6 @@ def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -
 
     Parameters
     ----------
-    name : str
-    clip : Clip
     encoder : TextEncoder, optional
         Whose vectors teachers that know classes by name give them; by default the embedded one's. Features of a model bring their own.
 

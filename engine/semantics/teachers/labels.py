@@ -19,7 +19,6 @@ class LabelTeacher:
 
     Parameters
     ----------
-    clip : Clip
     encoder : TextEncoder
         Extended here with the clip's class names; `self.encoder` is the one to keep with the run.
 

@@ -25,8 +25,6 @@ class PrecomputedTeacher:
 
     Parameters
     ----------
-    clip : Clip
-    folder : Path
     level : int
         Of segment maps that have several (LangSplat: default, small, medium, large).
 

@@ -42,7 +42,6 @@ class StrokeTeacher:
 
     Parameters
     ----------
-    clip : Clip
     encoder : TextEncoder
         Extended here with the clip's class names.
 

@@ -39,10 +39,8 @@ class VlmTeacher:
 
     Parameters
     ----------
-    clip : Clip
     place : str
         Folder of the model, or its name in the user's cache.
-    scales : int
 
     Raises
     ------

@@ -24,7 +24,6 @@ class EmbeddedEncoder(TextEncoder):
     ----------
     classes : sequence of str
         Names of the session's classes; they win over the vocabulary.
-    vocabulary : Vocabulary
 
     Attributes
     ----------

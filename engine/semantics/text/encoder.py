@@ -17,14 +17,8 @@ class ClassNames:
 
     A concept goes to one name only: to the one that is the concept's own, else to the first.
 
-    Parameters
-    ----------
-    names : iterable of str
-    vocabulary : Vocabulary
-
     Attributes
     ----------
-    names : tuple of str
     concepts : dict of name to concept
         Of names that own one; the others are found by their very name only.
     """
@@ -62,7 +56,6 @@ class TextEncoder(ABC):
     ----------
     classes : sequence of str
         Names of the session's classes; they win over the vocabulary.
-    vocabulary : Vocabulary, optional
 
     Attributes
     ----------

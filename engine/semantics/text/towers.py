@@ -37,7 +37,6 @@ class TextTower(TextEncoder):
     encoders : mapping of str to callable
         Texts → unit vectors float [n, D], by the encoder's name, digest of the model included. The first is this encoder, the others are
         the same model with the templates of earlier runs.
-    classes : sequence of str
     """
 
     def __init__(self, encoders: Mapping[str, Embed], classes: Sequence[str] = (), vocabulary: Vocabulary | None = None):
@@ -78,10 +77,6 @@ class SentenceModel:
 
     Vectors are taken from their mean over the vocabulary: all wordings share a direction that carries no information, and
     without it names of different things lie far apart.
-
-    Attributes
-    ----------
-    name : str
 
     Raises
     ------

@@ -149,9 +149,12 @@ def test_latents_without_a_picture_are_decoded_pixel_by_pixel(asked, decoder):
     prompts = PromptVectors(tuple(vectors), (), vectors, decoder, 0.4)
     expected = query.decode(prompts, pixelwise=True)
     for values in (latents, torch.from_numpy(latents)):
-        found = FrameSemantics(None, values, query.basis).decode(prompts)
+        splats = FrameSemantics(None, values, query.basis)
+        found = splats.decode(prompts)
         assert np.mean(found.masks.reshape(expected.masks.shape) == expected.masks) > 0.9999
         assert np.mean(found.labels.reshape(expected.labels.shape) == expected.labels) > 0.9999
+        with pytest.raises(ValueError, match="without a picture"):
+            splats.refined(vectors[0])
 
 
 @pytest.mark.parametrize("decoder", DECODERS)
