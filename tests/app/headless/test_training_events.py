@@ -99,7 +99,7 @@ def strings(node):
 def test_every_event_is_sent_and_every_receiver_knows_it():
     kinds = {kind.__name__ for kind in get_args(Event)}
     senders = [path.relative_to(ROOT) for path in (ROOT / "engine/training").rglob("*.py")]
-    assert kinds <= named([*senders, "app/cli/train.py"], calls)
+    assert kinds <= named([*senders, "app/cli/training.py"], calls)
     for receiver in ("app/cli/training_events.py", "app/features/train/controller.py"):
         assert named([receiver], cases) == kinds
     ends = {"Done", "Failed", "Stopped"}
