@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, TypeAlias, get_args, get_type_hints
 
-#: The stages of a training, in their order. `coarse` and `joint` are steps of the trainer; `meaning` is semantic distillation.
-STAGES = ("poses", "load", "flow", "teacher", "coarse", "joint", "meaning")
+#: The stages of a training, in their order. `coarse` and `joint` are steps of the trainer; `semantics` is the distillation after them.
+STAGES = ("poses", "load", "flow", "teacher", "coarse", "joint", "semantics")
 
 
 @dataclass(frozen=True)

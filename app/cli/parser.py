@@ -71,7 +71,9 @@ def _training(command: Command) -> None:
     sub.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--routing", metavar="NAME", help="how semantic gradients travel: paper, isolated or coupled")
-    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from: labels, strokes, precomputed[:FOLDER], vlm:MODEL or none")
+    sub.add_argument(
+        "--teacher", metavar="NAME", help="where semantics come from: labels, strokes, precomputed[:FOLDER], vlm:MODEL or none"
+    )
     _encoder(sub, "gives a teacher's classes their vectors: a CLIP's or sentence model's folder, or a file of text vectors (.safetensors)")
     sub.add_argument("--iterations", type=_positive, metavar="N")
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
@@ -109,7 +111,7 @@ def _scores(command: Command) -> None:
     )
     sub.add_argument("--methods", metavar="NAME,...", help="langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degense (default: all)")
     sub.add_argument("--seeds", type=_positive, default=1, metavar="N", help="trainings of each (default 1; intervals take 2 or more)")
-    sub.add_argument("--teacher", metavar="NAME", help="where meaning comes from, the same for all: as for train")
+    sub.add_argument("--teacher", metavar="NAME", help="where semantics come from, the same for all: as for train")
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--iterations", type=_positive, metavar="N")
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")

@@ -42,7 +42,7 @@ class Flicker:
         flow : float32 [H, W, 2]
             Pixels, from the current frame to the previous one.
         consistent : bool [H, W]
-            Where the flow can be trusted and both ends are valid.
+            Where the flow is consistent and both ends are valid.
         true_previous, true_current : uint8 [H, W], optional
             Label maps, `UNLABELLED` where nothing is known.
         """

@@ -120,7 +120,7 @@ class SystemComparison:
                 if isinstance(event, TrainingProgress):
                     progress(0.85 * event.iteration / event.iterations, f"{event.psnr:.1f} dB")
                 elif isinstance(event, Step):
-                    progress(0.85 if event.stage == "meaning" else 0.0, event.message)
+                    progress(0.85 if event.stage == "semantics" else 0.0, event.message)
 
             if train(clip, folder, config, teacher=self.teacher, resume=begun, events=tell, stop=stop) is None:
                 raise Cancelled

@@ -159,7 +159,7 @@ def _cells(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
 
 
 def _patches(index: np.ndarray, present: np.ndarray, along: int) -> tuple[np.ndarray, np.ndarray]:
-    """Share of each spoken class in each patch's receptive field, float64 [k, n], and the patch of each pixel, int [H, W]."""
+    """Share of each labelled class in each patch's receptive field, float64 [k, n], and the patch of each pixel, int [H, W]."""
     height, width = index.shape
     side = max(height, width) / along
     columns, rows = max(1, round(width / side)), max(1, round(height / side))

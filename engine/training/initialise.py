@@ -24,7 +24,7 @@ def initial_gaussians(
     """Canonical parameters and the bounds of the field.
 
     The first training frame is sampled on a jittered grid. Key frames then add what it could not show: pixels that were invalid so far
-    (behind a tool) give lasting points; pixels that look different by more than `DIFFERENT` grey levels (a tool that came, a char) give
+    (behind a tool) give persistent points; pixels that look different by more than `DIFFERENT` grey levels (a tool that came, a char) give
     points that live around their key frame, so that nothing that comes later stands in the way of what was there before. Tissue that only
     moved is recognised by its flow from the first frame and gives none: it is for the field to move what is there.
 

@@ -222,7 +222,7 @@ class TrainingRun:
         if not self.distils or self.inputs.semantics is None:
             return True
         fit = fit_codebook if self.config.codebook else distill
-        tell = begin_stage("meaning", self.events)
+        tell = begin_stage("semantics", self.events)
         return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell)
 
     def _leave(self, state: str) -> None:

@@ -32,7 +32,7 @@ class Facts(QScrollArea):
         self.next_steps = QWidget()
         row = QHBoxLayout(self.next_steps)
         row.setContentsMargins(0, 0, 0, 0)
-        self.check, train = QPushButton("Check on pictures…"), QPushButton("Train…")
+        self.check, train = QPushButton("Check on frames…"), QPushButton("Train…")
         self.check.clicked.connect(self.check_requested)
         train.clicked.connect(self.train_requested)
         row.addWidget(self.check)

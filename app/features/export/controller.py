@@ -19,23 +19,23 @@ class Exporter(QObject):
         super().__init__(viewer)
         self.viewer, self.shell, self.session = viewer, viewer.shell, viewer.session
 
-    def ask_for_picture(self) -> None:
+    def ask_for_frame(self) -> None:
         name = f"{self.session.name}-{self.session.view_state.layer}-{self.session.frame:06d}.png"
         if (path := self.shell.ask_save("Export frame", name, "PNG (*.png)")) is not None:
-            self.save_picture(path)
+            self.save_frame(path)
 
-    def save_picture(self, path: Path) -> None:
-        """The picture as it is shown, with its colour bar, as PNG."""
+    def save_frame(self, path: Path) -> None:
+        """The frame as it is shown, with its colour bar, as PNG."""
         self._write(path, self.viewer.panel.grab_image())
 
-    def _write(self, path: Path, picture: np.ndarray) -> None:
+    def _write(self, path: Path, frame: np.ndarray) -> None:
         view = self.viewer.view
         if view is not None and view.span is not None:
             title = get_layer(self.session.view_state.layer).title
-            picture = with_colour_bar(picture, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain))
+            frame = with_colour_bar(frame, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain))
 
         def save() -> None:
-            write_png(path, picture)
+            write_png(path, frame)
             self.shell.say(f"Saved {path}")
 
         self.shell.attempt(save)

@@ -22,7 +22,7 @@ def install(shell: Shell) -> None:
         return session.scene is not None
 
     shell.add_actions(
-        Action("export.picture", "Frame as shown…", exporter.ask_for_picture, menu, ("Ctrl+E",), lambda: session.frames > 0, group=1),
+        Action("export.picture", "Frame as shown…", exporter.ask_for_frame, menu, ("Ctrl+E",), lambda: session.frames > 0, group=1),
         Action(
             "export.view3d",
             "3D view as shown…",

@@ -30,7 +30,7 @@ STAGES = {
     "flow": "Measuring motion",
     "coarse": "Coarse: static Gaussians",
     "joint": "Joint: motion, colour and semantics",
-    "meaning": "Semantics: what is where",
+    "semantics": "Semantics: what is where",
 }
 
 

@@ -13,13 +13,13 @@ from degense.engine.training.config import TrainConfig
 
 PRESET_WORDS = {
     "quick": ("Quick", "A first look: a minute or two, small details missing."),
-    "balanced": ("Balanced", "Good pictures and masks in a reasonable time."),
+    "balanced": ("Balanced", "Good renders and masks in a reasonable time."),
     "best": ("Best", "For results: longest, most Gaussians."),
 }
 ROUTING_WORDS = {
-    "isolated": ("Isolated", "Meaning is learnt after geometry and can never move tissue. Best pictures and masks."),
-    "paper": ("Paper", "Geometry and meaning share an encoder and decode it independently, as the paper describes."),
-    "coupled": ("Coupled", "The rigid baseline: meaning pulls at geometry. For comparison."),
+    "isolated": ("Isolated", "Semantics are distilled after geometry and can never move tissue. Best renders and masks."),
+    "paper": ("Paper", "Geometry and semantics share an encoder and decode it independently, as the paper describes."),
+    "coupled": ("Coupled", "The rigid baseline: semantic gradients reach geometry. For comparison."),
 }
 TEACHER_WORDS = {
     "labels": ("Label maps", "The clip's annotated frames say what is where."),

@@ -60,7 +60,7 @@ def layer_help(units: dict[str, str]) -> str:
 
 def _needs(layer: Layer) -> list[str]:
     wanted = (
-        (layer.needs_semantics, "Needs a run that was trained with meaning"),
+        (layer.needs_semantics, "Needs a run that was trained with semantics"),
         (layer.needs_prompt, "Needs a prompt"),
         (layer.needs_clip, "Needs the recording"),
         (layer.needs_observability, "Needs a run that keeps the observability of its motion"),

@@ -115,8 +115,8 @@ def mask_finding(latent: np.ndarray) -> StressFinding:
     wide, prompt = latent.astype(np.float64), vectors[0].astype(np.float64)
     wide[~np.isfinite(wide).all(-1)] = 0
     length = np.linalg.norm(wide, axis=-1)
-    spoken = np.abs(wide).max(-1) > SHORTEST
-    true = np.where(spoken, wide @ prompt[:RANK] / np.where(spoken, length, 1) / np.linalg.norm(prompt), 0)
+    labelled = np.abs(wide).max(-1) > SHORTEST
+    true = np.where(labelled, wide @ prompt[:RANK] / np.where(labelled, length, 1) / np.linalg.norm(prompt), 0)
     error = float(np.abs(out[0] - true).max())
     return StressFinding(non_finite(out), verdict(value=(error, TOLERANCE)), error)
 

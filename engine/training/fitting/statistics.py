@@ -169,7 +169,7 @@ def recolouring(frames: TrainingFrames, supervision: FlowSupervision, index: int
     """Grey levels by which the colours of a frame differ from those of the first, float32 [H, W, 3], blurred by 2 pixels; and where both
     frames are valid, bool [H, W].
 
-    The first frame is carried along the flow or left where it is, whichever is more alike: what chars is not matched by flow, and what
+    The first frame is warped along the flow or left where it is, whichever is more alike: what chars is not matched by flow, and what
     comes and goes is a change too.
     """
     first = frames.clip.train_frames[0]

@@ -66,11 +66,11 @@ def test_diagnostics_report_from_the_worker(qtbot, window, monkeypatch):
 
 
 def test_the_picture_is_saved_as_shown_with_its_colour_bar(opened, idle, tmp_path):
-    on.exporter(opened).save_picture(tmp_path / "a.png")
+    on.exporter(opened).save_frame(tmp_path / "a.png")
     assert np.array_equal(cv2.imread(str(tmp_path / "a.png"))[..., ::-1], opened.session.scene.render_rgb(0))
     opened.session.view.set_layer("depth")
     idle()
-    on.exporter(opened).save_picture(tmp_path / "b.png")
+    on.exporter(opened).save_frame(tmp_path / "b.png")
     assert cv2.imread(str(tmp_path / "b.png")).shape[1] > 96
 
 

@@ -115,7 +115,7 @@ def test_a_stopped_comparison_goes_on_where_it_was(clip, tmp_path, monkeypatch, 
             stages.append(getattr(event, "stage", None))
             events(event)
 
-        return real(*args, resume=resume, events=watch, stop=lambda: not resume and "meaning" in stages, **options)
+        return real(*args, resume=resume, events=watch, stop=lambda: not resume and "semantics" in stages, **options)
 
     monkeypatch.setattr(degense.engine.research.comparison, "train", train)
     command = ["compare", str(clip), "--out", str(tmp_path / "out"), "--methods", "degense", *SMALL]
