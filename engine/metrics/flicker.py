@@ -22,7 +22,7 @@ class Flicker:
     """
 
     def __init__(self) -> None:
-        self.changed, self.counted, self.pairs = 0, 0, 0
+        self.changed, self.counted = 0, 0
 
     def add(
         self,
@@ -53,7 +53,6 @@ class Flicker:
             counted = counted & (truth == true_current) & (true_current != UNLABELLED)
         self.changed += int(np.count_nonzero(counted & (before != current)))
         self.counted += int(np.count_nonzero(counted))
-        self.pairs += 1
 
     @property
     def value(self) -> float | None:

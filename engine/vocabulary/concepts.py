@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cached_property, lru_cache
 from importlib.resources import files
+from itertools import groupby
 from typing import Any
 
 from degense.engine.errors import PromptError
@@ -130,7 +131,8 @@ class Vocabulary:
         concepts, unknown = self._read(tokens)
         if not unknown and len(concepts) > 1:
             # "fat around the gallbladder" is about fat: the noun phrase before the preposition is the head
-            concepts = next((found for phrase in self._phrases(tokens) if (found := self._read(phrase)[0])), concepts)
+            phrases = (list(phrase) for ends, phrase in groupby(tokens, self.prepositions.__contains__) if not ends)
+            concepts = next((found for phrase in phrases if (found := self._read(phrase)[0])), concepts)
         if unknown or not concepts:
             nearest = ", ".join(self.nearest(text, also))
             raise PromptError(f"'{_short(' '.join(unknown) or text)}' is not in the vocabulary; nearest are {nearest}.")
@@ -157,15 +159,6 @@ class Vocabulary:
         for wording, name in [*((extra, extra) for extra in also), *((w, c.name) for c in self.concepts for w in c.wordings)]:
             scores[name] = max(scores.get(name, 0.0), SequenceMatcher(None, wanted, key(wording)).ratio())
         return sorted(scores, key=scores.__getitem__, reverse=True)[:count]
-
-    def _phrases(self, tokens: list[str]) -> list[list[str]]:
-        phrases: list[list[str]] = [[]]
-        for token in tokens:
-            if token in self.prepositions:
-                phrases.append([])
-            else:
-                phrases[-1].append(token)
-        return phrases
 
     def _read(self, tokens: list[str]) -> tuple[list[str], list[str]]:
         """Concepts named in the tokens, longest names first at each place, and the words that were not understood."""

@@ -53,6 +53,15 @@ Map = TypeVar("Map")
 class Aggregation(ABC, Generic[Map]):
     """One frame's normalised latents and regions, where they lie: in memory or on a GPU. Regions are found when first needed."""
 
+    def __init__(self, rgb: Map | None):
+        self._picture = rgb
+
+    @property
+    def _rgb(self) -> Map:
+        if self._picture is None:
+            raise ValueError("latents without a picture have no regions")
+        return self._picture
+
     @property
     @abstractmethod
     def regions(self) -> np.ndarray:

@@ -44,14 +44,8 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
     """See `Aggregation`: of rgb uint8 [H, W, 3] (None without regions), latent float32 [H, W, d] and alpha float32 [H, W] or None."""
 
     def __init__(self, rgb: np.ndarray | None, latent: np.ndarray, alpha: np.ndarray | None = None):
-        self._picture = None if rgb is None else np.ascontiguousarray(rgb)
+        super().__init__(None if rgb is None else np.ascontiguousarray(rgb))
         self.unit = normalised(latent, alpha)
-
-    @property
-    def _rgb(self) -> np.ndarray:
-        if self._picture is None:
-            raise ValueError("latents without a picture have no regions")
-        return self._picture
 
     @property
     def regions(self) -> np.ndarray:

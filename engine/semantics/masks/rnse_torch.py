@@ -25,14 +25,8 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
     """See `Aggregation`: of rgb uint8 [H, W, 3] (None without regions), latent float32 [H, W, d], alpha float32 [H, W]; on one device."""
 
     def __init__(self, rgb: Tensor | None, latent: Tensor, alpha: Tensor | None = None):
-        self._picture = rgb
+        super().__init__(rgb)
         self.unit = _normalised(latent.float(), alpha)
-
-    @property
-    def _rgb(self) -> Tensor:
-        if self._picture is None:
-            raise ValueError("latents without a picture have no regions")
-        return self._picture
 
     @property
     def regions(self) -> np.ndarray:
@@ -53,9 +47,9 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
     def _guide(self) -> tuple[Tensor, Tensor, Tensor]:
         """Colours in [0, 1] [3, H, W], their window means [3, H, W], and (Σ + ε)⁻¹ [3, 3, H, W]."""
         guide = self._rgb.permute(2, 0, 1).float() / 255
-        mean = _window(guide)
-        covariance = _window((guide[:, None] * guide).flatten(0, 1)).unflatten(0, (3, 3)) - mean[:, None] * mean
-        return guide, mean, _inverse(covariance, rnse.FLAT)
+        mean = _box(guide, SIZE)
+        covariance = _box((guide[:, None] * guide).flatten(0, 1), SIZE).unflatten(0, (3, 3)) - mean[:, None] * mean
+        return guide, mean, _inverse(covariance)
 
     def similarity(self, vectors: np.ndarray) -> Tensor:
         return _project(self._planes, self._rows(vectors))
@@ -88,14 +82,14 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
     def _filter(self, maps: Tensor) -> tuple[Tensor, Tensor]:
         """G and mean R² of maps [n, H, W], as `engine.semantics.masks.guided_filter`."""
         guide, mean, inverse = self._guide
-        moments = _window(torch.cat([maps[:, None] * guide, maps[:, None], maps[:, None] ** 2], 1))  # [n, 5, H, W]
+        moments = _box(torch.cat([maps[:, None] * guide, maps[:, None], maps[:, None] ** 2], 1), SIZE)  # [n, 5, H, W]
         level = moments[:, 3:4]
         covariance = moments[:, :3] - mean * level
         slope = (inverse * covariance[:, None]).sum(2)
         variance = (moments[:, 4:] - level**2).clamp_min(rnse.LEVEL)
         explained = ((slope * covariance).sum(1, keepdim=True) / variance).clamp(0, 1)
         offset = level - (slope * mean).sum(1, keepdim=True)
-        fit = _window(torch.cat([slope, offset, explained], 1))
+        fit = _box(torch.cat([slope, offset, explained], 1), SIZE)
         return (fit[:, :3] * guide).sum(1) + fit[:, 3], fit[:, 4]
 
 
@@ -186,20 +180,15 @@ def _continuity(direction: Tensor) -> Tensor:
     return found.clamp_max(1)
 
 
-def _inverse(covariance: Tensor, flat: float) -> Tensor:
-    """(Σ + flat)⁻¹ of symmetric [3, 3, H, W], by cofactors."""
-    m = covariance + flat * torch.eye(3, device=covariance.device)[..., None, None]
-    rows = [torch.linalg.cross(m[(i + 1) % 3], m[(i + 2) % 3], dim=0) for i in range(3)]
-    cofactors = torch.stack(rows)
+def _inverse(covariance: Tensor) -> Tensor:
+    """(Σ + ε)⁻¹ of symmetric [3, 3, H, W], by cofactors."""
+    m = covariance + rnse.FLAT * torch.eye(3, device=covariance.device)[..., None, None]
+    cofactors = torch.stack([torch.linalg.cross(m[(i + 1) % 3], m[(i + 2) % 3], dim=0) for i in range(3)])
     return cofactors / (m[0] * cofactors[0]).sum(0)
 
 
 def _ramp(values: Tensor, ends: tuple[float, float]) -> Tensor:
     return ((values - ends[0]) / (ends[1] - ends[0])).clamp(0, 1)
-
-
-def _window(planes: Tensor) -> Tensor:
-    return _box(planes, SIZE)
 
 
 def _box(planes: Tensor, size: int) -> Tensor:

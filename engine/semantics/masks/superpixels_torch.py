@@ -47,8 +47,8 @@ class Grid(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def _grid(height: int, width: int, region_size: int, compactness: float, device: torch.device) -> Grid:
-    rows, columns = max(1, round(height / region_size)), max(1, round(width / region_size))
+def _grid(height: int, width: int, device: torch.device) -> Grid:
+    rows, columns = max(1, round(height / REGION_SIZE)), max(1, round(width / REGION_SIZE))
     y, x = torch.arange(height, device=device), torch.arange(width, device=device)
     middle_y = ((torch.arange(rows, device=device) + 0.5) * (height / rows)).long()
     middle_x = ((torch.arange(columns, device=device) + 0.5) * (width / columns)).long()
@@ -58,7 +58,7 @@ def _grid(height: int, width: int, region_size: int, compactness: float, device:
     return Grid(
         rows * columns,
         (middle_y[:, None] * width + middle_x).flatten(),
-        torch.stack([x.repeat(height), y.repeat_interleave(width)], 1) * (compactness / region_size),
+        torch.stack([x.repeat(height), y.repeat_interleave(width)], 1) * (COMPACTNESS / REGION_SIZE),
         (near_rows[:, None, :, None] * columns + near_columns[None, :, None, :]).reshape(9, height, width),
         [(_mirrored(place - 1, len(place)), _mirrored(place + 1, len(place))) for place in (y, x)],
         torch.from_numpy(LINEAR).to(device),
@@ -66,10 +66,10 @@ def _grid(height: int, width: int, region_size: int, compactness: float, device:
     )
 
 
-def superpixels_on_device(rgb: Tensor, region_size: int = REGION_SIZE, compactness: float = COMPACTNESS) -> tuple[Tensor, int]:
+def superpixels_on_device(rgb: Tensor) -> tuple[Tensor, int]:
     """Regions of an RGB image uint8 [H, W, 3]: int64 [H, W], and their number K. Not every number need occur."""
     height, width = rgb.shape[:2]
-    grid = _grid(height, width, region_size, compactness, rgb.device)
+    grid = _grid(height, width, rgb.device)
     points = torch.cat([_lab(_smooth(rgb, grid), grid).reshape(-1, 3), grid.place], 1)  # [H · W, 5]
     centres = points[grid.start]
     half, coarse = points.view(height, width, 5)[::2, ::2].reshape(-1, 5), grid.candidates[:, ::2, ::2].reshape(9, -1)

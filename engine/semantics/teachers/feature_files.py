@@ -15,7 +15,6 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -36,22 +35,7 @@ class Features:
     index: np.ndarray
 
 
-class FeatureFile(Protocol):
-    """Features of one frame on disk."""
-
-    kind: str
-    path: Path
-
-    def read(self, dimension: int, level: int) -> Features:
-        """ClipError, naming the file, unless it holds sound vectors of that dimension (and has that level)."""
-        ...
-
-    def words(self, level: int) -> str:
-        """What it is, for the user."""
-        ...
-
-
-def feature_files(folder: Path) -> dict[str, FeatureFile]:
+def feature_files(folder: Path) -> dict[str, Segments | Maps]:
     """The feature files of a folder by the name of their frame.
 
     Raises
@@ -59,7 +43,7 @@ def feature_files(folder: Path) -> dict[str, FeatureFile]:
     ClipError
         For links out of the folder, and for segments without vectors or the reverse.
     """
-    files: dict[str, FeatureFile] = {}
+    files: dict[str, Segments | Maps] = {}
     arrays = {file.stem: file for file in list_files(folder, folder, (".npy",))}
     for stem, path in arrays.items():
         if stem.endswith("_s"):
@@ -86,9 +70,11 @@ class Segments:
         self.path, self._vectors = path, vectors
 
     def words(self, level: int) -> str:
+        """What it is, for the user."""
         return f"{self.kind} (_s.npy and _f.npy, level {level})"
 
     def read(self, dimension: int, level: int) -> Features:
+        """ClipError, naming the file, unless it holds sound vectors of that dimension, and has that level."""
         maps, vectors = open_npy(self.path), open_npy(self._vectors)
         if maps.ndim != 3 or not 1 <= len(maps) <= MOST_LEVELS or maps.size == 0:
             raise ClipError(f"{shown(self.path)} has the shape {list(maps.shape)}, but segment maps are [levels, height, width].")

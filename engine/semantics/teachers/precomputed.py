@@ -10,7 +10,7 @@ from degense.engine.clip import Clip
 from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.stored import StoredClip
 from degense.engine.errors import ClipError
-from degense.engine.semantics.teachers.feature_files import FeatureFile, Segments, feature_files
+from degense.engine.semantics.teachers.feature_files import Segments, feature_files
 from degense.engine.semantics.teachers.teacher import Targets
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
@@ -50,7 +50,7 @@ class PrecomputedTeacher:
         self.frames = [i for i in clip.train_frames if i in found]
         if not self.frames:
             raise ClipError(f"{shown(folder)} holds features of held-out frames only (1, 9, 17, …); compute them for others too.")
-        self._files: dict[int, FeatureFile] = {i: found[i] for i in self.frames}
+        self._files = {i: found[i] for i in self.frames}
         kinds = {file.kind for file in self._files.values()}
         if len(kinds) > 1:
             raise ClipError(f"{shown(folder)} mixes {' and '.join(sorted(kinds))}; keep one kind of features in a folder.")

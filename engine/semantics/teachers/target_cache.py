@@ -68,7 +68,7 @@ class CachedTeacher:
                 vectors, index = archive["vectors"], archive["index"]
         except _BROKEN as error:
             raise DegenseError(f"{path} is gone or damaged; clear the cache with degense cache --clear and train again.") from error
-        _touch(self.folder)
+        os.utime(self.folder)
         return (vectors.astype(np.float32), index.astype(np.int32)) if len(vectors) else None
 
 
@@ -91,7 +91,7 @@ def with_cached_targets(teacher: Teacher | CostlyTeacher, progress: Progress = s
             with replacing(folder / f"{frame:06d}.npz") as temporary, temporary.open("wb") as file:
                 np.savez_compressed(file, vectors=vectors, index=_smallest(index))
         shrink(keep=folder)
-    _touch(folder)
+    os.utime(folder)
     return CachedTeacher(teacher, folder)
 
 
@@ -186,7 +186,3 @@ def _limit() -> int:
 def _smallest(index: np.ndarray) -> np.ndarray:
     """The same numbers in the smallest signed integers that hold them."""
     return index.astype(np.min_scalar_type(-max(int(index.max(initial=0)) + 1, 1)))
-
-
-def _touch(folder: Path) -> None:
-    os.utime(folder)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from degense.engine.errors import PromptError
-from degense.engine.vocabulary.concepts import Vocabulary, split_negatives, surgical_vocabulary
+from degense.engine.vocabulary.concepts import split_negatives, surgical_vocabulary
 from degense.engine.vocabulary.spelling import key, words
 
 
@@ -23,9 +23,9 @@ class ClassNames:
         Of names that own one; the others are found by their very name only.
     """
 
-    def __init__(self, names: Iterable[str], vocabulary: Vocabulary):
-        self.names, self.vocabulary = tuple(names), vocabulary
-        claims = {name: concept for name in self.names if (concept := vocabulary.known(name)) is not None}
+    def __init__(self, names: Iterable[str]):
+        self.names, self.vocabulary = tuple(names), surgical_vocabulary()
+        claims = {name: concept for name in self.names if (concept := self.vocabulary.known(name)) is not None}
         owners: dict[str, str] = {}
         for name in sorted(claims, key=self._rank):  # stable: the first of equals
             owners.setdefault(claims[name], name)
@@ -68,10 +68,10 @@ class TextEncoder(ABC):
     name: str
     dimension: int
 
-    def __init__(self, classes: Sequence[str] = (), vocabulary: Vocabulary | None = None):
-        self.vocabulary = vocabulary or surgical_vocabulary()
+    def __init__(self, classes: Sequence[str] = ()):
+        self.vocabulary = surgical_vocabulary()
         self.classes = tuple(classes)
-        self.class_names = ClassNames(self.classes, self.vocabulary)
+        self.class_names = ClassNames(self.classes)
 
     @abstractmethod
     def _of_class(self, name: str) -> np.ndarray:

@@ -13,7 +13,6 @@ from safetensors.numpy import save_file
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.files import replacing
 from degense.engine.semantics.text.encoder import ClassNames, TextEncoder
-from degense.engine.vocabulary.concepts import Vocabulary
 
 MOST_NAMES, MOST_DIMENSIONS, LONGEST_NAME = 10_000, 65_536, 200
 MOST_BYTES = 256 << 20
@@ -41,19 +40,13 @@ class TextVectors(TextEncoder):
         If a class has no vector.
     """
 
-    def __init__(
-        self,
-        vectors: Mapping[str, np.ndarray],
-        name: str | None = None,
-        classes: Sequence[str] = (),
-        vocabulary: Vocabulary | None = None,
-    ):
-        super().__init__(classes, vocabulary)
+    def __init__(self, vectors: Mapping[str, np.ndarray], name: str | None = None, classes: Sequence[str] = ()):
+        super().__init__(classes)
         rows = {word: np.asarray(vector, np.float64) for word, vector in vectors.items()}
         self.vectors = {word: vector / np.linalg.norm(vector) for word, vector in rows.items()}
         self.dimension = len(next(iter(rows.values())))
         self.name = name or _name_of(rows)
-        self._names = ClassNames(self.vectors, self.vocabulary)
+        self._names = ClassNames(self.vectors)
         self._class_vectors = {word: self._of_name(word) for word in self.classes}
 
     @classmethod
@@ -63,7 +56,7 @@ class TextVectors(TextEncoder):
         return cls(vectors, metadata.get(ENCODER))
 
     def with_classes(self, classes: Sequence[str]) -> TextVectors:
-        return TextVectors(self.vectors, self.name, classes, self.vocabulary)
+        return TextVectors(self.vectors, self.name, classes)
 
     def complete(self, prefix: str) -> list[str]:
         known = [word for word in super().complete(prefix) if self.class_names.named(word) or self._known(word)]

@@ -18,7 +18,7 @@ from degense.engine.semantics.models.templates import Embed, template_encoders
 from degense.engine.semantics.models.vlm_models import DenseModel
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
-from degense.engine.vocabulary.concepts import Vocabulary, surgical_vocabulary
+from degense.engine.vocabulary.concepts import surgical_vocabulary
 
 QUOTED = re.compile(r"\s*[\"“„«](.+)[\"“”»]\s*")
 #: What sentence-transformers may put one after the other, and we know how to.
@@ -39,18 +39,18 @@ class TextTower(TextEncoder):
         the same model with the templates of earlier runs.
     """
 
-    def __init__(self, encoders: Mapping[str, Embed], classes: Sequence[str] = (), vocabulary: Vocabulary | None = None):
-        super().__init__(classes, vocabulary)
+    def __init__(self, encoders: Mapping[str, Embed], classes: Sequence[str] = ()):
+        super().__init__(classes)
         self._encoders = encoders
         self.name, self._embed = next(iter(encoders.items()))
         self._known: dict[str, np.ndarray] = {}
         self.dimension = len(self._vector("tissue"))
 
     def with_classes(self, classes: Sequence[str]) -> TextTower:
-        return TextTower(self._encoders, classes, self.vocabulary)
+        return TextTower(self._encoders, classes)
 
     def for_run(self, name: str) -> TextTower | None:
-        return TextTower({name: self._encoders[name], **self._encoders}, self.classes, self.vocabulary) if name in self._encoders else None
+        return TextTower({name: self._encoders[name], **self._encoders}, self.classes) if name in self._encoders else None
 
     def _vector(self, wording: str) -> np.ndarray:
         if wording not in self._known:
