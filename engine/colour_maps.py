@@ -1,4 +1,4 @@
-"""Colour maps for numbers and colours for masks, in numpy alone: headless code uses them too."""
+"""Colour maps for numbers and colours for masks, as arrays: headless code uses them too."""
 
 from __future__ import annotations
 
@@ -8,28 +8,10 @@ from functools import cache
 import cv2
 import numpy as np
 
-#: Equidistant colours of each map, interpolated linearly in between. Perceptually even and safe for colour-blind readers: viridis, cividis
-#: and magma (matplotlib, CC0), vik (Crameri 2018, MIT; diverging).
-_STOPS = {
-    "viridis": (
-        "440154470d6048186a482374472d7b4537814240863e49893b528b375b8d33638d"
-        "2f6b8e2c728e297a8e26828e23898e21918c1f988b1fa08822a78528ae8032b67a"
-        "3fbc734ec36b5ec96270cf5784d44b98d83eaddc30c2df23d8e219ece51bfde725"
-    ),
-    "cividis": (
-        "00224e00285b002e6a0533711a386f273e6e32436d3b496c434e6c4b546c535a6d"
-        "5a5f6e61656f686a716f70737676767d7c788482798c8878938e789b9476a39a74"
-        "aba072b4a76fbcae6cc4b468cdbb63d5c25edec958e7d150f0d846f9e03afee838"
-    ),
-    "magma": (
-        "0000040303120a0822130d341d114729115a36106b440f7651127c5d177f6a1c81"
-        "762181832681902a819c2e7faa337db73779c43c75d0416fdc4869e75263ef5d5e"
-        "f56b5cf9795dfc8961fd9869fea772feb67cfec488fed395fde2a3fcf0b2fcfdbf"
-    ),
-    "vik": "001261033e7d1e6f9d71a8c4c9dde7ebe5e0eacebdd39774be65338b2706590008",
-}
-
-COLOUR_MAPS = tuple(_STOPS)
+#: Perceptually even and safe for colour-blind readers: three of matplotlib's, and vik (Crameri 2018, MIT; diverging).
+COLOUR_MAPS = ("viridis", "cividis", "magma", "vik")
+#: Equidistant colours of vik, interpolated linearly in between.
+_VIK = bytes.fromhex("001261033e7d1e6f9d71a8c4c9dde7ebe5e0eacebdd39774be65338b2706590008")
 
 #: Of classes and prompts. Okabe–Ito without black, then Tol's bright and muted colours: told apart by colour-blind readers and on dark
 #: tissue; the most alike come last.
@@ -59,11 +41,16 @@ UNKNOWN = (128, 128, 128)
 @cache
 def colour_table(name: str) -> np.ndarray:
     """The 256 colours of a map, uint8 [256, 3], read-only."""
-    if name not in _STOPS:
+    if name not in COLOUR_MAPS:
         raise ValueError(f"unknown colour map {name!r}; there are {', '.join(COLOUR_MAPS)}")
-    stops = np.frombuffer(bytes.fromhex(_STOPS[name]), np.uint8).reshape(-1, 3)
-    at = np.linspace(0, 1, len(stops))
-    table = np.stack([np.interp(np.linspace(0, 1, 256), at, stops[:, c]) for c in range(3)], -1).round().astype(np.uint8)
+    if name == "vik":
+        stops = np.frombuffer(_VIK, np.uint8).reshape(-1, 3)
+        colours = np.stack([np.interp(np.linspace(0, 1, 256), np.linspace(0, 1, len(stops)), stops[:, c]) for c in range(3)], -1)
+    else:
+        from matplotlib import colormaps
+
+        colours = colormaps[name](np.arange(256))[:, :3] * 255
+    table = colours.round().astype(np.uint8)
     table.flags.writeable = False
     return table
 
@@ -96,7 +83,7 @@ def greyed(colours: np.ndarray, where: np.ndarray) -> np.ndarray:
     return np.where(where[:, None], ((colours.astype(np.uint16) + UNKNOWN) // 2).astype(np.uint8), colours)
 
 
-def mask_overlay(masks: Sequence[tuple[np.ndarray, tuple[int, int, int]]], fill: float = 0.45, outline: bool = True) -> np.ndarray:
+def mask_overlay(masks: Sequence[tuple[np.ndarray, tuple[int, int, int]]], fill: float = 0.45) -> np.ndarray:
     """Masks (bool [H, W]) painted in their colours, uint8 RGBA [H, W, 4]: translucent inside, opaque along the inner edge.
 
     Later masks lie on top.
@@ -106,7 +93,6 @@ def mask_overlay(masks: Sequence[tuple[np.ndarray, tuple[int, int, int]]], fill:
     overlay = np.zeros((*masks[0][0].shape, 4), np.uint8)
     for mask, colour in masks:
         overlay[mask] = (*colour, round(255 * fill))
-        if outline:
-            inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0).astype(bool)
-            overlay[mask & ~inside] = (*colour, 255)
+        inside = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0).astype(bool)
+        overlay[mask & ~inside] = (*colour, 255)
     return overlay
