@@ -18,7 +18,6 @@ from degense.engine.scene.renderer import NEEDS_TEACHER, Renderer
 from degense.engine.scene.states import States
 from degense.engine.semantics import Basis, TextEncoder, open_encoder
 from degense.engine.semantics.masks import FrameSemantics
-from degense.engine.splats import Splats
 from degense.engine.store import Run
 
 KEPT_PROMPTS = 1000
@@ -32,10 +31,14 @@ class Scene:
     ----------
     run : Run
     model : SceneModel
+    frames, reference_frame : int
+        How many there are, and the one from which displacement is measured.
+    clip_size : (int, int)
+        (width, height), pixels.
     states : States
-        The Gaussians at each frame: centres, displacement, which are persistent.
+        The Gaussians at each frame: centres, displacement, which are persistent; `time`, `splats` and `observability` are its.
     renderer : Renderer
-        What they look like.
+        What they look like; `render` and `render_rgb` are its.
     basis : Basis or None
     encoder : TextEncoder or None
         The encoder that made the run's features; no other may answer prompts.
@@ -56,9 +59,14 @@ class Scene:
         observability: Tensor | None = None,
     ):
         self.run, self.model, self.basis, self.encoder, self.clip, self.clip_missing = run, model, basis, encoder, clip, clip_missing
+        self.has_semantics = basis is not None
+        self.name, self.classes, self.reference_frame = run.path.name, tuple(run.info["classes"]), int(run.info["reference_frame"])
         self.cameras = run.cameras
+        self.frames, self.clip_size = len(self.cameras), (self.cameras[0].width, self.cameras[0].height)
         self.states = States(model, run.info["unit"], self.frames, self.reference_frame, observability)
+        self.time, self.splats, self.observability = self.states.time, self.states.splats, self.states.observability
         self.renderer = Renderer(self.name, self.states, basis, self.camera)
+        self.render, self.render_rgb = self.renderer.render, self.renderer.render_rgb
         self._asked: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._vectors: dict[tuple[str, ...], np.ndarray] = {}  # of the last texts: those of the classes, again and again
 
@@ -94,23 +102,6 @@ class Scene:
         return cls(run, model, basis, encoder_of_run, clip, missing, run.load_observability(len(model)))
 
     @property
-    def name(self) -> str:
-        return self.run.path.name
-
-    @property
-    def frames(self) -> int:
-        return len(self.cameras)
-
-    @property
-    def clip_size(self) -> tuple[int, int]:
-        """(width, height), pixels."""
-        return self.cameras[0].width, self.cameras[0].height
-
-    @property
-    def classes(self) -> tuple[str, ...]:
-        return tuple(self.run.info["classes"])
-
-    @property
     def unit(self) -> str:
         return self.run.info["unit_name"]
 
@@ -118,27 +109,9 @@ class Scene:
     def fps(self) -> float:
         return float(self.run.info["fps"])
 
-    @property
-    def reference_frame(self) -> int:
-        """Displacement is measured from this frame."""
-        return int(self.run.info["reference_frame"])
-
-    @property
-    def has_semantics(self) -> bool:
-        return self.basis is not None
-
-    @property
-    def observability(self) -> Tensor | None:
-        """Share [N] of its frames in which the recording reveals how far each Gaussian has moved; None for a run that kept none."""
-        return self.states.observability
-
     def camera(self, frame: float) -> Camera:
         """The surgeon's camera at a frame (the nearest one for fractions)."""
         return self.cameras[int(np.clip(round(frame), 0, self.frames - 1))]
-
-    def time(self, frame: float) -> float:
-        """The field's time of a frame, in [-1, 1]."""
-        return self.states.time(frame)
 
     def observed(self, frame: int) -> np.ndarray | None:
         """The recorded frame, uint8 [H, W, 3]; None without the clip."""
@@ -147,18 +120,6 @@ class Scene:
     def labels(self, frame: int) -> np.ndarray | None:
         """The clip's label map, uint8 [H, W]; None where there is none."""
         return self.clip.labels(frame) if self.clip is not None else None
-
-    def splats(self, frame: float, *, semantics: bool = False) -> Splats:
-        """All Gaussians at a frame, which may be fractional, kept; without latents unless asked for."""
-        return self.states.splats(frame, semantics=semantics)
-
-    def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
-        """Draw channels of one instant, see `Renderer.render`."""
-        return self.renderer.render(frame, camera, what)
-
-    def render_rgb(self, frame: float, camera: Camera | None = None) -> np.ndarray:
-        """Colours, uint8 [H, W, 3]."""
-        return self.renderer.render_rgb(frame, camera)
 
     def query(self, frame: float, camera: Camera | None = None) -> FrameSemantics:
         """The semantics of a frame, see `Renderer.query`."""
