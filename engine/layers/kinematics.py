@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import torch
@@ -54,27 +55,23 @@ def growth_of(scene: Scene, frame: float) -> Tensor:
     return growths(scene.splats(frame).scales, scene.splats(scene.reference_frame).scales)
 
 
-def guessed(scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("observability",)) -> np.ndarray | None:
+def guessed(
+    scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("observability",), since_reference: bool = True
+) -> np.ndarray | None:
     """Pixels whose motion the recording does not reveal, bool [H, W], by a frame of the channels `drawn`, observability among them.
 
-    None when the run does not say.
+    None when the run does not say, and at the reference frame for what is measured from there: it is 0 by definition, which is certain.
     """
-    if scene.observability is None:
+    if scene.observability is None or (since_reference and request.frame == scene.reference_frame):
         return None
     return scene.render(request.frame, request.camera, drawn)["observability"] < REVEALED
 
 
-def guessed_splats(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    return None if scene.observability is None else scene.observability.cpu().numpy() < REVEALED
-
-
-def guessed_since(scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("observability",)) -> np.ndarray | None:
-    """As `guessed`, for what is measured from the reference frame: there it is 0 by definition, which is certain."""
-    return None if request.frame == scene.reference_frame else guessed(scene, request, drawn)
-
-
-def guessed_splats_since(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    return None if request.frame == scene.reference_frame else guessed_splats(scene, request)
+def guessed_splats(scene: Scene, request: LayerRequest, since_reference: bool = True) -> np.ndarray | None:
+    """As `guessed`, bool [N] of the Gaussians."""
+    if scene.observability is None or (since_reference and request.frame == scene.reference_frame):
+        return None
+    return scene.observability.cpu().numpy() < REVEALED
 
 
 def moving(name: str, description: str, measure: Measure, unit: Callable[[Scene], str], signed: bool = False) -> Layer:
@@ -96,8 +93,8 @@ def moving(name: str, description: str, measure: Measure, unit: Callable[[Scene]
         "vik" if signed else "viridis",
         signed=signed,
         from_zero=not signed,
-        uncertain=guessed if measure is speed_of else guessed_since,
-        uncertain_splats=guessed_splats if measure is speed_of else guessed_splats_since,
+        uncertain=partial(guessed, since_reference=measure is not speed_of),
+        uncertain_splats=partial(guessed_splats, since_reference=measure is not speed_of),
         uncertain_words=GUESS,
         of_motion=True,
     )

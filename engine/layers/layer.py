@@ -98,7 +98,7 @@ class Layer:
     description: str
     pixels: Callable[[Scene, LayerRequest], np.ndarray]
     splats: Callable[[Scene, LayerRequest], np.ndarray]
-    unit: Callable[[Scene], str]
+    unit: Callable[[Scene], str] = lambda scene: ""
     cmap: str = "viridis"
     signed: bool = False
     from_zero: bool = False

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from degense.engine.errors import DegenseError
-from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed_since, guessed_splats_since
+from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed, guessed_splats
 from degense.engine.layers.layer import Layer, LayerRequest
 from degense.engine.layers.semantics import FEATURES, MASKS, SIMILARITY
 from degense.engine.motion import spurious
@@ -15,16 +17,12 @@ WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured 
 MOVED = ("displacement", "observability")  # channels of the displacement layer: its values, and where they are guesses
 
 
-def _rgb(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return scene.render(request.frame, request.camera)["rgb"]
+def _channel(name: str) -> Callable[[Scene, LayerRequest], np.ndarray]:
+    return lambda scene, request: scene.render(request.frame, request.camera, (name,))[name]
 
 
 def _rgb_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     return scene.splats(request.frame).colors.clamp(0, 1).cpu().numpy()
-
-
-def _depth(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return scene.render(request.frame, request.camera, ("depth",))["depth"]
 
 
 def _depth_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -40,11 +38,7 @@ def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _displacement_guessed(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    return guessed_since(scene, request, MOVED if request.camera is None else MOVED[1:])
-
-
-def _observability(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return scene.render(request.frame, request.camera, ("observability",))["observability"]
+    return guessed(scene, request, MOVED if request.camera is None else MOVED[1:])
 
 
 def _observability_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -79,25 +73,17 @@ def _warp_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     return np.where(on_surface, warp[row, column], np.nan).astype(np.float32)
 
 
-def _length(scene: Scene) -> str:
-    return scene.unit
-
-
-def _none(scene: Scene) -> str:
-    return ""
-
-
 LAYERS: dict[str, Layer] = {
     layer.name: layer
     for layer in (
-        Layer("rgb", "colour", "The reconstructed colours, alpha-blended.", _rgb, _rgb_splats, _none),
+        Layer("rgb", "colour", "The reconstructed colours, alpha-blended.", _channel("rgb"), _rgb_splats),
         Layer(
             "depth",
             "scalar",
             "Distance along the viewing axis, Σ z·w / Σ w over the Gaussians of a pixel.",
-            _depth,
+            _channel("depth"),
             _depth_splats,
-            _length,
+            lambda scene: scene.unit,
             "cividis",
         ),
         FEATURES,
@@ -111,10 +97,9 @@ LAYERS: dict[str, Layer] = {
             f"Hatched where the recording reveals it in less than {REVEALED:.0%} of the frames: a guess, however small it is.",
             _displacement,
             _displacement_splats,
-            _length,
-            "viridis",
+            lambda scene: scene.unit,
             uncertain=_displacement_guessed,
-            uncertain_splats=guessed_splats_since,
+            uncertain_splats=guessed_splats,
             uncertain_words="hatched: a guess, the recording does not show how far this moved",
             from_zero=True,
             of_motion=True,
@@ -140,10 +125,9 @@ LAYERS: dict[str, Layer] = {
             "scalar",
             "In which share of the frames the recording reveals how far tissue has moved: seen, no instrument, optical flow the same "
             "forwards and backwards, on texture that pins it down.",
-            _observability,
+            _channel("observability"),
             _observability_splats,
-            _none,
-            "cividis",
+            cmap="cividis",
             fixed_range=(0.0, 1.0),
             needs_observability=True,
         ),

@@ -59,7 +59,6 @@ FEATURES = Layer(
     "Direction of the semantic latent, along the three axes in which this scene's latents differ most, as red, green and blue.",
     _features,
     _features_splats,
-    lambda scene: "",
     needs_semantics=True,
 )
 SIMILARITY = Layer(
@@ -81,7 +80,6 @@ MASKS = Layer(
     "or the plain decoders. Where masks overlap, the most similar prompt.",
     _mask,
     _mask_splats,
-    lambda scene: "",
     needs_semantics=True,
     needs_prompt=True,
 )
