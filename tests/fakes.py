@@ -147,3 +147,10 @@ class MovingWall(Clip):
         labels = (self.material(index)[..., 0] > 0).astype(np.uint8)
         labels[:2] = UNLABELLED
         return labels
+
+
+def ply_columns(path: Path) -> np.ndarray:
+    """Numbers of a binary PLY whose properties are all float, float32 [N, properties]."""
+    header, _, body = path.read_bytes().partition(b"end_header\n")
+    assert header.startswith(b"ply\nformat binary_little_endian 1.0\n")
+    return np.frombuffer(body, "<f4").reshape(-1, header.count(b"property float ")).copy()

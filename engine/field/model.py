@@ -272,20 +272,16 @@ class SceneModel(nn.Module):
             change = self.semantic(kinematic if planes is None else torch.cat([kinematic.detach(), planes(points, t)], 1))
         return decoded, decoded_at_other, delta_color, change
 
-    def _color_change(self, t: float | Tensor, delta_color: Tensor | None) -> Tensor | None:
-        """Δcolour [N, 3] at time `t`: that of Ψ_app plus each Gaussian's residual; None where colours do not change."""
-        if self.config.color_knots:
-            residual = at_time(self.canonical["color_residuals"], t)
-            return residual if delta_color is None else delta_color + residual
-        return delta_color
-
     def _splats(self, t: float | Tensor, deformation: Deformation | None, delta_color: Tensor | None, latents: Tensor) -> Splats:
         c = self.canonical
         means, log_scales, quats, logits, colors = c["means"], c["log_scales"], c["quats"], c["logits"], c["colors"]
         if deformation is not None:
             means, log_scales = means + self.linear_motion(t) + deformation.means, log_scales + deformation.log_scales
             quats, logits = quats + deformation.quats, logits + deformation.opacities
-            change = self._color_change(t, delta_color)
+            change = delta_color  # of Ψ_app plus each Gaussian's residual; None where colours do not change
+            if self.config.color_knots:
+                residual = at_time(c["color_residuals"], t)
+                change = residual if change is None else change + residual
             if change is not None:
                 colors = colors + change
                 if self.semantic_coefficients is not None and latents.shape[1]:

@@ -28,11 +28,6 @@ class BackProjection(NamedTuple):
     total: Float[Tensor, "n c"]
     weight: Float[Tensor, " n"]
 
-    @property
-    def mean(self) -> Tensor:
-        """Σ_p m_p w_ip v_p / Σ_p m_p w_ip, float [N, C]; 0 for a Gaussian that is not seen."""
-        return self.total / self.weight.clamp_min(1e-12)[:, None]
-
 
 def backproject(
     splats: Splats,

@@ -39,7 +39,6 @@ from degense.engine.threads import take_ticket
 
 BLOCK_WIDTH, BLOCK_HEIGHT = 8, 2
 AREA = TILE_WIDTH * TILE_HEIGHT
-BLOCKS = AREA // LANES
 CHECK_EVERY = 16  # Gaussians between two looks at which blocks of a tile are finished
 
 # Constants of the pixel grid, float32 [GRID_NUMBERS]: x and y of a block's pixels from its first, then x and y of each block from

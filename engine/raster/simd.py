@@ -101,24 +101,15 @@ def ramp(builder, start):
     return builder.fadd(_broadcast(builder, start), ir.Constant(_VECTOR, [ir.Constant(_FLOAT, float(i)) for i in range(LANES)]))
 
 
-@_operation(lanes, lanes, lanes)
-def add(builder, a, b):
-    return builder.fadd(a, b)
+def _arithmetic(instruction: str):
+    @_operation(lanes, lanes, lanes)
+    def operation(builder, a, b):
+        return getattr(builder, instruction)(a, b)
+
+    return operation
 
 
-@_operation(lanes, lanes, lanes)
-def sub(builder, a, b):
-    return builder.fsub(a, b)
-
-
-@_operation(lanes, lanes, lanes)
-def mul(builder, a, b):
-    return builder.fmul(a, b)
-
-
-@_operation(lanes, lanes, lanes)
-def div(builder, a, b):
-    return builder.fdiv(a, b)
+add, sub, mul, div = (_arithmetic(instruction) for instruction in ("fadd", "fsub", "fmul", "fdiv"))
 
 
 @_operation(lanes, lanes, lanes, lanes)
@@ -165,6 +156,12 @@ def some(builder, mask):
     """Whether any lane is set."""
     bits = builder.bitcast(mask, ir.IntType(LANES))
     return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(LANES), 0))
+
+
+@_operation(types.int64, types.uint64)
+def lowest_bit(builder, bits):
+    """Index of the lowest set bit of a non-zero number."""
+    return builder.cttz(bits, ir.Constant(_BIT, 1))
 
 
 @_operation(types.float32, lanes)
@@ -243,13 +240,3 @@ def store(typing, array, index, value):
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes), codegen
-
-
-@intrinsic
-def lowest_bit(typing, bits):
-    """Index of the lowest set bit of a non-zero uint64."""
-
-    def codegen(context, builder, signature, values):
-        return builder.cttz(values[0], ir.Constant(_BIT, 1))
-
-    return types.int64(types.uint64), codegen

@@ -12,14 +12,13 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from degense.engine.errors import RunError
-from degense.engine.files import replacing
+from degense.engine.files import replacing, write_text
 
 MAX_BYTES = 8 << 30
 
 
 def write_json(path: Path, values: Any) -> None:
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(values, indent=1), encoding="utf-8")
+    write_text(path, json.dumps(values, indent=1))
 
 
 def read_json(path: Path) -> Any:
