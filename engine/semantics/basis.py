@@ -28,17 +28,10 @@ class Basis:
 
     (triangle inequality on the sphere), whatever v is.
     ‖v‖ is the length before projection: texts unlike anything in the scene have a cosine near 0.
-
-    Attributes
-    ----------
-    matrix : float32 [D, d]
-        B, orthonormal columns, the strongest direction first.
-    energy : float
-        Weighted share of the squared lengths that the subspace holds, in [0, 1].
     """
 
-    matrix: Float32[np.ndarray, "D d"]
-    energy: float
+    matrix: Float32[np.ndarray, "D d"]  # B, orthonormal columns, the strongest direction first
+    energy: float  # weighted share of the squared lengths that the subspace holds, in [0, 1]
 
     @property
     def dimension(self) -> int:

@@ -26,27 +26,16 @@ DEFAULT_THRESHOLD = 0.5
 class PromptSet:
     """Prompts, and how they are decoded: the same value for the window, the command line, exports and scores.
 
-    Attributes
-    ----------
-    prompts : tuple of str
-        At most 255; each has a mask of its own, and masks may overlap.
-    negatives : tuple of str
-        Texts that take pixels from the masks of all prompts.
-    decoder : str
-        One of `DECODERS`.
-    threshold : float
-        On the cosine.
-
     Raises
     ------
     PromptError
         For too many prompts, an unknown decoder or a threshold that is not finite.
     """
 
-    prompts: tuple[str, ...] = ()
-    negatives: tuple[str, ...] = ()
-    decoder: str = DEFAULT_DECODER
-    threshold: float = DEFAULT_THRESHOLD
+    prompts: tuple[str, ...] = ()  # at most 255; each has a mask of its own, and masks may overlap
+    negatives: tuple[str, ...] = ()  # texts that take pixels from the masks of all prompts
+    decoder: str = DEFAULT_DECODER  # one of `DECODERS`
+    threshold: float = DEFAULT_THRESHOLD  # on the cosine
 
     def __post_init__(self) -> None:
         if len(self.prompts) > UNLABELLED:
@@ -68,21 +57,13 @@ NO_PROMPTS = PromptSet()
 
 @dataclass(frozen=True)
 class PromptVectors:
-    """A `PromptSet` in text vectors of length D.
+    """A `PromptSet` in text vectors of length D."""
 
-    Attributes
-    ----------
-    included : tuple of float [m, D] or [D]
-        For each prompt the classes that it covers; the most similar one counts in each pixel.
-    excluded : tuple of float [k, D]
-        For each prompt what it excludes, negatives among them; empty when none excludes anything.
-    classes : float [n, D] or None
-        The session's classes. Those that a prompt includes do not compete with it.
-    """
-
+    #: For each prompt the classes that it covers, float [m, D] or [D]; the most similar one counts in each pixel.
     included: tuple[np.ndarray, ...]
+    #: For each prompt what it excludes, negatives among them, float [k, D]; empty when none excludes anything.
     excluded: tuple[np.ndarray, ...] = ()
-    classes: np.ndarray | None = None
+    classes: np.ndarray | None = None  # float [n, D]; the session's. Those that a prompt includes do not compete with it
     decoder: str = DEFAULT_DECODER
     threshold: float = DEFAULT_THRESHOLD
 

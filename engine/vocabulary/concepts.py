@@ -28,31 +28,16 @@ LONGEST_NAME = 8
 
 @dataclass(frozen=True)
 class Concept:
-    """One thing that can be named.
+    """One thing that can be named."""
 
-    Attributes
-    ----------
-    name : str
-        The canonical wording.
-    of : str or None
-        The whole or kind it belongs to.
-    share : float
-        Cosine between two children of this concept.
-    also : tuple of str
-        Other wordings that a class of a session may bear too, which then has the concept's vector.
-    names, foreign : tuple of str
-        Wordings that were added later, in English and in other languages: for prompts only, because runs exist whose classes bear them.
-    later : bool
-        The concept itself was added later: a class of its name has a vector of its own, like any class that is no concept.
-    """
-
-    name: str
-    of: str | None = None
-    share: float = 0.0
-    also: tuple[str, ...] = ()
+    name: str  # the canonical wording
+    of: str | None = None  # the whole or kind it belongs to
+    share: float = 0.0  # cosine between two children of this concept
+    also: tuple[str, ...] = ()  # other wordings that a class of a session may bear too, which then has the concept's vector
+    #: Wordings that were added later, in English and in other languages: for prompts only, because runs exist whose classes bear them.
     names: tuple[str, ...] = ()
     foreign: tuple[str, ...] = ()
-    later: bool = False
+    later: bool = False  # added later itself: a class of its name has a vector of its own, like any class that is no concept
 
     @property
     def wordings(self) -> tuple[str, ...]:

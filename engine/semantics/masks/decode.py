@@ -19,40 +19,20 @@ EVEN = 0.5
 
 @dataclass(frozen=True)
 class Similarities:
-    """What decides about the mask of one prompt.
+    """What decides about the mask of one prompt: the largest similarities, float32 [...] each."""
 
-    Attributes
-    ----------
-    own : float32 [...]
-        The largest similarity with a class that the prompt covers.
-    rivals : float32 [...] or None
-        The largest similarity with any other class of the session.
-    excluded : float32 [...] or None
-        The largest similarity with anything that the prompt, or a negative, excludes.
-    breadth : int
-        How many classes the prompt covers.
-    """
-
-    own: np.ndarray
-    rivals: np.ndarray | None = None
-    excluded: np.ndarray | None = None
-    breadth: int = 1
+    own: np.ndarray  # with a class that the prompt covers
+    rivals: np.ndarray | None = None  # with any other class of the session
+    excluded: np.ndarray | None = None  # with anything that the prompt, or a negative, excludes
+    breadth: int = 1  # how many classes the prompt covers
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """The masks of some prompts.
+    """The masks of some prompts."""
 
-    Attributes
-    ----------
-    masks : bool [n, ...]
-        One for each prompt; they may overlap.
-    labels : uint8 [...]
-        Index of the prompt that owns the element, among those whose masks hold it; `UNLABELLED` where none does.
-    """
-
-    masks: np.ndarray
-    labels: np.ndarray
+    masks: np.ndarray  # bool [n, ...]; one for each prompt; they may overlap
+    labels: np.ndarray  # uint8 [...]; index of the prompt that owns the element, of those whose masks hold it; else `UNLABELLED`
 
     @property
     def numbers(self) -> np.ndarray:

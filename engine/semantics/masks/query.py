@@ -26,22 +26,12 @@ INCLUDED = 0.6
 
 @dataclass(frozen=True)
 class PendingMasks:
-    """Masks whose similarities may still lie on a GPU, where nothing has waited for them.
+    """Masks whose similarities may still lie on a GPU, where nothing has waited for them."""
 
-    Attributes
-    ----------
-    maps : list of lists of 3
-        Each prompt's own, rivals' and excluded similarities; None for what it has not.
-    numpy : callable
-        `Aggregation.numpy`.
-    regions : bool
-        Whether the similarities are refined.
-    """
-
-    maps: list[list[Any]]
-    numpy: Callable[[list[Any]], list[np.ndarray]]
+    maps: list[list[Any]]  # each prompt's own, rivals' and excluded similarities; None for what it has not
+    numpy: Callable[[list[Any]], list[np.ndarray]]  # `Aggregation.numpy`
     asked: PromptVectors
-    regions: bool
+    regions: bool  # whether the similarities are refined
 
     def read(self) -> Decoded:
         """Bring all similarities into memory at once and decode them; in any thread, which alone waits."""

@@ -21,23 +21,12 @@ BANDS = 8  # of rows, that sums over regions are shared out in
 
 
 class FrameStatistics(NamedTuple):
-    """What region aggregation needs of a frame.
+    """What region aggregation needs of a frame."""
 
-    Attributes
-    ----------
-    regions : int32 [H, W]
-    means : float32 [K, d]
-        M_k.
-    weight : float32 [H, W]
-        w: 1 where the mean of the region counts, 0 where the pixel itself does.
-    noisiness : float32 [H, W]
-        λ'.
-    """
-
-    regions: np.ndarray
-    means: np.ndarray
-    weight: np.ndarray
-    noisiness: np.ndarray
+    regions: np.ndarray  # int32 [H, W]
+    means: np.ndarray  # float32 [K, d]; M_k
+    weight: np.ndarray  # float32 [H, W]; w: 1 where the mean of the region counts, 0 where the pixel itself does
+    noisiness: np.ndarray  # float32 [H, W]; λ'
 
 
 class CpuAggregation(rnse.Aggregation[np.ndarray]):

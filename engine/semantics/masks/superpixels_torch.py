@@ -19,31 +19,15 @@ XYZ = (
 
 
 class Grid(NamedTuple):
-    """What all pictures of a size share.
+    """What all pictures of a size share."""
 
-    Attributes
-    ----------
-    regions : int
-        K.
-    start : int64 [K]
-        Pixels at which the centres begin.
-    place : float32 [H · W, 2]
-        (x, y) in units that compare with CIELAB.
-    candidates : int64 [9, H, W]
-        The centres that a pixel looks at: the nine nearest; beyond the border the same ones again.
-    mirrored : two pairs of int64
-        Rows before and after each row, then columns; at the border the ones inside.
-    linear : float32 [256]
-    xyz : float32 [3, 3]
-    """
-
-    regions: int
-    start: Tensor
-    place: Tensor
-    candidates: Tensor
-    mirrored: list[tuple[Tensor, Tensor]]
-    linear: Tensor
-    xyz: Tensor
+    regions: int  # K
+    start: Tensor  # int64 [K]; pixels at which the centres begin
+    place: Tensor  # float32 [H · W, 2]; (x, y) in units that compare with CIELAB
+    candidates: Tensor  # int64 [9, H, W]; the centres that a pixel looks at: the nine nearest; beyond the border the same ones again
+    mirrored: list[tuple[Tensor, Tensor]]  # rows before and after each row, then columns; at the border the ones inside
+    linear: Tensor  # float32 [256]
+    xyz: Tensor  # float32 [3, 3]
 
 
 @lru_cache(maxsize=2)

@@ -85,6 +85,17 @@ def transformers_library() -> Any:
     return transformers
 
 
+def saved_by_transformers(folder: Path, kind: str, model: str) -> tuple[Any, Any]:
+    """The model of a class of transformers, and its tokenizer. DegenseError in one sentence when there is no such `kind`."""
+    library = transformers_library()
+    try:
+        found = getattr(library, model).from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
+        return found, library.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DegenseError(f"{shown(folder)} holds no {kind} with model.safetensors and its tokenizer: {reason}") from error
+
+
 def model_digest(folder: Path) -> str:
     """Of the configuration, the size of the weights and a few pieces of them, 12 hexadecimal digits."""
     config, weights = (OPEN_CLIP_CONFIG, OPEN_CLIP_WEIGHTS) if is_open_clip(folder) else ("config.json", "*.safetensors")

@@ -20,12 +20,13 @@ from torch import Tensor
 
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
-from degense.engine.semantics.models.model_folder import is_open_clip, model_config, model_digest, transformers_library
+from degense.engine.semantics.models.model_folder import is_open_clip, model_config, model_digest, saved_by_transformers
 from degense.engine.semantics.models.open_clip import read_open_clip
 from degense.engine.semantics.models.templates import PLAIN
 
 #: Mean and deviation of the pictures that CLIP was trained on, where the model's own folder does not say.
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+CLASSES = {"clip": "CLIPModel", "clipseg": "CLIPSegForImageSegmentation"}  # of transformers, by the kind of a model
 BATCH, SENTENCES = 8, 64  # pictures and sentences that are asked at once
 
 
@@ -52,7 +53,7 @@ class DenseModel:
             self.kind, (model, self._tokenizer, preprocessing) = "clip", read_open_clip(folder)
         else:
             self.kind = str(model_config(folder).get("model_type"))
-            model, self._tokenizer, preprocessing = _saved_by_transformers(folder, self.kind)
+            model, self._tokenizer, preprocessing = _read(folder, self.kind)
         self._model, self._device = model.eval().requires_grad_(False).to(device), device
         self.side = int(model.config.vision_config.image_size)
         self.name = f"{self.kind}-{model_digest(folder)}"
@@ -102,17 +103,10 @@ class DenseModel:
         return {name: tokens[name].to(self._device) for name in ("input_ids", "attention_mask")}
 
 
-def _saved_by_transformers(folder: Path, kind: str) -> tuple[Any, Any, dict[str, Any]]:
+def _read(folder: Path, kind: str) -> tuple[Any, Any, dict[str, Any]]:
     """Model, tokenizer, and what the folder says of preprocessing. DegenseError in one sentence when there is none of this kind."""
-    transformers = transformers_library()
-    classes = {"clip": transformers.CLIPModel, "clipseg": transformers.CLIPSegForImageSegmentation}
-    if kind not in classes:
-        raise DegenseError(f"{shown(folder)} holds a model of the kind {kind!r}; those that can be read are {', '.join(classes)}.")
-    try:
-        model = classes[kind].from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
-        tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DegenseError(f"{shown(folder)} holds no {kind} with model.safetensors and its tokenizer: {reason}") from error
+    if kind not in CLASSES:
+        raise DegenseError(f"{shown(folder)} holds a model of the kind {kind!r}; those that can be read are {', '.join(CLASSES)}.")
+    model, tokenizer = saved_by_transformers(folder, kind, CLASSES[kind])
     preprocessing = folder / "preprocessor_config.json"
     return model, tokenizer, json.loads(preprocessing.read_text("utf-8")) if preprocessing.exists() else {}

@@ -13,24 +13,13 @@ COOL = 2.0  # the features are not independent: log-likelihoods are divided by t
 
 @dataclass(frozen=True)
 class Appearance:
-    """Class-conditional Gaussians in standardised features.
+    """Class-conditional Gaussians in standardised features."""
 
-    Attributes
-    ----------
-    centre, scale : float64 [F]
-        Of the standardisation.
-    means : float64 [k, F]
-    inverses : float64 [k, F, F]
-        Of the covariances.
-    constants : float64 [k]
-        −½ log det of the covariances.
-    """
-
-    centre: np.ndarray
-    scale: np.ndarray
-    means: np.ndarray
-    inverses: np.ndarray
-    constants: np.ndarray
+    centre: np.ndarray  # float64 [F]; of the standardisation
+    scale: np.ndarray  # float64 [F]; of the standardisation
+    means: np.ndarray  # float64 [k, F]
+    inverses: np.ndarray  # float64 [k, F, F]; of the covariances
+    constants: np.ndarray  # float64 [k]; −½ log det of the covariances
 
     @classmethod
     def fit(cls, features: np.ndarray, weights: np.ndarray) -> Appearance:

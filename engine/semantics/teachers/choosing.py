@@ -21,21 +21,12 @@ NO_MODEL = "a model must be named: the folder of a CLIP or CLIPSeg as transforme
 
 @dataclass(frozen=True)
 class TeacherChoice:
-    """A teacher for a clip.
+    """A teacher for a clip."""
 
-    Attributes
-    ----------
-    name : str
-        As `teacher_by_name` and the command line take it.
-    available : bool
-        Whether the clip has what it takes; else a folder must be named, as in "precomputed:FOLDER", or something must be added.
-    reason : str
-        In one line: what it would use, or what is missing.
-    """
-
-    name: str
+    name: str  # as `teacher_by_name` and the command line take it
+    #: Whether the clip has what it takes; else a folder must be named, as in "precomputed:FOLDER", or something must be added.
     available: bool
-    reason: str
+    reason: str  # in one line: what it would use, or what is missing
 
 
 def teacher_choices(clip: Clip) -> list[TeacherChoice]:

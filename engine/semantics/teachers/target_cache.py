@@ -35,16 +35,12 @@ _BROKEN = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.err
 
 @runtime_checkable
 class CostlyTeacher(Described, Protocol):
-    """A teacher whose targets are worth caching: as `Teacher`, but it computes many frames in an order of its own.
-
-    Attributes
-    ----------
-    settings : dict
-        Everything its targets depend on beside the program itself; JSON values.
-    """
+    """A teacher whose targets are worth caching: as `Teacher`, but it computes many frames in an order of its own."""
 
     @property
-    def settings(self) -> dict[str, Any]: ...
+    def settings(self) -> dict[str, Any]:
+        """Everything its targets depend on beside the program itself; JSON values."""
+        ...
 
     def compute(self, frames: Sequence[int], progress: Progress) -> Iterator[tuple[int, Targets | None]]:
         """Targets of these frames, each once, in any order."""

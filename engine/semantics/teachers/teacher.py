@@ -15,27 +15,13 @@ LEVELS = 8  # steps of a mixture of two classes, from half and half to the first
 
 
 class Described(Protocol):
-    """What is known of a teacher.
+    """What is known of a teacher."""
 
-    Attributes
-    ----------
-    name : str
-        "labels", …
-    provenance : str
-        For the user: where the targets come from and on which frames.
-    frames : list of int
-        Frames that have targets, ascending; never a held-out frame, unless the clip has no other.
-    encoder : TextEncoder
-        Turns prompts into vectors that compare with the targets; the run keeps it.
-    pixelwise : bool
-        True: each pixel has its vector. False: a vector describes the area of its pixels as a whole, as a coarse feature map does.
-    """
-
-    name: str
-    provenance: str
-    frames: list[int]
-    encoder: TextEncoder
-    pixelwise: bool
+    name: str  # "labels", …
+    provenance: str  # for the user: where the targets come from and on which frames
+    frames: list[int]  # that have targets, ascending; never a held-out frame, unless the clip has no other
+    encoder: TextEncoder  # turns prompts into vectors that compare with the targets; the run keeps it
+    pixelwise: bool  # each pixel has its vector; else a vector describes the area of its pixels as a whole, as a coarse feature map does
 
 
 class Teacher(Described, Protocol):

@@ -56,17 +56,10 @@ class TextEncoder(ABC):
     ----------
     classes : sequence of str
         Names of the session's classes; they win over the vocabulary.
-
-    Attributes
-    ----------
-    name : str
-        Written into a run, whose features fit no other encoder. It changes with everything that changes a vector.
-    dimension : int
-        D, the length of a vector.
     """
 
-    name: str
-    dimension: int
+    name: str  # written into a run, whose features fit no other encoder. It changes with everything that changes a vector
+    dimension: int  # D, the length of a vector
 
     def __init__(self, classes: Sequence[str] = ()):
         self.vocabulary = surgical_vocabulary()

@@ -13,7 +13,7 @@ import torch
 
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.basis import unit_rows
-from degense.engine.semantics.models.model_folder import find_model, model_config, model_digest, transformers_library
+from degense.engine.semantics.models.model_folder import find_model, model_config, model_digest, saved_by_transformers
 from degense.engine.semantics.models.templates import Embed, template_encoders
 from degense.engine.semantics.models.vlm_models import DenseModel
 from degense.engine.semantics.text.encoder import TextEncoder
@@ -87,13 +87,7 @@ class SentenceModel:
     def __init__(self, folder: Path):
         model_config(folder)
         self._pooling = _pooling(folder)
-        transformers = transformers_library()
-        try:
-            self._tokenizer = transformers.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
-            model = transformers.AutoModel.from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
-        except (OSError, ValueError, KeyError, RuntimeError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise DegenseError(f"{folder.name} holds no sentence model with model.safetensors and its tokenizer: {reason}") from error
+        model, self._tokenizer = saved_by_transformers(folder, "sentence model", "AutoModel")
         self._model = model.eval().requires_grad_(False)
         self.name = f"sentence-{model_digest(folder)}"
         self._mean = 0.0
