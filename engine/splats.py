@@ -12,30 +12,14 @@ from torch import Tensor
 
 @dataclass
 class Splats:
-    """N Gaussians at one time.
+    """N Gaussians at one time."""
 
-    Attributes
-    ----------
-    means : float [N, 3]
-        Centres, scene units.
-    quats : float [N, 4]
-        Rotations, wxyz, of any non-zero length.
-    scales : float [N, 3]
-        Standard deviations along the principal axes, scene units, positive.
-    opacities : float [N]
-        In [0, 1].
-    colors : float [N, 3]
-        RGB, nominally in [0, 1].
-    semantics : float [N, d]
-        Latent semantic vectors (any length, d may be 0).
-    """
-
-    means: Float[Tensor, "n 3"]
-    quats: Float[Tensor, "n 4"]
-    scales: Float[Tensor, "n 3"]
-    opacities: Float[Tensor, " n"]
-    colors: Float[Tensor, "n 3"]
-    semantics: Float[Tensor, "n d"]
+    means: Float[Tensor, "n 3"]  # scene units
+    quats: Float[Tensor, "n 4"]  # rotations, wxyz, of any non-zero length
+    scales: Float[Tensor, "n 3"]  # standard deviations along the principal axes, scene units, positive
+    opacities: Float[Tensor, " n"]  # in [0, 1]
+    colors: Float[Tensor, "n 3"]  # RGB, nominally in [0, 1]
+    semantics: Float[Tensor, "n d"]  # latent semantic vectors of any length; d may be 0
 
     def __len__(self) -> int:
         return self.means.shape[0]

@@ -5,30 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+from jaxtyping import Float
 from torch import Tensor, nn
 
 PROPERTIES = ("pos", "scale", "rot", "opa")
 DEFORMATION = 11  # numbers of a `Deformation`
+WIDTH, STATE = 64, 16  # lengths of h_base, and of hidden layers, and of each φ_k(h_base)
 
 
 class Kinematics(nn.Module):
-    """h_base = base(h_st);  Z_kin = ⊕_k φ_k(h_base), k ∈ {pos, scale, rot, opa}, φ_k linear (Eq. 1).
+    """h_base = base(h_st);  Z_kin = ⊕_k φ_k(h_base), k ∈ {pos, scale, rot, opa}, φ_k linear (Eq. 1); h_st has `feature` numbers."""
 
-    Parameters
-    ----------
-    feature : int
-        Length of h_st.
-    width : int
-        Length of h_base.
-    state : int
-        Length of each φ_k(h_base); Z_kin has 4 × `state` numbers.
-    """
-
-    def __init__(self, feature: int, width: int = 64, state: int = 16):
+    def __init__(self, feature: int):
         super().__init__()
-        self.base = nn.Sequential(nn.Linear(feature, width), nn.ReLU(inplace=True), nn.Linear(width, width), nn.ReLU(inplace=True))
+        self.base = nn.Sequential(nn.Linear(feature, WIDTH), nn.ReLU(inplace=True), nn.Linear(WIDTH, WIDTH), nn.ReLU(inplace=True))
         # The four maps share their input: one matrix holds them as blocks of rows, in the order of PROPERTIES.
-        self.states = nn.Linear(width, state * len(PROPERTIES))
+        self.states = nn.Linear(WIDTH, STATE * len(PROPERTIES))
         for layer in (*self.base, self.states):
             if isinstance(layer, nn.Linear):
                 nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu")
@@ -38,7 +30,7 @@ class Kinematics(nn.Module):
         return self.states.out_features
 
     def forward(self, feature: Tensor) -> Tensor:
-        """Z_kin [N, 4 × state] of h_st [N, feature]."""
+        """Z_kin [N, 4 STATE] of h_st [N, feature]."""
         return torch.relu_(self.states(self.base(feature)))
 
 
@@ -48,9 +40,9 @@ class Branch(nn.Module):
     Ψ_geo: Z_kin → ΔG_t, Ψ_sem: Z_kin → Δf_sem (Eq. 2), Ψ_app: Z_kin → Δcolour; in the coupled baseline [ΔG_t, f_sem] → Δf_sem.
     """
 
-    def __init__(self, inputs: int, outputs: int, width: int = 64):
+    def __init__(self, inputs: int, outputs: int):
         super().__init__()
-        hidden, last = nn.Linear(inputs, width), nn.Linear(width, outputs)
+        hidden, last = nn.Linear(inputs, WIDTH), nn.Linear(WIDTH, outputs)
         nn.init.kaiming_uniform_(hidden.weight, nonlinearity="relu")
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
@@ -62,22 +54,12 @@ class Branch(nn.Module):
 
 @dataclass
 class Deformation:
-    """ΔG_t of N Gaussians: what Ψ_geo adds to each canonical property.
+    """ΔG_t of N Gaussians: what Ψ_geo adds to each canonical property."""
 
-    Attributes
-    ----------
-    means : float [N, 3]
-        Scene units.
-    log_scales : float [N, 3]
-    quats : float [N, 4]
-    opacities : float [N]
-        On the logit.
-    """
-
-    means: Tensor
-    log_scales: Tensor
-    quats: Tensor
-    opacities: Tensor
+    means: Float[Tensor, "n 3"]  # scene units
+    log_scales: Float[Tensor, "n 3"]
+    quats: Float[Tensor, "n 4"]
+    opacities: Float[Tensor, " n"]  # on the logit
 
     @property
     def flat(self) -> Tensor:

@@ -13,17 +13,12 @@ from degense.engine.splats import Splats
 
 
 class LiveField:
-    """States of a trained scene, in another unit if wanted, with numbers that a rasterizer need not check.
+    """States of a trained scene, lengths multiplied by `unit`, with numbers that a rasterizer need not check.
 
-    Parameters
-    ----------
-    model : SceneModel
-        Must not change as long as this is in use.
-    unit : float
-        Lengths come multiplied by it.
+    The model must not change as long as this is in use.
     """
 
-    def __init__(self, model: SceneModel, unit: float = 1.0):
+    def __init__(self, model: SceneModel, unit: float):
         self.model, self.unit = model, unit
         self._time = torch.zeros((), device=model.bounds.device)
         self._graphs: dict[bool, tuple[torch.cuda.CUDAGraph, Splats]] = {}

@@ -19,22 +19,12 @@ RangeMode = Literal["frame", "sequence"]
 
 @dataclass(frozen=True)
 class LayerRequest:
-    """What to show.
-
-    Attributes
-    ----------
-    camera : Camera or None
-        None: the surgeon's camera.
-    prompt_set : PromptSet
-        For `similarity` and `mask`.
-    pixelwise : bool
-        Decode masks pixel by pixel, as a preview that needs no superpixels.
-    """
+    """What to show."""
 
     frame: float
-    camera: Camera | None = None
-    prompt_set: PromptSet = NO_PROMPTS
-    pixelwise: bool = False
+    camera: Camera | None = None  # None: the surgeon's
+    prompt_set: PromptSet = NO_PROMPTS  # for `similarity` and `mask`
+    pixelwise: bool = False  # decode masks pixel by pixel, as a preview that needs no superpixels
 
 
 @dataclass(frozen=True)
@@ -46,7 +36,6 @@ class LayerImage:
     values : ndarray
         `colour`: float32 [H, W, 3] in [0, 1]. `scalar`: float32 [H, W], NaN where nothing is known. `mask`: uint8 [H, W], 0 nothing,
         k + 1 where prompt k owns the pixel.
-    kind : {"colour", "scalar", "mask"}
     uncertain : bool [H, W] or None
         Pixels whose value is a guess; None where the layer cannot tell.
     """
@@ -63,50 +52,22 @@ def nowhere(scene: Scene, request: LayerRequest) -> None:
 
 @dataclass(frozen=True)
 class Layer:
-    """One entry of the registry.
+    """One entry of the registry."""
 
-    Attributes
-    ----------
-    name : str
-        A key of `LAYER_TITLES`.
-    kind : {"colour", "scalar", "mask"}
-    description : str
-        Formula and units, shown to the user.
-    cmap : str
-        A name in `engine.layers.colour`.
-    signed : bool
-        Whether its range is symmetric about zero.
-    from_zero : bool
-        Whether its range starts at zero.
-    fixed_range : (float, float) or None
-        The range that it always has; None where the values decide.
-    of_motion : bool
-        Whether large values are findings about motion, whose worst frames and places are worth a list.
-    pixels : callable (scene, request) -> ndarray
-        As `LayerImage.values`.
-    splats : callable (scene, request) -> ndarray
-        Values of every Gaussian: [N, 3] colours, or [N] scalars (NaN unknown) or mask values.
-    unit : callable (scene) -> str
-    uncertain, uncertain_splats : callable (scene, request) -> bool [H, W] or [N], or None
-        Where the value is a guess; None where the scene cannot tell.
-    uncertain_words : str
-        What that means, for legends.
-    """
-
-    name: str
+    name: str  # a key of `LAYER_TITLES`
     kind: Kind
-    description: str
-    pixels: Callable[[Scene, LayerRequest], np.ndarray]
-    splats: Callable[[Scene, LayerRequest], np.ndarray]
+    description: str  # formula and units, shown to the user
+    pixels: Callable[[Scene, LayerRequest], np.ndarray]  # as `LayerImage.values`
+    splats: Callable[[Scene, LayerRequest], np.ndarray]  # of every Gaussian: [N, 3] colours, or [N] scalars (NaN unknown) or mask values
     unit: Callable[[Scene], str] = lambda scene: ""
-    cmap: str = "viridis"
-    signed: bool = False
-    from_zero: bool = False
-    fixed_range: tuple[float, float] | None = None
-    of_motion: bool = False
-    uncertain: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere
-    uncertain_splats: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere
-    uncertain_words: str = ""
+    cmap: str = "viridis"  # of `COLOUR_MAPS`
+    signed: bool = False  # its range is symmetric about zero
+    from_zero: bool = False  # its range starts at zero
+    fixed_range: tuple[float, float] | None = None  # the range that it always has; None where the values decide
+    of_motion: bool = False  # large values are findings about motion, whose worst frames and places are worth a list
+    uncertain: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere  # bool [H, W], a guess; None where the scene cannot tell
+    uncertain_splats: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere  # bool [N]
+    uncertain_words: str = ""  # what that means, for legends
     needs_semantics: bool = False
     needs_clip: bool = False
     needs_prompt: bool = False

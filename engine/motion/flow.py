@@ -10,31 +10,25 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import pairwise
+from typing import TypeAlias
 
 import cv2
 import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+Rgb: TypeAlias = UInt8[np.ndarray, "_ _ 3"]
+Flow: TypeAlias = Float[np.ndarray, "height width 2"]
 
 FINEST = 200_000  # pixels: larger frames are matched at half resolution, where the same motion has as few pixels
 WINDOW = 7  # pixels: side of the window that `confidence` looks at
 
 
-def flow_between(rgb_a: np.ndarray, rgb_b: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
+def flow_between(rgb_a: Rgb, rgb_b: Rgb, initial: Flow | None = None) -> Flow:
     """Optical flow a → b by dense inverse search (Kroeger et al., ECCV 2016) with variational refinement.
 
     Local contrast is evened out first, so that the light that travels with an endoscope is not taken for motion. Motion of more than
     some 5 % of the width within a small region is missed, often consistently in both directions: start from an `initial` guess, as
-    `follow` does. Safe to call from several threads.
-
-    Parameters
-    ----------
-    rgb_a, rgb_b : uint8 [H, W, 3]
-        At least 16 pixels on each side.
-    initial : float32 [H, W, 2], optional
-        Where to begin the search; finite.
-
-    Returns
-    -------
-    float32 [H, W, 2]
+    `follow` does; it must be finite. Frames have at least 16 pixels on each side. Safe to call from several threads.
     """
     return _search(_even(rgb_a), _even(rgb_b), initial)
 
@@ -109,24 +103,11 @@ def follow(
             yield out, back
 
 
-def consistent(forward: np.ndarray, backward: np.ndarray, tolerance: float = 0.7, share: float = 0.02) -> np.ndarray:
+def consistent(forward: Flow, backward: Flow, tolerance: float = 0.7, share: float = 0.02) -> Bool[np.ndarray, "height width"]:
     """Where going there and back ends where it began: ‖f(p) + b(p + f(p))‖ ≤ tolerance + share · (‖f(p)‖ + ‖b(p + f(p))‖).
 
     Points that become hidden, leave the image or were matched wrongly fail. Plain surfaces, where the smoothness
-    term guesses alike both ways, pass by mistake: see `confidence`.
-
-    Parameters
-    ----------
-    forward, backward : float32 [H, W, 2]
-        Flow a → b and b → a, pixels.
-    tolerance : float
-        Pixels.
-    share : float
-        Part of the length of the way that may be lost in addition.
-
-    Returns
-    -------
-    bool [H, W]
+    term guesses alike both ways, pass by mistake: see `confidence`. The tolerance is in pixels.
     """
     back = sample(backward, forward)
     return _length(forward + back) <= tolerance + share * (_length(forward) + _length(back))
@@ -137,18 +118,12 @@ def _length(flow: np.ndarray) -> np.ndarray:
     return np.sqrt(flow[..., 0] ** 2 + flow[..., 1] ** 2)
 
 
-def confidence(rgb: np.ndarray, noise: float = 2.0) -> np.ndarray:
+def confidence(rgb: Rgb, noise: float = 2.0) -> np.ndarray:
     """How well texture pins down motion, float32 [H, W] in [0, 1]: 1 − e / λ, clipped at 0.
 
     λ is the smaller eigenvalue of the structure tensor (of the grey frame blurred by σ = 1 pixel) averaged over a window, e what noise
     alone would give. Near 0 on plain or overexposed surfaces and along straight edges, where flow is a guess of its smoothness term;
-    near 1 on texture in two directions.
-
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3]
-    noise : float
-        Standard deviation of the grey frame's noise, grey levels.
+    near 1 on texture in two directions. `noise` is the standard deviation of the grey frame's noise, grey levels.
     """
     grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
     dx, dy = cv2.Scharr(grey, cv2.CV_32F, 1, 0) / 32, cv2.Scharr(grey, cv2.CV_32F, 0, 1) / 32

@@ -9,7 +9,7 @@ from torch import Tensor
 
 
 def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
-    """Distance of every Gaussian from its place at the reference time, ‖μᵢ(t) − μᵢ(ref)‖, float [N], scene units."""
+    """Distance of every Gaussian from its place at the reference time, ‖μᵢ(t) − μᵢ(ref)‖, scene units."""
     return torch.linalg.vector_norm(means_t - means_ref, dim=-1)
 
 
@@ -30,19 +30,7 @@ def spurious(
     surfaces or straight edges, where flow itself is a guess (`engine.motion.confidence`); and motion that flow invents, for example of
     a highlight or where tissue chars. Missing motion counts like motion too many: both are a difference.
 
-    Parameters
-    ----------
-    model_flow, observed_flow : float [H, W, 2]
-        Pixels.
-    reliable : bool [H, W]
-        Where the observed flow is reliable.
-    tolerance : float
-        Pixels.
-
-    Returns
-    -------
-    float32 [H, W]
-        Pixels; NaN where unobserved or where either flow is not finite.
+    Flows and tolerance are in pixels. The result is NaN also where either flow is not finite.
     """
     difference = np.linalg.norm(np.asarray(model_flow, np.float32) - np.asarray(observed_flow, np.float32), axis=-1)
     excess = np.maximum(difference - tolerance, 0)  # NaN stays NaN

@@ -15,18 +15,10 @@ from degense.engine.splats import Splats
 
 
 class BackProjection(NamedTuple):
-    """Sums over the pixels p of a picture for each Gaussian i, with blending weights w_ip = α_ip T_ip and confidences m_p.
+    """Sums over the pixels p of a picture for each Gaussian i, with blending weights w_ip = α_ip T_ip and confidences m_p."""
 
-    Attributes
-    ----------
-    total : float [N, C]
-        Σ_p m_p w_ip v_p.
-    weight : float [N]
-        Σ_p m_p w_ip.
-    """
-
-    total: Float[Tensor, "n c"]
-    weight: Float[Tensor, " n"]
+    total: Float[Tensor, "n c"]  # Σ_p m_p w_ip v_p
+    weight: Float[Tensor, " n"]  # Σ_p m_p w_ip
 
 
 def backproject(
@@ -38,19 +30,11 @@ def backproject(
     backend: Backend = "auto",
     clean: bool = False,
 ) -> BackProjection:
-    """Sum values of pixels onto Gaussians, each by its share of the pixel.
+    """Sum values v_p of pixels onto Gaussians, each by its share of the pixel; a `confidence` of None (m_p ≥ 0) counts every pixel once.
 
     `rasterize` is linear in the features that it blends, F = W x with W = (w_ip)ᵀ and no background, so this is one backward pass:
     ⟨rasterize(x), v⟩ = ⟨x, backproject(v).total⟩. The weights are one more channel.
-
-    Parameters
-    ----------
-    values : float [H, W, C]
-        v_p, of the camera's size.
-    confidence : float [H, W] or None
-        m_p ≥ 0; None counts every pixel once.
-    backend, clean
-        As for `rasterize`.
+    `backend` and `clean` are as for `rasterize`.
     """
     wanted = pad(values, (0, 1), value=1.0)
     if confidence is not None:

@@ -24,18 +24,7 @@ NO_OBSERVABILITY = "does not say which motion its recording reveals: it was made
 
 
 class Renderer:
-    """What a scene looks like.
-
-    Parameters
-    ----------
-    name : str
-        Of the run, for sentences of errors.
-    states : States
-    basis : Basis or None
-        None without semantics.
-    camera_at : callable (frame) -> Camera
-        The surgeon's camera.
-    """
+    """What a scene looks like. `name` is the run's, for sentences of errors; `camera_at` gives the surgeon's camera."""
 
     def __init__(self, name: str, states: States, basis: Basis | None, camera_at: Callable[[float], Camera]):
         self.name, self.states, self.basis, self.camera_at = name, states, basis, camera_at
