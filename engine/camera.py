@@ -9,16 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Camera:
-    """One view: image size in pixels, intrinsics in pixels, and the rigid map from world to camera.
-
-    Attributes
-    ----------
-    width, height : int
-    fx, fy, cx, cy : float
-        Focal lengths and principal point, pixels.
-    viewmat : float64 [4, 4]
-        World to camera.
-    """
+    """One view: image size, focal lengths and principal point in pixels, and the rigid map from world to camera, float64 [4, 4]."""
 
     width: int
     height: int

@@ -35,37 +35,19 @@ class Truth:
 class Clip(ABC):
     """Frames, cameras, validity, depth and labels of one video. Pixels are read when asked for and stay uint8.
 
-    Attributes
-    ----------
-    name : str
-    path : Path
-        The folder or file it was opened from.
-    cameras : list of Camera
-        One a frame (the same object while the camera is static), in the clip's own unit.
-    classes : tuple of str
-        Names of the label values 0, 1, …; empty when nothing beside the clip names any.
-    poses : "given", "auto" or "estimate"
-        "given": `cameras` are known. Else they are static until `find_cameras` has estimated them from the frames; with "auto" the
-        frames also decide whether the camera moves.
-    provenance : dict of str to str
-        Where each thing comes from, in words for the user: keys `frames`, `poses`, `focal`, `masks`, `depth`, `labels`,
-        and `strokes` where there are any.
-    unit : str
-        Name of the clip's length: "mm" where depth is metric, else "scene units".
-    fps : float
-        Frames of the clip a second of the recording: its rate, 25 where it does not say, over the stride.
-    options : dict
-        What the reader was told beyond its defaults; a run keeps it to open the clip in the same way again.
+    Poses "given": `cameras` are known. Else they are static until `find_cameras` has estimated them from the frames; with "auto" the frames
+    also decide whether the camera moves. `provenance` says in words for the user where each thing comes from: keys `frames`, `poses`,
+    `focal`, `masks`, `depth`, `labels`, and `strokes` where there are any.
     """
 
     name: str
-    path: Path
-    cameras: list[Camera]
-    classes: tuple[str, ...] = ()
+    path: Path  # the folder or file it was opened from
+    cameras: list[Camera]  # one a frame (the same object while the camera is static), in the clip's own unit
+    classes: tuple[str, ...] = ()  # names of the label values 0, 1, …; empty when nothing beside the clip names any
     provenance: dict[str, str] = field(default_factory=dict)
-    unit: str = "scene units"
-    fps: float = 25.0
-    options: dict[str, Any] = field(default_factory=dict)
+    unit: str = "scene units"  # name of the clip's length: "mm" where depth is metric
+    fps: float = 25.0  # frames of the clip a second of the recording: its rate, 25 where it does not say, over the stride
+    options: dict[str, Any] = field(default_factory=dict)  # what the reader was told beyond its defaults; a run keeps it to open it again
     poses: Literal["given", "auto", "estimate"] = "given"
 
     def __len__(self) -> int:

@@ -28,29 +28,16 @@ class Step:
 
 @dataclass(frozen=True)
 class TrainingProgress:
-    """Means over the steps since the last such event.
+    """Means over the steps since the last such event."""
 
-    Attributes
-    ----------
-    iteration, iterations : int
-        Steps made, and all that will be made.
-    loss, psnr : float or None
-        The total loss; dB over the valid pixels of the training frames.
-    gaussians : int or None
-    seconds, eta : float or None
-        Since the training began or was resumed, and until its end.
-    losses : dict of str to float
-        Every weighted term of the loss by name; they add up to `loss`.
-    """
-
-    iteration: int
-    iterations: int
+    iteration: int  # steps made
+    iterations: int  # all that will be made
     loss: float | None = None
-    psnr: float | None = None
+    psnr: float | None = None  # dB over the valid pixels of the training frames
     gaussians: int | None = None
-    seconds: float | None = None
-    eta: float | None = None
-    losses: dict[str, float] = field(default_factory=dict)
+    seconds: float | None = None  # since the training began or was resumed
+    eta: float | None = None  # seconds until its end
+    losses: dict[str, float] = field(default_factory=dict)  # every weighted term by name; they add up to `loss`
 
 
 @dataclass(frozen=True)

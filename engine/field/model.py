@@ -22,37 +22,22 @@ MAX_AGE = 2.0  # of 1/ω: how long before and after its temporal centre a Gaussi
 
 @dataclass(frozen=True)
 class FieldConfig:
-    """Shape of a field.
+    """Shape of a field; `channels`, `resolution`, `time_resolution` and `levels` are the HexPlane's.
 
-    Attributes
-    ----------
-    routing : {"paper", "isolated", "coupled"}
-        `paper`: Ψ_geo and Ψ_sem both decode Z_kin and train it. `isolated`: Ψ_sem reads a detached Z_kin and small planes of its own.
-        `coupled`: semantics are a function of the decoded geometry (the baseline).
-    rank : int
-        Length of a semantic latent; 0 for a scene without semantics.
-    appearance : bool
-        Whether Ψ_app may change colour in time.
-    static : bool
-        Whether nothing moves, turns, resizes or fades: the canonical Gaussians are the scene at all times (a baseline).
-    fixed_latents : bool
-        Whether latents belong to the canonical Gaussians and never change, as in baselines without Ψ_sem.
-    color_knots : int
-        Times at which every Gaussian has a colour residual, beside the smooth Δcolour of Ψ_app: highlights are finer than any plane.
-    channels, resolution, time_resolution, levels
-        Of the HexPlane.
+    Routing `paper`: Ψ_geo and Ψ_sem both decode Z_kin and train it. `isolated`: Ψ_sem reads a detached Z_kin and small planes of its own.
+    `coupled`: semantics are a function of the decoded geometry (the baseline).
     """
 
     routing: Routing = "isolated"
-    rank: int = 0
-    appearance: bool = True
-    color_knots: int = 0
+    rank: int = 0  # length of a semantic latent; 0 for a scene without semantics
+    appearance: bool = True  # whether Ψ_app may change colour in time
+    color_knots: int = 0  # times at which every Gaussian has a colour residual beside Ψ_app's: highlights are finer than any plane
     channels: int = 16
     resolution: int = 64
     time_resolution: int = 32
     levels: tuple[int, ...] = (1, 2)
-    static: bool = False
-    fixed_latents: bool = False
+    static: bool = False  # nothing moves, turns, resizes or fades: the canonical Gaussians are the scene at all times (a baseline)
+    fixed_latents: bool = False  # latents belong to the canonical Gaussians and never change, as in baselines without Ψ_sem
 
     def to_json(self) -> dict:
         return asdict(self) | {"levels": list(self.levels)}
@@ -68,12 +53,9 @@ class State:
 
     splats: Splats
     deformation: Deformation | None
-    delta_color: Tensor | None
-    """Δcolour of Ψ_app [N, 3]."""
-    delta_semantics: Tensor | None
-    """Δf_sem [N, rank]."""
-    means_at_other: Tensor | None = None
-    """Centres [N, 3] at the other time, if one was given."""
+    delta_color: Tensor | None  # of Ψ_app [N, 3]
+    delta_semantics: Tensor | None  # Δf_sem [N, rank]
+    means_at_other: Tensor | None = None  # centres [N, 3] at the other time, if one was given
 
 
 class SceneModel(nn.Module):

@@ -23,15 +23,10 @@ PEAKS, NEAR, NEAR_FRAMES = 8, 2.0, 4
 
 @dataclass(frozen=True)
 class Finding:
-    """A frame, or a place in it.
+    """A frame, or a place in it: x, y in pixels (of a frame, its worst place), and its value in the layer's unit.
 
-    Attributes
-    ----------
-    x, y : float
-        Pixels; of a frame, its worst place.
-    value : float
-        In the layer's unit. Of a frame: the 99th percentile over its known pixels; of a place: the mean over it. Signed layers are ranked
-        by size and keep their sign.
+    The value of a frame is the 99th percentile over its known pixels, that of a place the mean over it. Signed layers are ranked by size
+    and keep their sign.
     """
 
     frame: int

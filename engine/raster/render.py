@@ -29,21 +29,11 @@ Backend = Literal["auto", "cpu", "cuda", "reference"]
 
 @dataclass
 class Render:
-    """One picture.
+    """One picture; float64 from the reference."""
 
-    Attributes
-    ----------
-    image : float32 [H, W, C]
-        Blended features, plus what is left of the background. (float64 from the reference.)
-    alpha : float32 [H, W]
-        Coverage in [0, 1]; the image is not divided by it.
-    radii : int32 [N]
-        Half of the longer side of the box that a Gaussian is drawn in, pixels; 0 where it is not drawn.
-    """
-
-    image: Tensor
-    alpha: Tensor
-    radii: Tensor
+    image: Tensor  # float32 [H, W, C]: blended features, plus what is left of the background
+    alpha: Tensor  # float32 [H, W]: coverage in [0, 1]; the image is not divided by it
+    radii: Tensor  # int32 [N]: half of the longer side of the box that a Gaussian is drawn in, pixels; 0 where it is not drawn
 
 
 def rasterize(
