@@ -61,29 +61,23 @@ class Anatomy:
         Grid of the surface's vertices.
     rest : float64 [Hm, Wm, 3]
         Vertices at frame 0, mm, camera frame of frame 0.
-    sheet : Sheet
-        Grid of the texture: the same rectangle, `finer` times finer.
     texture : float32 [Ht, Wt, 8]
-        Linear RGB, slope of the fine relief (2), wetness, start of charring (clip time in [0, 1]) and its final strength in [0, 1].
+        On a finer grid of the same rectangle: linear
+        RGB, slope of the fine relief (2), wetness, start of charring (clip time in [0, 1]) and its final strength in [0, 1].
     labels : uint8 [Ht, Wt]
         Organ of each texture point, as if nothing were charred.
     grasp : float64 [2]
         Material coordinates of the place that the grasper holds.
     burn : float64 [k, 2]
         Path of the hook's tip, material coordinates.
-    axis : float64 [k, 2]
-        Centre line of the gallbladder, fundus first.
     """
 
     mesh: Sheet
     rest: np.ndarray
-    sheet: Sheet
-    finer: int
     texture: np.ndarray
     labels: np.ndarray
     grasp: np.ndarray
     burn: np.ndarray
-    axis: np.ndarray
 
     def at_rest(self, a: np.ndarray) -> np.ndarray:
         """Surface points [k, 3] at material coordinates [k, 2] at frame 0, mm."""
@@ -126,9 +120,9 @@ def build_anatomy(rng: np.random.Generator, half: tuple[float, float], cells: in
     size = sheet.shape[::-1]
     upsampled = np.stack([finer_grid(h.astype(np.float32), finer, size) for h in heights])
     labels = np.argmin(upsampled, axis=0).astype(np.uint8)
-    texture = _paint(sheet, rng, upsampled, labels, finer_grid(depth.astype(np.float32), finer, size))
+    texture = _paint(sheet, rng, upsampled, finer_grid(depth.astype(np.float32), finer, size))
     texture[..., CHANGE_START], texture[..., CHANGE_STRENGTH] = _char(sheet, rng, burn, burning)
-    return Anatomy(mesh, rest, sheet, finer, texture, labels, axis[1], burn, axis)
+    return Anatomy(mesh, rest, texture, labels, axis[1], burn)
 
 
 def _organ_depths(mesh: Sheet, axis: np.ndarray, warp: list[np.ndarray], swell: np.ndarray, jitter: np.ndarray) -> np.ndarray:
@@ -151,7 +145,7 @@ def _organ_depths(mesh: Sheet, axis: np.ndarray, warp: list[np.ndarray], swell: 
     return np.stack([wall, liver, gallbladder, fat, connective]).astype(np.float64)
 
 
-def _paint(sheet: Sheet, rng: np.random.Generator, depths: np.ndarray, labels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def _paint(sheet: Sheet, rng: np.random.Generator, depths: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Texture channels RED to WETNESS, float32 [H, W, 8]; the two of charring stay 0."""
     blend = np.exp(-(depths - depths.min(0)) / 0.5)
     blend /= blend.sum(0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from degense.engine.data.synthetic.kidney import BLOOD, CLASSES, CUT, SCISSORS, SUCTION, Kidney, build_kidney, suction_path
-from degense.engine.data.synthetic.motion import approach, breathing
 from degense.engine.data.synthetic.paint import distance_to_path, smoothstep
 from degense.engine.data.synthetic.render import BLEEDS
+from degense.engine.data.synthetic.stage import approach, breathing
 from degense.engine.data.synthetic.tools import METAL, Tool, direction, join, shaft, tube
 
 FINER = 3  # texture points along a mesh cell

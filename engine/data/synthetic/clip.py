@@ -148,12 +148,7 @@ def _cameras(scene: PhantomScene, times: np.ndarray) -> dict:
     cameras = [scene.camera(float(s)) for s in times]
     first = cameras[0]
     return {
-        "width": first.width,
-        "height": first.height,
-        "fx": first.fx,
-        "fy": first.fy,
-        "cx": first.cx,
-        "cy": first.cy,
+        **{name: getattr(first, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
         "unit": "mm",
         "viewmats": [camera.viewmat.tolist() for camera in cameras],
     }

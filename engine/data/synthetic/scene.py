@@ -11,7 +11,6 @@ from degense.engine.camera import Camera
 from degense.engine.data.synthetic.anatomy import REFERENCE_DEPTH
 from degense.engine.data.synthetic.bleeding import Bleeding
 from degense.engine.data.synthetic.cautery import Cautery
-from degense.engine.data.synthetic.motion import camera_path
 from degense.engine.data.synthetic.render import CHANGE_BEGUN, SAMPLES, Mesh, TissueSurface, cover, shade
 from degense.engine.data.synthetic.stage import PhantomStage
 
@@ -72,7 +71,7 @@ class PhantomScene:
 
     def camera(self, s: float) -> Camera:
         """The camera at clip time s."""
-        viewmat = camera_path(self.camera_motion, s)
+        viewmat = _camera_path(self.camera_motion, s)
         return Camera(self.width, self.height, self.focal, self.focal, self.width / 2, self.height / 2, viewmat)
 
     def view(self, s: float) -> PhantomFrame:
@@ -109,6 +108,20 @@ class PhantomScene:
         tools = np.any((owner >= len(self._triangles)).reshape(self.height, SAMPLES, self.width, SAMPLES), axis=(1, 3))
         depth, moved = shaded.depth.astype(np.float32), shaded.displacement.astype(np.float32)
         return PhantomFrame(rgb, depth, shaded.label, moved, shaded.change > CHANGE_BEGUN, tools)
+
+
+def _camera_path(amplitude: float, s: float) -> np.ndarray:
+    """World to camera, float64 [4, 4], of a camera that sways by `amplitude` mm; the identity at s = 0."""
+    turn = 2 * np.pi * s
+    centre = amplitude * np.array([np.sin(turn), 0.6 * np.sin(2 * turn), 0.35 * (1 - np.cos(turn))])
+    forward = np.array([0.35 * centre[0], 0.35 * centre[1], 90.0]) - centre
+    forward /= np.linalg.norm(forward)
+    right = np.cross([0.0, 1.0, 0.0], forward)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    viewmat = np.eye(4)
+    viewmat[:3, :3], viewmat[:3, 3] = rotation, -rotation @ centre
+    return viewmat
 
 
 def _normals(surface: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What every kind of phantom offers to the camera that photographs it."""
+"""What every kind of phantom offers to the camera that photographs it, and motions that they share, of clip time s in [0, 1]."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
+from degense.engine.data.synthetic.paint import smoothstep
 from degense.engine.data.synthetic.tools import Tool
+
+BREATHS = 3.0
 
 
 @dataclass(frozen=True)
@@ -37,3 +40,16 @@ class PhantomStage(Protocol):
     def tools(self, s: float) -> list[Tool]:
         """The instruments at clip time s."""
         ...
+
+
+def breathing(s: float) -> float:
+    """Inspiration, 0 to 1; 0 at s = 0."""
+    return float(0.5 - 0.5 * np.cos(2 * np.pi * BREATHS * s))
+
+
+def approach(s: float, arrive: tuple[float, float], leave: tuple[float, float] | None = None) -> float:
+    """How far a tool is drawn back from where it works: 1 is out of view, 0 at work."""
+    out = 1 - smoothstep((s - arrive[0]) / (arrive[1] - arrive[0]))
+    if leave is not None:
+        out = max(out, smoothstep((s - leave[0]) / (leave[1] - leave[0])))
+    return float(out)

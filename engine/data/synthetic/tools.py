@@ -7,16 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from degense.engine.data.synthetic.anatomy import GRASPER, HOOK, Anatomy
-from degense.engine.data.synthetic.motion import BURN, GRASP, Script, approach, burn_point
-from degense.engine.data.synthetic.paint import smoothstep
-
 METAL = (0.34, 0.34, 0.36)
 DARK = (0.035, 0.035, 0.04)
-CERAMIC = (0.62, 0.60, 0.55)
 Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # vertices, normals, triangles, colours
 SIDES = 28
-OUT_OF_VIEW = 55.0  # mm that a tool is drawn back before it enters
 
 
 @dataclass(frozen=True)
@@ -61,44 +55,6 @@ def tube(line: np.ndarray, radii: np.ndarray, colour: tuple[float, float, float]
         np.concatenate(faces).astype(np.int32),
         np.tile(np.array(colour, np.float32), (len(vertices), 1)),
     )
-
-
-def grasper(anatomy: Anatomy, script: Script, s: float) -> Tool:
-    """The grasper at clip time s: it enters open, closes on the gallbladder and follows the tissue it holds."""
-    cell = np.rint((anatomy.grasp - [anatomy.mesh.x[0], anatomy.mesh.y[0]]) / anatomy.mesh.step).astype(int)
-    tip = anatomy.rest[cell[1], cell[0]] + script.displacement(s)[cell[1], cell[0]]
-    back = direction(0.80, -0.42, -0.44)
-    tip = tip + back * (OUT_OF_VIEW * approach(s, (0.0, GRASP[0])) - 1.5)
-    wrist = tip + 15.0 * back
-    opening = 0.10 + 0.42 * (1 - smoothstep((s - GRASP[0]) / (GRASP[1] - GRASP[0])))
-    spread = np.cross(back, direction(0.2, 0.7, -0.7))
-    spread /= np.linalg.norm(spread)
-    parts = [shaft(wrist + 4 * back, back, 2.5)]
-    parts.append(tube(np.stack([wrist - 1.0 * back, wrist + 1 * back, wrist + 5 * back]), np.array([1.5, 2.1, 2.3]), METAL))
-    for sign in (-1.0, 1.0):
-        u = np.linspace(0, 1, 7)[:, None]
-        bow = np.sin(np.pi * u) * 0.9 + u * np.tan(opening) * 7.5
-        line = wrist - 15.0 * u * back + sign * bow * spread
-        parts.append(tube(line, np.linspace(1.5, 1.05, 7), METAL, flat=spread))
-    return join(parts, GRASPER)
-
-
-def hook(anatomy: Anatomy, s: float) -> Tool:
-    """The L-hook at clip time s: it enters, draws its tip over the tissue that chars, and leaves."""
-    back = direction(-0.12, 0.80, -0.55)
-    drawn = approach(s, (BURN[0] - 0.14, BURN[0]), (BURN[1] + 0.01, BURN[1] + 0.13))
-    tip = burn_point(anatomy, s) + back * OUT_OF_VIEW * drawn
-    foot = direction(0.25, -0.35, 0.90)
-    heel = tip - 3.6 * foot
-    t = np.linspace(0, 1, 6)[:, None]
-    bend = (1 - t) ** 2 * heel + 2 * t * (1 - t) * (heel - 0.8 * foot) + t**2 * (heel + 1.6 * back)
-    line = np.concatenate([tip[None], bend, (heel + 11 * back)[None]])
-    parts = [
-        tube(line, np.linspace(0.62, 0.8, len(line)), METAL),
-        tube(np.stack([heel + 10 * back, heel + 14 * back]), np.array([1.6, 2.0]), CERAMIC),
-        shaft(heel + 13.5 * back, back, 2.4),
-    ]
-    return join(parts, HOOK)
 
 
 def shaft(start: np.ndarray, back: np.ndarray, radius: float) -> Part:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
-from degense.engine.data.synthetic.motion import Script
+from degense.engine.data.synthetic.cautery import Cautery
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +21,7 @@ def moving(tmp_path_factory) -> Path:
 def rigid(tmp_path_factory) -> Path:
     """The same camera in front of tissue that neither breathes nor is pulled; tools work and tissue chars."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Script, "displacement", lambda self, s: np.zeros_like(self.breath))
+        patch.setattr(Cautery, "displacements", lambda self, s: [np.zeros_like(self.anatomy.rest)])
         return _made(tmp_path_factory.mktemp("rigid") / "clip", 20, 160, 128, 8.0)
 
 
