@@ -90,13 +90,9 @@ def whole_regions(regions: np.ndarray, touched: PixelRegion | None) -> PixelRegi
 
 def holes(labels: np.ndarray, value: int) -> PixelRegion | None:
     """Pixels of other labels that a class encloses: what touches the picture's border is no hole."""
-    outside = (labels != value).astype(np.uint8)
-    count, parts = cv2.connectedComponents(outside, connectivity=4)
-    enclosed = np.ones(count, bool)
-    enclosed[0] = False
-    for edge in (parts[0], parts[-1], parts[:, 0], parts[:, -1]):
-        enclosed[edge] = False
-    return region_of(enclosed[parts])
+    others = np.pad(labels != value, 1, constant_values=True).astype(np.uint8)
+    cv2.floodFill(others, None, (0, 0), 0)
+    return region_of(others[1:-1, 1:-1] > 0)
 
 
 def smaller_islands(labels: np.ndarray, value: int) -> PixelRegion | None:

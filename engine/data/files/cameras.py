@@ -30,11 +30,6 @@ def assumed_focal(size: tuple[int, int], field: np.ndarray | None) -> tuple[floa
     return focal, f"assumed {focal:.0f} pixels ({ASSUMED_ANGLE:.0f}° across {what}); set focal to change"
 
 
-def static_cameras(count: int, size: tuple[int, int], focal: float) -> list[Camera]:
-    """One camera at the origin for all frames, principal point in the middle."""
-    return [Camera(*size, focal, focal, size[0] / 2, size[1] / 2)] * count
-
-
 @dataclass(frozen=True)
 class ClipCameras:
     """Cameras of a clip, what is to be done about their poses (`Clip.poses`), and provenance of "poses" and "focal"."""
@@ -45,9 +40,9 @@ class ClipCameras:
 
 
 def guessed_cameras(count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions) -> ClipCameras:
-    """Cameras of a clip that brings none."""
+    """Cameras of a clip that brings none: at the origin, principal point in the middle."""
     focal, words = (options.focal, f"{options.focal:g} pixels, as set") if options.focal else assumed_focal(size, field)
-    return _found(static_cameras(count, size, focal), None, words, options)
+    return _found([Camera(*size, focal, focal, size[0] / 2, size[1] / 2)] * count, None, words, options)
 
 
 def calibrated_cameras(path: Path, count: int, size: tuple[int, int], made_for: tuple[int, int], options: ClipOptions) -> ClipCameras:

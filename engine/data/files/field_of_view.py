@@ -20,13 +20,7 @@ def border_words(inside: np.ndarray | None, what: str) -> str:
 
 def brightest(frames: Iterable[np.ndarray]) -> np.ndarray:
     """Largest channel of each pixel over some RGB frames, uint8 [H, W]: what is dark in it is dark all the time."""
-    best: np.ndarray | None = None
-    for frame in frames:
-        value = frame.max(axis=2)
-        best = value if best is None else np.maximum(best, value)
-    if best is None:
-        raise ValueError("no frames")
-    return best
+    return np.max([frame.max(axis=2) for frame in frames], axis=0)
 
 
 def field_of_view(bright: np.ndarray) -> np.ndarray | None:

@@ -42,18 +42,18 @@ def read_raw(path: Path) -> np.ndarray:
 
     ClipError for a damaged file.
     """
-    with _open(path) as image:
-        try:
-            return np.array(image)
-        except _BROKEN as error:
-            raise ClipError(f"{shown(path)} is cut short or damaged; copy it again.") from error
+    return _decoded(path, None)
 
 
 def read_rgb(path: Path) -> np.ndarray:
     """RGB, uint8 [H, W, 3]. ClipError for a damaged file."""
+    return _decoded(path, "RGB")
+
+
+def _decoded(path: Path, mode: str | None) -> np.ndarray:
     with _open(path) as image:
         try:
-            return np.array(image.convert("RGB"))
+            return np.array(image.convert(mode) if mode else image)
         except _BROKEN as error:
             raise ClipError(f"{shown(path)} is cut short or damaged; copy it again.") from error
 
@@ -64,10 +64,8 @@ def read_index(path: Path) -> np.ndarray:
     ClipError also when the channels differ: a colour picture says nothing about indices.
     """
     raw = read_raw(path)
-    if raw.ndim == 3 and raw.shape[2] == 2:  # grey and alpha
-        raw = raw[..., 0]
-    elif raw.ndim == 3:
-        if (raw[..., 0] != raw[..., 1]).any() or (raw[..., 0] != raw[..., 2]).any():
+    if raw.ndim == 3:
+        if raw.shape[2] > 2 and (raw[..., 1:3] != raw[..., :1]).any():  # two channels are grey and alpha
             raise ClipError(f"{shown(path)} is a colour picture, but an 8-bit picture with one value a pixel is needed.")
         raw = raw[..., 0]
     if raw.dtype == bool:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
+from degense.engine.data.clip_options import MaskMeans
 from degense.engine.data.files.images import checked, read_index
 
 SURE = 2.0  # votes; less is an assumption and is called one
@@ -18,7 +18,7 @@ SURE = 2.0  # votes; less is an assumption and is called one
 class Polarity:
     """The decision and its reason."""
 
-    means: Literal["tool", "keep"]  # what high values mark: pixels to leave out, or pixels to reconstruct
+    means: MaskMeans  # what high values mark: pixels to leave out, or pixels to reconstruct
     words: str  # for `provenance["masks"]`
 
 
@@ -32,7 +32,7 @@ def read_mask(path: Path, size: tuple[int, int]) -> tuple[np.ndarray, int]:
     return (mask >= 128 if top >= 128 else mask > 0), top
 
 
-def decide(highs: Sequence[np.ndarray], frames: Sequence[np.ndarray], top: int, asked: str | None = None) -> Polarity:
+def decide(highs: Sequence[np.ndarray], frames: Sequence[np.ndarray], top: int, asked: MaskMeans | None = None) -> Polarity:
     """Decide what high values mean, from masks and frames of the same moments.
 
     Votes, for "high = tool" (+) or "high = keep" (−): a polarity that would leave nothing of a frame is out (4); a black part is the one
@@ -58,9 +58,7 @@ def decide(highs: Sequence[np.ndarray], frames: Sequence[np.ndarray], top: int, 
         return Polarity("keep", f"{value} = keep (all pixels are marked): nothing is left out")
     votes = _votes(stack, np.stack(frames), value)
     score = sum(votes.values())
-    means: Literal["tool", "keep"] = "tool" if score > 0 else "keep"
-    if asked in ("tool", "keep"):
-        means = "tool" if asked == "tool" else "keep"
+    means = asked or ("tool" if score > 0 else "keep")
     left_out = stack if means == "tool" else ~stack
     reasons = _reasons(left_out, np.stack(frames), votes)
     if asked is not None:

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.depth import DepthPrior
@@ -29,37 +28,25 @@ from degense.engine.data.files.numpy_files import TruthFile, open_npy
 from degense.engine.data.files.stored import StoredClip, counted, map_words, sampled
 from degense.engine.errors import ClipError
 
-CameraRule = Callable[[int, tuple[int, int], np.ndarray | None], ClipCameras]
+#: Reads a file of cameras, for a number of frames of a size.
+ReadCameras = Callable[[Path, int, tuple[int, int], ClipOptions], ClipCameras]
 
 
 def open_endonerf(path: Path, options: ClipOptions) -> Clip:
     """Open a clip in the layout endonerf. ClipError when it cannot be read."""
-
-    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> ClipCameras:
-        poses = path / "poses_bounds.npy"
-        if poses.exists():
-            return llff_cameras(regular_file(poses, path), count, size, options)
-        return guessed_cameras(count, size, field, options)
-
-    return _open_folder(path, options, cameras, clip_depth=True)
+    return _open_folder(path, options, path / "poses_bounds.npy", llff_cameras, clip_depth=True)
 
 
 def open_frames(path: Path, options: ClipOptions) -> Clip:
     """Open a folder of frames. ClipError when it cannot be read."""
     camera = path / "camera.json"
-
-    def cameras(count: int, size: tuple[int, int], field: np.ndarray | None) -> ClipCameras:
-        if camera.exists():
-            return json_cameras(regular_file(camera, path), count, size, options)
-        return guessed_cameras(count, size, field, options)
-
-    clip = _open_folder(path, options, cameras, clip_depth=False)
+    clip = _open_folder(path, options, camera, json_cameras, clip_depth=False)
     if camera.exists() and clip.depth_measured:
         clip.unit = json_unit(camera)
     return clip
 
 
-def _open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_depth: bool) -> StoredClip:
+def _open_folder(path: Path, options: ClipOptions, camera: Path, read_cameras: ReadCameras, clip_depth: bool) -> StoredClip:
     """Open a folder; with `clip_depth`, depth is clipped to robust percentiles, for it is not exact."""
     files = frame_files(path)
     pictures = ImageFiles(files)
@@ -72,10 +59,16 @@ def _open_folder(path: Path, options: ClipOptions, cameras: CameraRule, clip_dep
 
     masks, border, disc, words = _masks(mask_paths, looked_at, frames, size, options)
     inside = np.ones(size[::-1], bool) if border is None else border
-    found = cameras(count, size, disc)
-    distances, depth_words = _depth_files(path, files, size, clip_depth) or _prior(
-        frames, [inside if masks is None else inside & masks.keep(i) for i in looked_at], found.cameras[0]
-    )
+    if camera.exists():
+        found = read_cameras(regular_file(camera, path), count, size, options)
+    else:
+        found = guessed_cameras(count, size, disc, options)
+    distances: DepthFiles | DepthPrior | None
+    distances, depth_words = _depth_files(path, files, size, clip_depth)
+    if distances is None:
+        usable = [inside if masks is None else inside & masks.keep(i) for i in looked_at]
+        distances = DepthPrior(frames, usable, found.cameras[0])
+        depth_words = distances.words
     labels, strokes = index_maps(path, files, size), index_maps(path, files, size, "strokes")
     provenance = {"frames": counted(files, size), "masks": words, **found.provenance, "depth": depth_words}
     return StoredClip(
@@ -139,7 +132,7 @@ def mask_files(path: Path, frames: list[Path], size: tuple[int, int]) -> list[Pa
     return files
 
 
-def _depth_files(path: Path, frames: list[Path], size: tuple[int, int], clip_depth: bool) -> tuple[DepthFiles, str] | None:
+def _depth_files(path: Path, frames: list[Path], size: tuple[int, int], clip_depth: bool) -> tuple[DepthFiles | None, str]:
     for name in ("depth", "monodepth"):
         files = list_files(path / name, path, (".npy",)) or list_files(path / name, path)
         if not files:
@@ -162,9 +155,4 @@ def _depth_files(path: Path, frames: list[Path], size: tuple[int, int], clip_dep
             distances.limits = limits
             words += f", clipped to {limits[0]:.4g} … {limits[1]:.4g}"
         return distances, words
-    return None
-
-
-def _prior(frames: list[np.ndarray], usable: list[np.ndarray], camera: Camera) -> tuple[DepthPrior, str]:
-    prior = DepthPrior(frames, usable, camera)
-    return prior, prior.words
+    return None, ""
