@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import asdict
+from contextlib import closing
+from dataclasses import asdict, fields
 
 from degense.app.cli.options import clip_options, refuse_non_empty
 from degense.app.cli.terminal import Bar
@@ -14,22 +15,16 @@ from degense.engine.files import write_text
 def phantom(options: argparse.Namespace) -> None:
     from degense.engine.data.synthetic import PhantomOptions, make_phantom
 
-    given = {
-        "frames": options.frames,
-        "width": options.size[0] if options.size else None,
-        "height": options.size[1] if options.size else None,
-        "seed": options.seed,
-        "camera_motion": options.camera_motion,
-        "noise": options.noise,
-        "kind": options.kind,
-        "tool_masks": options.tool_masks,
-    }
+    width, height = options.size or (None, None)
+    given = {**vars(options), "width": width, "height": height}
+    chosen = {item.name: value for item in fields(PhantomOptions) if (value := given[item.name]) is not None}
     refuse_non_empty(options.out)
-    bar = Bar()
-    try:
-        make_phantom(options.out, PhantomOptions(**{name: value for name, value in given.items() if value is not None}), bar)
-    finally:
-        bar.close()
+    with closing(Bar()) as bar:
+        make_phantom(
+            options.out,
+            PhantomOptions(**chosen),
+            bar,
+        )
     print(f"{options.out}: a synthetic clip with its truth; reconstruct it with: degense train {options.out} --out RUN")
 
 
@@ -40,11 +35,8 @@ def info(options: argparse.Namespace) -> None:
     if options.poses == "estimate":
         from degense.engine.data.poses import find_cameras
 
-        bar = Bar()
-        try:
+        with closing(Bar()) as bar:
             clip = find_cameras(clip, bar)
-        finally:
-            bar.close()
     print(describe(clip))
 
 

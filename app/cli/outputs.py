@@ -13,7 +13,7 @@ from degense.app.cli.options import asked_prompts, chosen_encoder
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.cameras.movie import camera_movie
 from degense.app.features.cameras.state import Stop, load_path
-from degense.app.features.export.formats import ExportOptions, get_format, write_movie
+from degense.app.features.export.formats import ExportOptions, draw_frames, get_format, write_movie
 from degense.app.features.prompts.segment import write_clip_masks
 from degense.app.features.viewer.layer_images import check_frame, get_layer, layer_rgb, write_npy, write_png
 from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
@@ -39,11 +39,15 @@ def render(options: argparse.Namespace) -> None:
     elif options.frames is None:
         _render_frame(scene, layer, check_frame(scene, options.frame), options.out, wanted)
     else:
-        first, last = options.frames
-        frames = range(scene.frames)[first:last]
-        if not frames:
-            raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
-        run_steps(_render_frames(scene, layer, frames, options.out, wanted), Bar())
+        run_steps(_render_frames(scene, layer, _chosen_frames(scene, options), options.out, wanted), Bar())
+
+
+def _chosen_frames(scene: Scene, options: argparse.Namespace) -> range:
+    first, last = options.frames
+    frames = range(scene.frames)[first:last]
+    if not frames:
+        raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
+    return frames
 
 
 def _look(options: argparse.Namespace) -> ViewState:
@@ -92,15 +96,7 @@ def _render_frames(scene: Scene, layer: Layer, frames: Sequence[int], out: Path,
             values.append(layer.image(scene, options.layer_request(frame)).values)
         write_npy(out, np.stack(values))
     elif suffix == "":
-        from degense.engine.layers import layer_range
-
-        span = options.span
-        if span is None and layer.kind == "scalar":
-            yield 0.0, "finding the range of the whole sequence"
-            span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
-        for done, frame in enumerate(frames):
-            yield done / len(frames), f"frame {frame}"
-            write_png(out / f"{frame:06d}.png", layer_rgb(scene, layer, options.layer_request(frame), span))
+        yield from draw_frames(scene, layer, frames, options, lambda frame, picture: write_png(out / f"{frame:06d}.png", picture))
     else:
         raise DegenseError(f"Several frames go into a folder, an .npy or an .mp4 file; {out} is none of them.")
 
@@ -130,10 +126,7 @@ def segment(options: argparse.Namespace) -> None:
 
 
 def _segment_clip(scene: Scene, prompts: PromptSet, options: argparse.Namespace) -> None:
-    first, last = options.frames
-    frames = range(scene.frames)[first:last]
-    if not frames:
-        raise DegenseError(f"There are no such frames in {scene.name}; its frames are 0 to {scene.frames - 1}.")
+    frames = _chosen_frames(scene, options)
     areas = run_steps(write_clip_masks(scene, prompts, frames, options.out), Bar())
     print(f"{options.out}: masks of {len(frames)} frames")
     for text, values in areas.items():

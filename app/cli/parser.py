@@ -98,7 +98,7 @@ def _training(command: Command) -> None:
 def _scores(command: Command) -> None:
     """Scores and benchmarks."""
     sub = command("eval", "scores:evaluate", "score a run against its clip")
-    _run_folder(sub)
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     sub.add_argument("--clip", type=Path, metavar="CLIP", help="where the clip is, when it has moved")
     sub.add_argument("--json", type=Path, metavar="FILE", help="write the scores there too")
     sub.add_argument("--report", type=Path, metavar="FOLDER", help="write report.json, report.md and report.html there, with pictures")
@@ -133,7 +133,7 @@ def _scores(command: Command) -> None:
 def _outputs(command: Command) -> None:
     """What is written of a run."""
     sub = command("render", "outputs:render", "draw a layer of a run")
-    _run_folder(sub)
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     which = sub.add_mutually_exclusive_group(required=True)
     which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
     which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
@@ -147,7 +147,7 @@ def _outputs(command: Command) -> None:
     _encoder(sub, "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other")
 
     sub = command("segment", "outputs:segment", "write the masks of prompts")
-    _run_folder(sub)
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     which = sub.add_mutually_exclusive_group(required=True)
     which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
     which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
@@ -163,7 +163,7 @@ def _outputs(command: Command) -> None:
     _encoder(sub, "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other")
 
     sub = command("export", "outputs:export", "write a run in formats that other tools read")
-    _run_folder(sub)
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     sub.add_argument("--format", required=True, metavar="NAME", help=f"ply, ply-sequence, movie, {LABEL_FORMATS}")
     sub.add_argument("--out", type=Path, required=True, metavar="PATH", help="file, or folder for ply-sequence and masks-png")
     sub.add_argument("--frame", type=float, metavar="I", help="frame of a single ply (default: the reference frame)")
@@ -208,10 +208,6 @@ def _machine(command: Command) -> None:
     command("doctor", "machine:doctor", "say what this machine can do, and what is missing")
 
 
-def _run_folder(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
-
-
 def _clip_options(sub: argparse.ArgumentParser) -> None:
     sub.set_defaults(**asdict(ClipOptions()))
     sub.add_argument("--layout", metavar="NAME", help=f"{', '.join(LAYOUTS[:-1])} or {LAYOUTS[-1]} (default: detected)")
@@ -232,6 +228,10 @@ def _clip_options(sub: argparse.ArgumentParser) -> None:
         help="most frames used of a video file (default %(default)s)",
     )
     sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
+
+
+def _encoder(sub: argparse.ArgumentParser, text: str) -> None:
+    sub.add_argument("--encoder", metavar="PLACE", help=text)
 
 
 def _encoder(sub: argparse.ArgumentParser, text: str) -> None:

@@ -6,6 +6,8 @@ import argparse
 import importlib
 import json
 import sys
+from contextlib import closing
+from functools import partial
 from typing import Any
 
 from degense.app.cli.options import clip_options
@@ -27,11 +29,8 @@ def evaluate(options: argparse.Namespace) -> None:
     clip = open_clip(options.clip, clip_options(options)) if options.clip else scene.clip
     if clip is None:
         raise ClipError(f"The clip that {options.run_folder} was made from is not there any more; say where it is with --clip.")
-    bar = Bar()
-    try:
+    with closing(Bar()) as bar:
         scores = score(scene, clip, bar)
-    finally:
-        bar.close()
     if options.json:
         write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
     print(table(_printable(scores)))
@@ -66,17 +65,14 @@ def bench(options: argparse.Namespace) -> None:
     if names[0] == "report":
         print(commands.report_benchmarks(names[1:], options.out))
         return
-    bar = Bar()
-
-    def show(section: str) -> None:
-        bar.close()
-        print(section, end="\n\n", flush=True)
-
     about = {name: getattr(options, name) for name in ("device", "seeds", "repeats", "quick", "out")}
-    try:
+    with closing(Bar()) as bar:
+
+        def show(section: str) -> None:
+            bar.close()
+            print(section, end="\n\n", flush=True)
+
         commands.run_benchmarks(names, OF_THE_WINDOW, show, bar, clips=options.clip, **about)
-    finally:
-        bar.close()
 
 
 def compare(options: argparse.Namespace) -> None:
@@ -87,23 +83,12 @@ def compare(options: argparse.Namespace) -> None:
     config = TrainConfig.preset_of(
         options.preset, iterations=options.iterations, max_gaussians=options.max_gaussians, device=options.device, fit=False
     )
-    bar, seeds, stop = Bar(), list(range(options.seeds)), StopFlag()
+    seeds, methods = list(range(options.seeds)), options.methods or None
     try:
-        with stop:
-            said = research().compare(
-                lambda: open_clip(options.clip, clip_options(options)),
-                options.out,
-                config,
-                options.methods or None,
-                seeds,
-                options.teacher,
-                bar,
-                stop,
-            )
+        with closing(Bar()) as bar, StopFlag() as stop:
+            clip = partial(open_clip, options.clip, clip_options(options))
+            said = research().compare(clip, options.out, config, methods, seeds, options.teacher, bar, stop)
     except Cancelled:
-        bar.close()
         print("what is trained is kept; the same command goes on from there", file=sys.stderr)
         raise
-    finally:
-        bar.close()
     print(said)

@@ -10,15 +10,11 @@ import signal
 import threading
 import traceback
 from types import FrameType
-from typing import TYPE_CHECKING, Any
 
 from degense.app.cli.options import chosen_encoder, clip_options, refuse_non_empty
 from degense.app.cli.training_events import JsonEvents, TensorBoardEvents, TerminalEvents
 from degense.engine.errors import DegenseError
 from degense.engine.events import Event, Events, Failed, Stopped
-
-if TYPE_CHECKING:
-    pass
 
 
 def train(options: argparse.Namespace) -> None:
@@ -96,25 +92,16 @@ def list_settings(preset: str) -> None:
             print(f"{setting.name}={json.dumps(value)}\n    {setting.words}")
 
 
-class StopFlag:
+class StopFlag(threading.Event):
     """Whether the user asked to stop: Ctrl-C, SIGTERM, or `stop` on standard input. Callable, as the trainer wants it.
 
     As a context it holds the signals; a second Ctrl-C interrupts at once.
     """
 
-    def __init__(self) -> None:
-        self._set = threading.Event()
-        self._previous: dict[int, Any] = {}
-
-    def __call__(self) -> bool:
-        return self._set.is_set()
-
-    def set(self) -> None:
-        self._set.set()
+    __call__ = threading.Event.is_set
 
     def __enter__(self) -> StopFlag:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._previous[number] = signal.signal(number, self._on_signal)
+        self._previous = {number: signal.signal(number, self._on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
         return self
 
     def __exit__(self, *exception: object) -> None:

@@ -10,21 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from degense.app.cli.terminal import Bar
+from degense.engine import events
 from degense.engine.errors import DegenseError
-from degense.engine.events import (
-    Budget,
-    Done,
-    EarlyStopped,
-    Event,
-    Failed,
-    Preview,
-    Rollback,
-    Stage,
-    Step,
-    Stopped,
-    TrainingProgress,
-    to_json,
-)
 
 
 class JsonEvents:
@@ -33,9 +20,9 @@ class JsonEvents:
     def __init__(self, stop: Callable[[], None]) -> None:
         self._stop = stop
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, event: events.Event) -> None:
         try:
-            print(json.dumps(to_json(event)), flush=True)
+            print(json.dumps(events.to_json(event)), flush=True)
         except BrokenPipeError:
             self._stop()
             sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (for the rest of the process)
@@ -47,31 +34,31 @@ class TerminalEvents:
     def __init__(self) -> None:
         self._bar = Bar()
 
-    def __call__(self, event: Event) -> None:
+    def __call__(self, event: events.Event) -> None:
         match event:
-            case TrainingProgress():
+            case events.TrainingProgress():
                 words = [f"{event.iteration}/{event.iterations}"]
                 words += [f"{event.psnr:.1f} dB"] if event.psnr is not None else []
                 words += [f"{event.gaussians} Gaussians"] if event.gaussians else []
                 words += [f"{event.eta:.0f} s left"] if event.eta is not None else []
                 self._bar(event.iteration / event.iterations, "  ".join(words))
-            case Step(_, fraction, message):
+            case events.Step(_, fraction, message):
                 self._bar(fraction, message)
-            case Stage(stage):
+            case events.Stage(stage):
                 self._say(f"{stage} …")
-            case Budget(words):
+            case events.Budget(words):
                 self._say("\n".join(words))
-            case Rollback(iteration, reason):
+            case events.Rollback(iteration, reason):
                 self._say(f"went back to iteration {iteration}: {reason}")
-            case EarlyStopped(iteration, iterations, reason):
+            case events.EarlyStopped(iteration, iterations, reason):
                 self._say(f"early stop at iteration {iteration}, {iterations} in all: {reason}")
-            case Stopped(0):
+            case events.Stopped(0):
                 self._say("stopped before the first step")
-            case Stopped(iteration):
+            case events.Stopped(iteration):
                 self._say(f"stopped at iteration {iteration}; go on with --resume")
-            case Done(run):
+            case events.Done(run):
                 self._say(f"done: {run}")
-            case Preview() | Failed():  # previews are for a window; an error is printed where the command ends
+            case events.Preview() | events.Failed():  # previews are for a window; an error is printed where the command ends
                 pass
 
     def _say(self, line: str) -> None:
@@ -96,8 +83,8 @@ class TensorBoardEvents:
         self._folder, self._open = run / "tensorboard", SummaryWriter
         self._writer: Any = None
 
-    def __call__(self, event: Event) -> None:
-        if not isinstance(event, TrainingProgress):
+    def __call__(self, event: events.Event) -> None:
+        if not isinstance(event, events.TrainingProgress):
             return
         if self._writer is None:  # not before the run folder is made, which must be empty then
             self._writer = self._open(str(self._folder), purge_step=event.iteration)

@@ -15,7 +15,9 @@ from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
-    from degense.engine.layers import LayerRequest
+    import numpy as np
+
+    from degense.engine.layers import Layer, LayerRequest
     from degense.engine.scene import Scene
     from degense.engine.semantics.prompts import PromptSet
 
@@ -98,15 +100,22 @@ def export_movie(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
 def write_movie(scene: Scene, out: Path, frames: Sequence[int], options: ExportOptions) -> Steps[None]:
     layer = get_layer(options.layer)
     with Movie(out, scene.fps) as movie:
-        span = options.span
-        if span is None and layer.kind == "scalar":
-            yield 0.0, "finding the range of the whole sequence"
-            from degense.engine.layers import layer_range
+        yield from draw_frames(scene, layer, frames, options, lambda frame, picture: movie.add(picture))
 
-            span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
-        for done, frame in enumerate(frames):
-            yield done / len(frames), f"frame {frame}"
-            movie.add(layer_rgb(scene, layer, options.layer_request(frame), span))
+
+def draw_frames(
+    scene: Scene, layer: Layer, frames: Sequence[int], options: ExportOptions, use: Callable[[int, np.ndarray], None]
+) -> Steps[None]:
+    """Draw a layer at frames, by default over its range in the whole sequence; `use` gets number and RGB, uint8 [H, W, 3], of each."""
+    span = options.span
+    if span is None and layer.kind == "scalar":
+        yield 0.0, "finding the range of the whole sequence"
+        from degense.engine.layers import layer_range
+
+        span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
+    for done, frame in enumerate(frames):
+        yield done / len(frames), f"frame {frame}"
+        use(frame, layer_rgb(scene, layer, options.layer_request(frame), span))
 
 
 @dataclass(frozen=True)

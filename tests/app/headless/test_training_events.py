@@ -89,7 +89,7 @@ def calls(node):
 
 
 def cases(node):
-    return {node.cls.id} if isinstance(node, ast.MatchClass) and isinstance(node.cls, ast.Name) else set()
+    return {ast.unparse(node.cls).removeprefix("events.")} if isinstance(node, ast.MatchClass) else set()
 
 
 def strings(node):
