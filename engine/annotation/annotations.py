@@ -133,11 +133,8 @@ class Annotations:
 
     def accept(self, frames: Iterable[int]) -> LabelEdit | None:
         """Make proposals the maps of their frames."""
-        news = {}
-        for frame in frames:
-            proposal = self.record(frame).proposal
-            if proposal is not None:
-                news[frame] = Record(proposal.packed, False, "done", None)
+        waiting = {frame: proposal for frame in frames if (proposal := self.record(frame).proposal) is not None}
+        news = {frame: Record(proposal.packed, False, "done", None) for frame, proposal in waiting.items()}
         return self._edit(f"Accept frame {next(iter(news))}" if len(news) == 1 else f"Accept {len(news)} frames", news, pixels=True)
 
     def reject(self, frames: Iterable[int]) -> LabelEdit | None:
