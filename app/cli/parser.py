@@ -234,10 +234,6 @@ def _encoder(sub: argparse.ArgumentParser, text: str) -> None:
     sub.add_argument("--encoder", metavar="PLACE", help=text)
 
 
-def _encoder(sub: argparse.ArgumentParser, text: str) -> None:
-    sub.add_argument("--encoder", metavar="PLACE", help=text)
-
-
 def _prompts(sub: argparse.ArgumentParser, required: bool) -> None:
     sub.add_argument("--prompt", action="append", default=[], required=required, metavar="TEXT", dest="prompts", help="repeatable")
     sub.add_argument("--decoder", metavar="NAME", help="rnse (default), threshold, argmax or rnse+argmax")
