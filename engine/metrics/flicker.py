@@ -33,18 +33,10 @@ class Flicker:
         true_previous: np.ndarray | None = None,
         true_current: np.ndarray | None = None,
     ) -> None:
-        """One pair of neighbouring frames.
+        """One pair of neighbouring frames: label maps uint8 [H, W], predicted and, if known, true ones (`UNLABELLED` where they are not).
 
-        Parameters
-        ----------
-        previous, current : uint8 [H, W]
-            Predicted label maps.
-        flow : float32 [H, W, 2]
-            Pixels, from the current frame to the previous one.
-        consistent : bool [H, W]
-            Where the flow is consistent and both ends are valid.
-        true_previous, true_current : uint8 [H, W], optional
-            Label maps, `UNLABELLED` where nothing is known.
+        `flow` float32 [H, W, 2] leads from the current frame to the previous one, in pixels. `consistent` bool [H, W] is where the flow is
+        consistent and both ends are valid.
         """
         before, inside = warped(previous, flow)
         counted = consistent & inside

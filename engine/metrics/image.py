@@ -17,19 +17,9 @@ SSIM_BORDER = 5  # pixels at each edge whose 11 × 11 window is not whole
 
 
 def psnr(render: np.ndarray, truth: np.ndarray, valid: np.ndarray | None = None) -> float | None:
-    """10 · log₁₀(1 / MSE) over the three channels of the valid pixels, dB, at most 100.
+    """10 · log₁₀(1 / MSE) over the three channels of the valid pixels, dB, at most 100; None without valid pixels.
 
-    Parameters
-    ----------
-    render, truth : [H, W, 3]
-        uint8, or float in [0, 1].
-    valid : bool [H, W], optional
-        Default: every pixel.
-
-    Returns
-    -------
-    float or None
-        None without valid pixels.
+    Pictures are [H, W, 3], uint8 or float in [0, 1]; `valid` is bool [H, W], by default every pixel.
     """
     a, b = _unit(render, truth)
     error = (a - b) ** 2
@@ -52,12 +42,7 @@ def ssim(render: np.ndarray, truth: np.ndarray, valid: np.ndarray | None = None)
     """Structural similarity (Wang et al., 2004) of RGB pictures: Gaussian window 11 × 11, σ = 1.5, K = (0.01, 0.03), data range 1.
 
     The map is averaged over channels and over the valid pixels whose window lies inside the picture. Windows of valid pixels may look
-    at masked ones next to them.
-
-    Returns
-    -------
-    float or None
-        None when no pixel is left.
+    at masked ones next to them. None when no pixel is left.
     """
     a, b = _unit(render, truth)
     if min(a.shape[:2]) <= 2 * SSIM_BORDER:

@@ -22,18 +22,8 @@ def iou(predicted: np.ndarray, truth: np.ndarray) -> float | None:
 def boundary_f(predicted: np.ndarray, truth: np.ndarray, tolerance: float | None = None) -> float | None:
     """Boundary F-score (DAVIS): harmonic mean of the shares of either outline that lie within `tolerance` of the other.
 
-    Outlines are the mask's pixels that touch, by an edge, a pixel outside it; the picture's border makes no outline.
-
-    Parameters
-    ----------
-    predicted, truth : bool [H, W]
-    tolerance : float, optional
-        Pixels. Default: 0.008 of the picture's diagonal, as DAVIS.
-
-    Returns
-    -------
-    float or None
-        None when neither mask has an outline, 0 when just one of them has.
+    Outlines are the pixels of a mask bool [H, W] that touch, by an edge, a pixel outside it; the picture's border makes no outline. None
+    when neither mask has one, 0 when just one of them has. `tolerance` is in pixels; by default 0.008 of the picture's diagonal, as DAVIS.
     """
     reach = 0.008 * float(np.hypot(*truth.shape)) if tolerance is None else tolerance
     outlines = [_outline(predicted), _outline(truth)]

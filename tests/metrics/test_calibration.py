@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from degense.engine.metrics.averages import t_interval
 from degense.engine.metrics.calibration import STEPS, Calibration
 from degense.engine.metrics.masks import MaskScores
+from degense.engine.research.report.method_scores import t_interval
 
 
 def random_frames(seed, count=3):

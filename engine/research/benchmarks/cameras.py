@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.data.poses import find_cameras
 from degense.engine.data.poses.views import PIXELS
 from degense.engine.data.readers import ClipOptions, open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.metrics.evaluate import evaluate
-from degense.engine.metrics.poses import pose_errors
 from degense.engine.progress import Progress, silent
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Column, Table
@@ -140,3 +143,14 @@ def _trainings(clips: dict[int, Path], options: BenchOptions, progress: Progress
 def _score(clip: Clip, out: Path, config: TrainConfig) -> dict:
     train(clip, out, config, teacher="none", events=lambda event: None, stop=lambda: False)
     return evaluate(Scene.open(out, device=config.device, clip=clip), clip)
+
+
+def pose_errors(estimated: Sequence[Camera], true: Sequence[Camera]) -> tuple[np.ndarray, np.ndarray]:
+    """Distance between the centres and angle between the rotations of every frame's cameras, float64 [T] each, clip units and degrees.
+
+    Both start from the same first camera; nothing is aligned, neither place nor scale.
+    """
+    ours, theirs = (np.stack([camera.viewmat for camera in cameras]) for cameras in (estimated, true))
+    centres = [-np.einsum("tji,tj->ti", views[:, :3, :3], views[:, :3, 3]) for views in (ours, theirs)]
+    turns = Rotation.from_matrix(ours[:, :3, :3] @ theirs[:, :3, :3].transpose(0, 2, 1)).magnitude()
+    return np.linalg.norm(centres[0] - centres[1], axis=1), np.degrees(turns)

@@ -21,15 +21,9 @@ BAND = 48  # rows that a thread takes at once; it also works out some rows above
 
 
 class GuidedFilter:
-    """A guide and its statistics, computed once.
+    """A guide uint8 [H, W, 3] and its statistics, computed once.
 
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3]
-    flat : float
-        ε: the variance of a colour in [0, 1] that counts as flat.
-    level : float
-        The variance of a map below which R² is taken against this.
+    `flat` is ε, the variance of a colour in [0, 1] that counts as flat; R² is taken against `level` where a map's variance is below it.
     """
 
     def __init__(self, rgb: np.ndarray, flat: float, level: float):

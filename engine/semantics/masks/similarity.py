@@ -16,13 +16,8 @@ def normalised(latent: np.ndarray, alpha: np.ndarray | None = None) -> np.ndarra
     """z / (‖z‖ + ε), float32 [H, W, d], times alpha where it is given.
 
     Zero vectors stay zero, and pixels that hold a NaN or an infinity become zero, so every similarity is finite.
-    Weighting with alpha lowers the similarity of pixels that Gaussians barely cover.
-
-    Parameters
-    ----------
-    latent : float32 [H, W, d]
-    alpha : float32 [H, W], optional
-        Accumulated opacity, clipped to [0, 1]; NaN counts as 0.
+    Weighting with alpha, the accumulated opacity float32 [H, W] (clipped to [0, 1]; NaN counts as 0), lowers the similarity of pixels that
+    Gaussians barely cover.
     """
     latent = np.asarray(latent, np.float32)
     weight = np.ones(latent.shape[:2], np.float32) if alpha is None else np.asarray(alpha, np.float32)

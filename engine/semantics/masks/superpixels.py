@@ -27,16 +27,11 @@ LINEAR = np.where(np.arange(256) <= 10, np.arange(256) / 255 / 12.92, ((np.arang
 
 
 def superpixels(rgb: np.ndarray, region_size: int = REGION_SIZE, compactness: float = COMPACTNESS) -> np.ndarray:
-    """Regions of an RGB image, int32 [H, W], values 0 … K − 1; every value occurs.
+    """Regions of an RGB image uint8 [H, W, 3]: int32 [H, W], values 0 … K − 1; every value occurs.
 
     Simple linear iterative clustering in (L, a, b, x, y) with D² = ‖Δlab‖² + (compactness / region_size)² ‖Δxy‖².
-    Regions are not forced to be connected: means over them do not need it.
-
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3]
-    region_size : int
-        Pixels between centres; below 1 is a ValueError.
+    Regions are not forced to be connected: means over them do not need it. `region_size`, the pixels between centres, is at least 1, else
+    ValueError.
     """
     if region_size < 1:
         raise ValueError(f"region_size must be at least 1, not {region_size}")

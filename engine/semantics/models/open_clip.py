@@ -48,20 +48,10 @@ NUMBERS = ("F32", "F16", "BF16")
 
 
 def read_open_clip(folder: Path) -> tuple[Any, Any, dict[str, Any]]:
-    """The model in a folder with open_clip_config.json, open_clip_model.safetensors and a tokenizer's files.
+    """`CLIPModel` in float32 on the CPU, `CLIPTokenizer`, and `image_mean` and `image_std` where they are known.
 
-    Returns
-    -------
-    model : transformers.CLIPModel
-        In float32, on the CPU.
-    tokenizer : transformers.CLIPTokenizer
-    preprocessing : dict
-        `image_mean` and `image_std`, where they are known.
-
-    Raises
-    ------
-    DegenseError
-        In one sentence, when a file is missing, damaged or a pickle, or the model is no plain CLIP.
+    The folder holds open_clip_config.json, open_clip_model.safetensors and a tokenizer's files. DegenseError in one sentence when one is
+    missing, damaged or a pickle, or the model is no plain CLIP.
     """
     shape, preprocessing = open_clip_config(folder)
     transformers = transformers_library()
@@ -95,12 +85,8 @@ def _tokenizer(folder: Path, text: dict[str, Any]) -> Any:
 def _renamed_weights(file: Path, wanted: Mapping[str, tuple[int, ...]]) -> dict[str, Tensor]:
     """The weights in open_clip's file, float32, under transformers' names and of the shapes `wanted` by name.
 
-    Names and shapes are checked before any is read.
-
-    Raises
-    ------
-    DegenseError
-        In one sentence, when the file is missing or damaged, lacks a weight, or holds one of another name, shape or kind.
+    Names and shapes are checked before any is read: DegenseError in one sentence when the file is missing or damaged, lacks a weight, or
+    holds one of another name, shape or kind.
     """
     if not file.exists():
         pickled = " but pickles, which are not read" if any(file.parent.glob("open_clip_pytorch_model*")) else ""

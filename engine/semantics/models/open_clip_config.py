@@ -31,25 +31,15 @@ IDLE = re.compile(
 
 
 def open_clip_config(folder: Path) -> tuple[Options, Options]:
-    """The same as arguments of transformers.
+    """The same as keyword arguments of transformers' `CLIPConfig`, and what is known of `image_mean` and `image_std`, three numbers each.
 
-    Returns
-    -------
-    shape : dict
-        Keyword arguments of `CLIPConfig`.
-    preprocessing : dict
-        As in preprocessor_config.json: `image_mean` and `image_std`, three numbers each, where they are known.
-
-    Raises
-    ------
-    DegenseError
-        In one sentence, for what is no plain CLIP or has impossible sizes.
+    DegenseError in one sentence for what is no plain CLIP or has impossible sizes.
     """
     config = read_config(folder / OPEN_CLIP_CONFIG)
-    model, preprocessing = _part(folder, config, "model_cfg"), config.get("preprocess_cfg") or {}
-    activation = "quick_gelu" if _flag(folder, model, "quick_gelu") else "gelu"
-    vision = _sizes(folder, _part(folder, model, "vision_cfg"), VISION, PLAIN_VISION)
-    text = _sizes(folder, _part(folder, model, "text_cfg"), TEXT, PLAIN_TEXT)
+    model, preprocessing = _typed(folder, config, "model_cfg", dict), config.get("preprocess_cfg") or {}
+    activation = "quick_gelu" if _typed(folder, model, "quick_gelu", bool, False) else "gelu"
+    vision = _sizes(folder, _typed(folder, model, "vision_cfg", dict), VISION, PLAIN_VISION)
+    text = _sizes(folder, _typed(folder, model, "text_cfg", dict), TEXT, PLAIN_TEXT)
     rest = {name: value for name, value in model.items() if name not in ("quick_gelu", "vision_cfg", "text_cfg")}
     projection = _sizes(folder, rest, {"embed_dim": None}, {})["embed_dim"]
     if vision["patch_size"] > vision["image_size"]:
@@ -108,16 +98,10 @@ def _sizes(folder: Path, part: Options, sizes: Mapping[str, Any], plain: Mapping
     return found
 
 
-def _part(folder: Path, config: Options, name: str) -> Options:
-    if not isinstance(part := config.get(name), dict):
-        raise _refusal(folder, name, part)
-    return part
-
-
-def _flag(folder: Path, config: Options, name: str) -> bool:
-    if not isinstance(flag := config.get(name, False), bool):
-        raise _refusal(folder, name, flag)
-    return flag
+def _typed(folder: Path, config: Options, name: str, kind: type, default: Any = None) -> Any:
+    if not isinstance(value := config.get(name, default), kind):
+        raise _refusal(folder, name, value)
+    return value
 
 
 def _refusal(folder: Path, name: str, value: Any) -> DegenseError:

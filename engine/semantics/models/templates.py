@@ -26,19 +26,10 @@ TEMPLATES = (
 
 
 def template_encoders(model: str, embed: Embed) -> dict[str, Embed]:
-    """Text encoders of a CLIP by name: in `TEMPLATES` first, then as earlier runs used it.
+    """Text encoders of a CLIP, words → unit vectors float [n, D], by name: in `TEMPLATES` first, then as earlier runs used it.
 
-    Parameters
-    ----------
-    model : str
-        Name of the model.
-    embed : callable
-        Sentences → vectors float [n, D], of any length but zero.
-
-    Returns
-    -------
-    dict of str to callable
-        Words → unit vectors float [n, D]: the normalised mean of a word's unit vectors in all templates, of which the name has a digest.
+    A word has the normalised mean of its unit vectors in all templates, of which the name has a digest. `embed` turns sentences into
+    vectors float [n, D] of any length but zero.
     """
     digest = hashlib.sha256("\n".join(TEMPLATES).encode()).hexdigest()[:8]
     return {f"{model}+templates-{digest}": _mean_over(TEMPLATES, embed), model: _mean_over((PLAIN,), embed)}

@@ -40,18 +40,7 @@ def encoder_vectors(encoder: TextEncoder) -> dict[str, np.ndarray]:
 
 
 def open_encoder(name: str, classes: Sequence[str], folder: Path, chosen: TextEncoder | None = None) -> TextEncoder:
-    """The encoder of a run.
-
-    Parameters
-    ----------
-    name : str
-        Of the encoder that made the run's features.
-    classes : sequence of str
-        The run's.
-    folder : Path
-        Where the run lies.
-    chosen : TextEncoder, optional
-        What the user wants prompts to be understood by.
+    """The encoder of a run in `folder`, of the name that made its features; `chosen` is what the user wants prompts to be understood by.
 
     Raises
     ------

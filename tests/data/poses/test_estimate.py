@@ -7,7 +7,7 @@ import degense.engine.data.poses.tracks as tracks
 from degense.engine.data.poses import PoseEstimate, estimate_poses, find_cameras
 from degense.engine.data.poses.tracks import Lost
 from degense.engine.data.readers import open_clip
-from degense.engine.metrics.poses import pose_errors
+from degense.engine.research.benchmarks.cameras import pose_errors
 from tests.fakes import MemoryClip
 
 
