@@ -11,21 +11,10 @@ OVERLAP = 0.25  # of a tile's side that neighbours share at least
 
 
 def tiled(rgb: np.ndarray, side: int, scales: int, model: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """The feature map of a frame, averaged over tiles and scales.
+    """The feature map float32 [h', w', C] of a frame uint8 [H, W, 3], averaged over tiles and scales, as fine as the finest tiles' maps.
 
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3]
-    side : int
-        Of the pictures that the model takes, pixels.
-    scales : int
-        Tiles are as high as the frame, then half as high, a third, …, down to 1 / `scales`.
-    model : uint8 [n, side, side, 3] → float32 [n, h, w, C]
-
-    Returns
-    -------
-    float32 [h', w', C]
-        As fine as the finest tiles' maps.
+    Tiles are as high as the frame, then half as high, a third, …, down to 1 / `scales`. The model takes pictures uint8 [n, side, side, 3]
+    and gives float32 [n, h, w, C].
     """
     height, width = rgb.shape[:2]
     total = weight = None

@@ -31,16 +31,10 @@ BATCH, SENTENCES = 8, 64  # pictures and sentences that are asked at once
 
 
 class DenseModel:
-    """A model that maps pictures to one vector a patch.
+    """A model that maps square pictures of `side` pixels to one vector a patch.
 
-    Attributes
-    ----------
-    kind : "clip" or "clipseg"
-        CLIP gives features in the space of its text vectors; CLIPSeg a logit for each of some wordings.
-    name : str
-        Kind and a digest of configuration and weights.
-    side : int
-        Pictures are square, of so many pixels.
+    Of the `kind` "clip" it gives features in the space of its text vectors, of "clipseg" a logit for each of some wordings. The `name` is
+    the kind and a digest of configuration and weights.
 
     Raises
     ------

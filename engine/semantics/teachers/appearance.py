@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import softmax
 
 SHARED = 0.2  # of each class's covariance that is the mean of all classes'
 ROUND = 0.1  # of the shared covariance that is a ball, and a fifth of it again for each class
@@ -43,6 +44,4 @@ class Appearance:
         for mean, inverse, constant in zip(self.means, self.inverses, self.constants, strict=True):
             away = z - mean
             logs.append(-0.5 * np.einsum("nf,nf->n", away @ inverse, away) + constant)
-        log = np.stack(logs, 1) / COOL
-        raised = np.exp(log - log.max(1, keepdims=True))
-        return raised / raised.sum(1, keepdims=True)
+        return softmax(np.stack(logs, 1) / COOL, axis=1)

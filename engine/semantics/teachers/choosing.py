@@ -57,11 +57,7 @@ def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -
     """The teacher called `name` for a clip; `with_cached_targets` runs a costly one.
 
     "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; and what was added to `MAKERS`.
-
-    Parameters
-    ----------
-    encoder : TextEncoder, optional
-        Whose vectors teachers that know classes by name give them; by default the embedded one's. Features of a model bring their own.
+    Teachers that know classes by name give them the vectors of `encoder`, by default the embedded one. Features of a model bring their own.
 
     Raises
     ------

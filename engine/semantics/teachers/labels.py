@@ -16,11 +16,7 @@ class LabelTeacher:
     Label maps of held-out frames are never used, except that a clip with a single label map trains on that one wherever it lies.
     "background" is a class like any other: a black border that an annotator labelled carries the background's own vector,
     so that "background" can be prompted and competes in argmax. Pixels outside `clip.valid` and unlabelled pixels carry nothing.
-
-    Parameters
-    ----------
-    encoder : TextEncoder
-        Extended here with the clip's class names; `self.encoder` is the one to keep with the run.
+    `encoder` is extended with the clip's class names: `self.encoder` is the one to keep with the run.
 
     Raises
     ------

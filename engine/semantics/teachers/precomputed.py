@@ -11,7 +11,7 @@ from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.stored import StoredClip
 from degense.engine.errors import ClipError
 from degense.engine.semantics.teachers.feature_files import Segments, feature_files
-from degense.engine.semantics.teachers.teacher import Targets
+from degense.engine.semantics.teachers.teacher import Targets, enlarged
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
 
@@ -23,10 +23,7 @@ TEXT_VECTORS = "text_vectors.safetensors"
 class PrecomputedTeacher:
     """Targets from feature files named like the frames, and text vectors of the same space, `text_vectors.safetensors`, beside them.
 
-    Parameters
-    ----------
-    level : int
-        Of segment maps that have several (LangSplat: default, small, medium, large).
+    `level` is of segment maps that have several (LangSplat: default, small, medium, large).
 
     Raises
     ------
@@ -67,7 +64,8 @@ class PrecomputedTeacher:
             return None
         file = self._files[frame]
         read = file.read(self.encoder.dimension, self._level)
-        index = _enlarged(read.index, self._clip.size, file.path)
+        _check_proportions(read.index, self._clip.size, file.path)
+        index = enlarged(read.index, self._clip.size)
         length = np.linalg.norm(read.vectors, axis=1)
         index = np.where(self._clip.valid(frame) & (length > 0)[index] & (index >= 0), index, -1)
         return (read.vectors / np.maximum(length, 1e-12)[:, None]).astype(np.float32), index.astype(np.int32)
@@ -90,12 +88,10 @@ def frame_names(clip: Clip) -> list[str]:
     return [f"{i:06d}" for i in range(len(clip))]
 
 
-def _enlarged(index: np.ndarray, size: tuple[int, int], path: Path) -> np.ndarray:
-    """An index map [h, w] at (width, height): the cell that each pixel lies in. ClipError when it has other proportions."""
+def _check_proportions(index: np.ndarray, size: tuple[int, int], path: Path) -> None:
+    """ClipError unless an index map [h, w] has the proportions of frames of (width, height)."""
     width, height = size
     rows, columns = index.shape
     square = rows == columns  # encoders that squeeze the frame into a square
     if not square and abs(columns / rows / (width / height) - 1) > max(0.02, 1.5 / min(rows, columns)):
         raise ClipError(f"{shown(path)} is {columns} × {rows}, which is not the shape of the frames ({width} × {height}).")
-    y, x = (np.arange(height) + 0.5) * rows / height, (np.arange(width) + 0.5) * columns / width
-    return index[y.astype(int)[:, None], x.astype(int)]

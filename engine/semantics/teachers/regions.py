@@ -23,13 +23,7 @@ FINEST = 1e-6  # least weight of an edge, so that every region has a solution
 
 
 class Regions:
-    """Superpixels of one frame, their features and their neighbours.
-
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3]
-    valid : bool [H, W]
-        Regions mostly outside have no neighbours.
+    """Superpixels of one frame uint8 [H, W, 3], their features and their neighbours; regions mostly outside of `valid` have none.
 
     Attributes
     ----------
@@ -65,14 +59,9 @@ class Regions:
         return np.bincount(self.of.ravel(), mask.ravel(), len(self)) / self.sizes
 
     def walk(self, likeness: np.ndarray, known: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Class probabilities of each region, float64 [n, k], rows of sum 1.
+        """Class probabilities of each region, float64 [n, k], rows of sum 1, as are those by its appearance, `likeness` [n, k].
 
-        Parameters
-        ----------
-        likeness : float [n, k]
-            Probabilities by the appearance of each region, rows of sum 1.
-        known : float [n, k]
-            Known probabilities; read where `weight` [n] is positive.
+        The `known` ones [n, k] are read where `weight` [n] is positive.
         """
         a, b = self._pairs.T
         unlike = np.linalg.norm(self.colours[a] - self.colours[b], axis=1) / COLOUR_STEP

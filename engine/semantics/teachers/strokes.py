@@ -38,12 +38,7 @@ TEMPERATURES = np.geomspace(0.4, 4, 24)
 class StrokeTeacher:
     """Soft label maps of all training frames from sparse ones of a few.
 
-    Strokes on held-out frames are never used, except where a clip has no others.
-
-    Parameters
-    ----------
-    encoder : TextEncoder
-        Extended here with the clip's class names.
+    Strokes on held-out frames are never used, except where a clip has no others. `encoder` is extended with the clip's class names.
 
     Attributes
     ----------

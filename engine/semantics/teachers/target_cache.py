@@ -71,10 +71,7 @@ class CachedTeacher:
 def with_cached_targets(teacher: Teacher | CostlyTeacher, progress: Progress = silent) -> Teacher:
     """A costly teacher after all its frames were computed; those that are in the cache are not computed again. Others as they are.
 
-    Parameters
-    ----------
-    progress : Progress
-        May raise `Cancelled`; what has been computed by then stays.
+    `progress` may raise `Cancelled`; what has been computed by then stays.
     """
     if not isinstance(teacher, CostlyTeacher):
         return teacher

@@ -32,22 +32,18 @@ class Teacher(Described, Protocol):
         ...
 
 
+def enlarged(cells: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A map [h, w] at (width, height): the cell that each pixel lies in."""
+    (rows, columns), (width, height) = cells.shape, size
+    y, x = (np.arange(height) + 0.5) * rows / height, (np.arange(width) + 0.5) * columns / width
+    return cells[y.astype(int)[:, None], x.astype(int)]
+
+
 def soft_targets(probabilities: np.ndarray, vectors: np.ndarray, known: np.ndarray) -> Targets:
-    """Targets of a soft label map.
+    """Targets of a soft label map float [..., k], of which only proportions count, where it is `known`, bool [...].
 
-    Parameters
-    ----------
-    probabilities : float [..., k]
-        Of the classes; only their proportions count.
-    vectors : float32 [k, D]
-        Unit vectors of the classes.
-    known : bool [...]
-        Elsewhere there is no target.
-
-    Returns
-    -------
-    vectors float32 [m, D], index int32 [...]
-        Only mixtures that occur: p · v_first + (1 − p) · v_second, of unit length, with p rounded to `LEVELS` steps.
+    Of the classes' unit vectors [k, D] only mixtures that occur, float32 [m, D]: p · v_first + (1 − p) · v_second, of unit length, with p
+    rounded to `LEVELS` steps.
     """
     count = len(vectors)
     if count == 1:

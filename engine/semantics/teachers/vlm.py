@@ -18,7 +18,7 @@ from degense.engine.semantics.models.templates import PLAIN, template_encoders
 from degense.engine.semantics.models.tiles import tiled
 from degense.engine.semantics.models.vlm_models import DenseModel
 from degense.engine.semantics.teachers.target_cache import clip_settings
-from degense.engine.semantics.teachers.teacher import Targets, soft_targets
+from degense.engine.semantics.teachers.teacher import Targets, enlarged, soft_targets
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
@@ -36,11 +36,7 @@ class VlmTeacher:
     With CLIP the run's encoder is a table of the model's own text vectors, of the clip's classes and of the surgical vocabulary, so the
     model is not needed for prompting. Its cosines are low (0.2 to 0.3 for a match): argmax decoders suit it, or a lower threshold.
     With CLIPSeg each class is looked for by its name, and the embedded encoder answers prompts.
-
-    Parameters
-    ----------
-    place : str
-        Folder of the model, or its name in the user's cache.
+    `place` is the folder of the model, or its name in the user's cache.
 
     Raises
     ------
@@ -95,9 +91,7 @@ class VlmTeacher:
         else:
             found = 1 / (1 + np.exp(-values.astype(np.float64)))
             vectors, cells = soft_targets(found, self._vectors, found.max(-1) >= LEAST_PROBABILITY)
-        width, height = self._clip.size
-        y, x = ((np.arange(height) + 0.5) * rows / height).astype(int), ((np.arange(width) + 0.5) * columns / width).astype(int)
-        index = np.where(self._clip.valid(frame), cells[y[:, None], x], -1).astype(np.int32)
+        index = np.where(self._clip.valid(frame), enlarged(cells, self._clip.size), -1).astype(np.int32)
         return (vectors.astype(np.float32), index) if (index >= 0).any() else None
 
 
