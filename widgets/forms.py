@@ -11,13 +11,16 @@ from PySide6.QtWidgets import (
     QAbstractItemView,
     QBoxLayout,
     QComboBox,
+    QDoubleSpinBox,
     QHBoxLayout,
     QHeaderView,
     QLabel,
     QLayout,
+    QLineEdit,
     QPushButton,
     QSpinBox,
     QTableWidget,
+    QTableWidgetItem,
     QVBoxLayout,
     QWidget,
 )
@@ -96,6 +99,15 @@ def number(name: str, least: int = 0, most: int = 1_000_000, step: int = 1, zero
     return box
 
 
+def decimal(name: str, least: float, most: float, step: float = 1.0, suffix: str = "", zero: str = "", decimals: int = 1) -> QDoubleSpinBox:
+    """A number; `zero` is shown in place of the least one."""
+    box = QDoubleSpinBox(decimals=decimals, singleStep=step, suffix=suffix)
+    box.setSpecialValueText(zero)
+    box.setAccessibleName(name)
+    box.setRange(least, most)
+    return box
+
+
 def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushButton:
     """A button that Space and Enter press."""
     made = QPushButton(title)
@@ -140,6 +152,34 @@ def table(name: str, heads: Sequence[str], *, editable: bool = False) -> QTableW
     made.verticalHeader().setDefaultSectionSize(made.fontMetrics().height() + 6)
     made.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
     return made
+
+
+def search(of: QTableWidget, columns: Sequence[int], hint: str) -> QLineEdit:
+    """A field that hides the rows of a table whose columns do not hold every word that is typed."""
+    made = QLineEdit(placeholderText=hint, clearButtonEnabled=True)
+    made.setAccessibleName(hint)
+
+    def find(text: str) -> None:
+        words = text.casefold().split()
+        for index, cells in enumerate(texts(of)):
+            inside = " ".join(cells[column] for column in columns).casefold()
+            of.setRowHidden(index, not all(word in inside for word in words))
+
+    made.textChanged.connect(find)
+    return made
+
+
+def write(of: QTableWidget, row: int, column: int, text: str, bold: bool) -> QTableWidgetItem:
+    """Write into a cell, which is made where there is none."""
+    item = of.item(row, column)
+    if item is None:
+        item = QTableWidgetItem()
+        of.setItem(row, column, item)
+    item.setText(text)
+    font = item.font()
+    font.setBold(bold)
+    item.setFont(font)
+    return item
 
 
 def texts(of: QTableWidget) -> list[tuple[str, ...]]:

@@ -47,13 +47,7 @@ class Journal:
             self._write({"journal": 1, "after": after})
 
     def append(self, state: str, record: Any) -> None:
-        """Add a record.
-
-        Raises
-        ------
-        DegenseError
-            When it cannot be written whole; the journal ends before it then, and later records may succeed.
-        """
+        """Add a record. DegenseError when it cannot be written whole; the journal ends before it then, and later records may succeed."""
         self._write({"part": state, "record": record})
 
     def close(self) -> None:

@@ -11,13 +11,7 @@ SAMPLE = "demo"
 
 
 def demo_run() -> Path:
-    """The run folder of the sample.
-
-    Raises
-    ------
-    DegenseError
-        When this installation does not hold it.
-    """
+    """The run folder of the sample. DegenseError when this installation does not hold it."""
     run = ASSETS / SAMPLE / "run"
     if not (run / "run.json").is_file():
         raise DegenseError(

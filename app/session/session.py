@@ -68,10 +68,7 @@ class Session:
         keep : bool
             Whether to save and to write a journal; not for the sample.
 
-        Raises
-        ------
-        DamagedSession
-            When the session file is damaged. Nothing is open then.
+        DamagedSession when the session file is damaged. Nothing is open then.
         """
         self._open(scene, scene.clip, scene.run.path, keep)
 

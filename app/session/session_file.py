@@ -45,13 +45,7 @@ def clip_folder(clip: Path) -> Path:
 
 
 def read(path: Path) -> SavedSession:
-    """The saved states; none when there is no file.
-
-    Raises
-    ------
-    DamagedSession
-        When the file cannot be read or is no session file.
-    """
+    """The saved states; none when there is no file. DamagedSession when the file cannot be read or is no session file."""
     try:
         if path.stat().st_size > LARGEST:
             raise ValueError(f"more than {LARGEST >> 20} MiB")
@@ -71,10 +65,7 @@ def read(path: Path) -> SavedSession:
 def write(path: Path, states: dict[str, Any]) -> SavedSession:
     """Replace the file; keep the old one as a backup unless the last backup is younger than `SPACING`.
 
-    Raises
-    ------
-    DegenseError
-        When it cannot be written whole; the old file stays.
+    DegenseError when it cannot be written whole; the old file stays.
     """
     saved = SavedSession(states, secrets.token_hex(8))
     text = json.dumps({"id": saved.id, "parts": states}, indent=1)

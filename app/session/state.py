@@ -62,13 +62,7 @@ class PersistentState:
         raise NotImplementedError
 
     def from_json(self, data: Any, source: str) -> None:
-        """Take the state that `to_json` wrote.
-
-        Raises
-        ------
-        RunError
-            When the data is no such state; the sentence names `source`.
-        """
+        """Take the state that `to_json` wrote. RunError when the data is no such state; the sentence names `source`."""
         raise NotImplementedError
 
     def replay(self, record: Any, source: str) -> None:

@@ -68,10 +68,7 @@ class SessionStore:
         keep : bool
             Whether to write into the folder; not for the sample.
 
-        Raises
-        ------
-        DamagedSession
-            When the session file or what a state reads from the folder is damaged. Nothing is open then, and nothing was written.
+        DamagedSession when the session file or what a state reads from the folder is damaged. Then nothing is open, and nothing written.
         """
         self.close()
         path = folder / session_file.NAME
@@ -134,10 +131,7 @@ class SessionStore:
     def save(self) -> None:
         """Write all states. Those of the file that nobody registered stay in it. A folder in which nothing was done yet is not made.
 
-        Raises
-        ------
-        DegenseError
-            When the folder cannot be written or another window holds it; what was there before stays, and so does `dirty`.
+        DegenseError when the folder cannot be written or another window holds it; what was there before stays, and so does `dirty`.
         """
         if self.folder is None or not (self.dirty or self.folder.exists()):
             return
@@ -165,10 +159,7 @@ class SessionStore:
     def recover(self) -> None:
         """Repeat the changes in the journal. They stay in it until they are saved.
 
-        Raises
-        ------
-        RunError
-            When a record cannot be used; those before it are applied, and the journal is set aside.
+        RunError when a record cannot be used; those before it are applied, and the journal is set aside.
         """
         assert self.folder is not None
         entries, self.unsaved = self.unsaved, []

@@ -87,12 +87,7 @@ def material(scene: Scene, place: Spot | Region) -> tuple[np.ndarray, np.ndarray
     """Indices [k] and weights [k] (sum 1) of the Gaussians that make the visible surface at a place.
 
     Gaussians keep their identity in time, so following them follows the tissue, not the pixel. The weights are opacities; at a
-    spot they also fall off with the distance from it.
-
-    Raises
-    ------
-    DegenseError
-        When nothing is reconstructed there.
+    spot they also fall off with the distance from it. DegenseError when nothing is reconstructed there.
     """
     width, height = scene.clip_size
     splats = scene.splats(place.frame)

@@ -124,13 +124,7 @@ class ViewState:
 
     @staticmethod
     def from_json(data: Any, source: str) -> ViewState:
-        """The view state that `to_json` wrote.
-
-        Raises
-        ------
-        RunError
-            When the data is not a view state; the sentence names `source`.
-        """
+        """The view state that `to_json` wrote. RunError when the data is not a view state; the sentence names `source`."""
         from degense.engine.store.migrations import current_layer
 
         try:

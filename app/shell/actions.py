@@ -8,10 +8,6 @@ from dataclasses import dataclass
 from degense.engine.errors import DegenseError
 
 
-def _always() -> bool:
-    return True
-
-
 @dataclass(frozen=True)
 class Action:
     """One thing to do.
@@ -39,7 +35,7 @@ class Action:
     run: Callable[[], object]
     menu: tuple[str, ...] = ()
     shortcuts: tuple[str, ...] = ()
-    enabled: Callable[[], bool] = _always
+    enabled: Callable[[], bool] = lambda: True
     checked: Callable[[], bool] | None = None
     group: int = 0
     help: str = ""
@@ -56,10 +52,7 @@ class ActionRegistry:
     def add(self, *actions: Action) -> None:
         """Register actions.
 
-        Raises
-        ------
-        ValueError
-            When an id or a shortcut is taken, a title is empty, or nobody could find the action: it has neither a menu nor a shortcut.
+        ValueError when an id or a shortcut is taken, a title is empty, or the action has neither a place in a menu nor a shortcut.
         """
         for action in actions:
             if not action.title or action.id in self._actions:
@@ -122,13 +115,7 @@ class ActionRegistry:
         return self._actions[action_id]
 
     def run(self, action_id: str) -> None:
-        """Do it.
-
-        Raises
-        ------
-        DegenseError
-            When it cannot be done now.
-        """
+        """Do it. DegenseError when it cannot be done now."""
         action = self._actions[action_id]
         if not action.enabled():
             raise DegenseError(f"“{action.title}” is not possible now.")

@@ -16,9 +16,10 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QSizePolicy,
     QSplitter,
-    QVBoxLayout,
     QWidget,
 )
+
+from degense.widgets import forms
 
 Area = Qt.DockWidgetArea
 WIDTH, SMALL = 400, 130  # of the right column; height of the panels above one that needs room; pixels
@@ -43,21 +44,17 @@ class Docks(QObject):
         self._below: list[QWidget] = []
         self._heights: dict[QDockWidget, int] = {}
         self._hidden_at_start: list[QDockWidget] = []
-        self.views = QSplitter(Qt.Orientation.Horizontal)
+        self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         self.views.setObjectName("views")
-        self.views.setChildrenCollapsible(False)
         centre = QWidget()
-        self._centre = QVBoxLayout(centre)
-        self._centre.setContentsMargins(0, 0, 0, 0)
-        self._centre.setSpacing(0)
-        self._centre.addWidget(self.views, 1)
+        self._centre = forms.column((self.views, 1), margin=0, spacing=0, parent=centre)
         window.setCentralWidget(centre)
         window.setDockOptions(QMainWindow.DockOption.AllowTabbedDocks | QMainWindow.DockOption.AnimatedDocks)
         window.setTabPosition(Area.AllDockWidgetAreas, window.tabPosition(Area.TopDockWidgetArea))
         self._add_status_bar()
 
     def add(
-        self, title: str, widget: QWidget, place: Literal["right", "tab", "bottom"], *, height: int = 0, hidden: bool = False
+        self, title: str, widget: QWidget, place: Literal["right", "tab", "bottom"] = "tab", *, height: int = 0, hidden: bool = False
     ) -> QDockWidget:
         """Add a panel.
 
@@ -75,7 +72,15 @@ class Docks(QObject):
         """
         dock = QDockWidget(title, self.window)
         dock.setObjectName(title)
-        dock.setWidget(_scrolling(title, widget) if place == "tab" else widget)
+        if place == "tab":
+            area = QScrollArea(widgetResizable=True)
+            area.setAccessibleName(title)
+            area.setFrameShape(QFrame.Shape.NoFrame)
+            area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            area.setWidget(widget)
+            dock.setWidget(area)
+        else:
+            dock.setWidget(widget)
         self.window.addDockWidget(Area.BottomDockWidgetArea if place == "bottom" else Area.RightDockWidgetArea, dock)
         if place == "tab":
             if self._tabs:
@@ -138,21 +143,10 @@ class Docks(QObject):
 
     def _add_status_bar(self) -> None:
         bar = self.window.statusBar()
-        self.busy_text, self.busy_bar = QLabel(), QProgressBar()
+        self.busy_text, self.busy_bar = QLabel(), QProgressBar(textVisible=False)
         self.busy_bar.setAccessibleName("What is being done")
-        self.busy_bar.setTextVisible(False)
         self.busy_bar.setFixedWidth(140)
         self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         bar.addPermanentWidget(self.busy_text)
         bar.addPermanentWidget(self.busy_bar)
         self.set_busy()
-
-
-def _scrolling(title: str, widget: QWidget) -> QScrollArea:
-    area = QScrollArea()
-    area.setAccessibleName(title)
-    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    area.setFrameShape(QFrame.Shape.NoFrame)
-    area.setWidgetResizable(True)
-    area.setWidget(widget)
-    return area

@@ -16,9 +16,10 @@ from PySide6.QtWidgets import (
     QPlainTextEdit,
     QScrollArea,
     QTextBrowser,
-    QVBoxLayout,
     QWidget,
 )
+
+from degense.widgets import forms
 
 log = logging.getLogger(__name__)
 
@@ -77,10 +78,8 @@ def show_about(parent: QWidget) -> None:
 
 def show_text(parent: QWidget, title: str, text: str) -> QDialog:
     """A window with text in fixed columns."""
-    view = QPlainTextEdit(text)
+    view = QPlainTextEdit(text, readOnly=True, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
     view.setAccessibleName(title)
-    view.setReadOnly(True)
-    view.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
     font = view.font()
     font.setFamily("monospace")
     font.setStyleHint(font.StyleHint.Monospace)
@@ -110,9 +109,8 @@ def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -
     label = QLabel(text)
     label.setAlignment(Qt.AlignmentFlag.AlignTop)
     label.setMargin(12)
-    area = QScrollArea()
+    area = QScrollArea(widgetResizable=True)
     area.setWidget(label)
-    area.setWidgetResizable(True)
     return _dialog(parent, "Shortcuts", area, (1000, 680))
 
 
@@ -127,10 +125,8 @@ def _dialog(parent: QWidget, title: str, content: QWidget, size: tuple[int, int]
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     dialog.setWindowTitle(title)
     dialog.resize(*size)
-    column = QVBoxLayout(dialog)
-    column.addWidget(content)
     buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
     buttons.rejected.connect(dialog.reject)
-    column.addWidget(buttons)
+    forms.column(content, buttons, margin=11, parent=dialog)
     dialog.show()
     return dialog

@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QListWidgetItem, QWidget
 
 from degense.app.shell.actions import ActionRegistry
+from degense.widgets import forms
 
 
 class Palette(QDialog):
@@ -23,10 +24,7 @@ class Palette(QDialog):
         self.input.setAccessibleName("What do you want to do?")
         self.list.setAccessibleName("Actions that fit")
         self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(6, 6, 6, 6)
-        column.addWidget(self.input)
-        column.addWidget(self.list)
+        forms.column(self.input, self.list, parent=self)
         self.input.textChanged.connect(self._fill)
         self.input.returnPressed.connect(self._run)
         self.input.installEventFilter(self)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -91,38 +92,38 @@ class SettingsFile:
         self.store(replace(self._settings, **changes))
 
     def store(self, settings: Settings) -> None:
-        """Make these the settings and write them; nothing is written when nothing changed.
-
-        Raises
-        ------
-        DegenseError
-            When the file cannot be written.
-        """
+        """Make these the settings and write them; nothing is written when nothing changed. DegenseError when the file cannot be written."""
         if settings != self._settings:
             self._settings = settings
             write_text(self.path, json.dumps(asdict(settings), indent=2))
 
     def _read(self) -> Settings:
         try:
-            text = self.path.read_text(encoding="utf-8")
+            return _parse(json.loads(self.path.read_text(encoding="utf-8")))
         except FileNotFoundError:
             return Settings()
-        except (OSError, UnicodeDecodeError) as error:
-            return self._give_up(str(error))
-        try:
-            return _parse(json.loads(text))
-        except (ValueError, TypeError) as error:
-            return self._give_up(str(error))
-
-    def _give_up(self, reason: str) -> Settings:
-        backup = self.path.with_name(self.path.name + ".bad")
-        self.path.replace(backup)
-        self.complaint = f"The settings in {self.path} are unreadable ({reason}); they are kept as {backup.name} and the defaults are used."
-        return Settings()
+        except (OSError, ValueError, TypeError) as error:
+            kept = self.path.replace(self.path.with_name(f"{self.path.name}.bad")).name
+            self.complaint = f"The settings in {self.path} are unreadable ({error}); they are kept as {kept} and the defaults are used."
+            return Settings()
 
 
 #: What numbers may be.
 LIMITS = {"speed": (0.05, 16.0), "autosave": (0.0, 60.0), "undo_memory": (16.0, 8192.0)}
+
+
+def _texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)
+
+
+#: What other fields than texts and numbers must fulfil, and what that is called.
+KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "recent": (_texts, "a list of paths"),
+    "shortcuts": (lambda value: isinstance(value, dict) and all(map(_texts, value.values())), "lists of keys by action"),
+    "training": (lambda value: isinstance(value, dict), "a JSON object"),
+    "trainings": (lambda value: isinstance(value, list) and all(isinstance(entry, dict) for entry in value), "a list of JSON objects"),
+    "theme": (lambda value: value in get_args(Theme), f"one of {', '.join(get_args(Theme))}"),
+}
 
 
 def _parse(data: Any) -> Settings:
@@ -138,29 +139,7 @@ def _checked(name: str, value: Any) -> Any:
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
             raise ValueError(f"{name} is no number between {low:g} and {high:g}")
         return float(value)
-    match name:
-        case "recent":
-            if not _texts(value):
-                raise ValueError("recent is not a list of paths")
-            return tuple(value[:RECENT_LIMIT])
-        case "shortcuts":
-            if not isinstance(value, dict) or not all(map(_texts, value.values())):
-                raise ValueError("shortcuts are not lists of keys")
-        case "training":
-            if not isinstance(value, dict):
-                raise ValueError("training is not a JSON object")
-        case "trainings":
-            if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
-                raise ValueError("trainings are not a list of JSON objects")
-            return tuple(value)
-        case "theme":
-            if value not in get_args(Theme):
-                raise ValueError(f"theme is none of {', '.join(get_args(Theme))}")
-        case _:
-            if not isinstance(value, str):
-                raise ValueError(f"{name} is not a text")
-    return value
-
-
-def _texts(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(entry, str) for entry in value)
+    fits, kind = KINDS.get(name, (lambda value: isinstance(value, str), "a text"))
+    if not fits(value):
+        raise ValueError(f"{name} is not {kind}")
+    return tuple(value[:RECENT_LIMIT]) if name == "recent" else tuple(value) if name == "trainings" else value

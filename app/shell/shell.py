@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
-from PySide6.QtWidgets import QDockWidget, QFileDialog, QMainWindow, QWidget
+from PySide6.QtWidgets import QFileDialog, QMainWindow
 
 from degense.app.session.session import Session
-from degense.app.shell.actions import Action, ActionRegistry
+from degense.app.shell.actions import ActionRegistry
 from degense.app.shell.docks import Docks
 from degense.app.shell.menus import Menus
 from degense.app.shell.messages import Choice, ask, show_error
@@ -54,6 +54,7 @@ class Shell(QMainWindow):
         self.worker = Worker(self)
         self.registry = ActionRegistry()
         self.docks = Docks(self)
+        self.add_dock, self.add_actions, self.set_busy = self.docks.add, self.registry.add, self.docks.set_busy
         self.worker.add_channel("export", 70)
         self.may_close: list[Callable[[Callable[[], object]], bool]] = []
         self._services: list[object] = []
@@ -74,16 +75,6 @@ class Shell(QMainWindow):
         self._retitle()
 
     # What features use
-
-    def add_dock(
-        self, title: str, widget: QWidget, place: Literal["right", "tab", "bottom"] = "tab", *, height: int = 0, hidden: bool = False
-    ) -> QDockWidget:
-        """Add a panel; see `Docks.add`."""
-        return self.docks.add(title, widget, place, height=height, hidden=hidden)
-
-    def add_actions(self, *actions: Action) -> None:
-        """Add what the feature can do to menus, shortcuts, palette and cheat sheet."""
-        self.registry.add(*actions)
 
     def refresh(self) -> None:
         """Bring titles, ticks and enabled states of all actions up to date."""
@@ -109,7 +100,16 @@ class Shell(QMainWindow):
         """Run a job in the worker (`Worker.submit`); what goes wrong is shown unless `failed` takes it."""
         self.worker.submit(channel, job, done, failed or self.show_error, progress)
 
-    def run_task(self, channel: str, title: str, job: Job, done: Callable[[Any], object] | None = None, *, detailed: bool = False) -> None:
+    def run_task(
+        self,
+        channel: str,
+        title: str,
+        job: Job,
+        done: Callable[[Any], object] | None = None,
+        failed: Callable[[str], object] | None = None,
+        *,
+        detailed: bool = False,
+    ) -> None:
         """Run a job whose steps are (fraction, what is being done), with its progress in the status bar and its errors in a dialog.
 
         Parameters
@@ -118,6 +118,8 @@ class Shell(QMainWindow):
             Shown while it runs, for example "Exporting liver.mp4".
         done : callable, optional
             Takes the result; a DegenseError it raises is shown. By default the result is a sentence, which is shown.
+        failed : callable, optional
+            Takes what went wrong once it is shown.
         detailed : bool
             Show what is being done too.
         """
@@ -126,23 +128,21 @@ class Shell(QMainWindow):
             self.set_busy()
             self.attempt(lambda: (done or self.say)(result))
 
-        def failed(message: str) -> None:
+        def broken(message: str) -> None:
             self.set_busy()
             self.show_error(message)
+            if failed is not None:
+                failed(message)
 
         def progress(step: tuple[float, str]) -> None:
             self.set_busy(f"{title}: {step[1]}" if detailed else title, step[0])
 
         self.set_busy(title)
-        self.worker.submit(channel, job, finished, failed, progress)
+        self.worker.submit(channel, job, finished, broken, progress)
 
     def say(self, text: str, seconds: float = 8.0) -> None:
         """A line in the status bar, for some seconds."""
         self.statusBar().showMessage(text, round(seconds * 1000))
-
-    def set_busy(self, text: str = "", fraction: float | None = None) -> None:
-        """Show that something is being done; see `Docks.set_busy`."""
-        self.docks.set_busy(text, fraction)
 
     def show_error(self, text: str) -> None:
         show_error(self, text)

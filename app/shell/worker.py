@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import inspect
 import logging
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from PySide6.QtCore import QMutex, QObject, QThread, QWaitCondition, Signal
+from PySide6.QtCore import QObject, QThread, Signal
 
 from degense.engine.errors import Cancelled, DegenseError
 
@@ -39,7 +40,6 @@ class Worker(QObject):
     and between two steps the worker turns to more urgent channels; a newer job on the same channel closes it there. Results of replaced or
     cancelled jobs are dropped, so what arrives always answers the last question. A DegenseError arrives at `failed` in its own words; any
     other exception is logged with its traceback and arrives as a short sentence.
-
 
     Signals
     -------
@@ -121,33 +121,28 @@ class _Worker(QThread):
     def __init__(self) -> None:
         super().__init__()
         self.setObjectName("worker")
-        self._lock, self._wake = QMutex(), QWaitCondition()
+        self._wake = threading.Condition()
         self._tasks: dict[str, _Task | None] = {}
         self._replaced: list[_Task] = []
         self._stopping = False
 
     def set_channels(self, channels: Sequence[str]) -> None:
         """The channels in the order of their urgency."""
-        self._lock.lock()
-        self._tasks = {channel: self._tasks.get(channel) for channel in channels}
-        self._lock.unlock()
+        with self._wake:
+            self._tasks = {channel: self._tasks.get(channel) for channel in channels}
 
     def put(self, channel: str, task: _Task | None) -> None:
-        self._lock.lock()
-        try:
+        with self._wake:
             old = self._tasks[channel]
             if old is not None:
                 self._replaced.append(old)
             self._tasks[channel] = task
-            self._wake.wakeAll()
-        finally:
-            self._lock.unlock()
+            self._wake.notify()
 
     def stop(self) -> None:
-        self._lock.lock()
-        self._stopping = True
-        self._wake.wakeAll()
-        self._lock.unlock()
+        with self._wake:
+            self._stopping = True
+            self._wake.notify()
 
     def run(self) -> None:
         while True:
@@ -158,26 +153,18 @@ class _Worker(QThread):
 
     def _next(self) -> tuple[str, _Task | None]:
         """The most urgent task, waiting for one; None to end. Replaced generators are closed here, in the thread that runs them."""
-        self._lock.lock()
-        try:
+        with self._wake:
             while True:
                 replaced, self._replaced = self._replaced, []
-                ending = [*replaced, *self._tasks.values()] if self._stopping else replaced
-                for old in ending:
-                    self._close(old)
+                for old in [*replaced, *self._tasks.values()] if self._stopping else replaced:
+                    if old is not None and old.steps is not None:
+                        old.steps.close()
                 if self._stopping:
                     return "", None
                 for channel, task in self._tasks.items():
                     if task is not None:
                         return channel, task
-                self._wake.wait(self._lock)
-        finally:
-            self._lock.unlock()
-
-    @staticmethod
-    def _close(task: _Task | None) -> None:
-        if task is not None and task.steps is not None:
-            task.steps.close()
+                self._wake.wait()
 
     def _step(self, channel: str, task: _Task) -> None:
         try:
@@ -199,8 +186,7 @@ class _Worker(QThread):
             self._finish(channel, task, "failed", f"The program made a mistake ({type(error).__name__}: {error}); the log has the details.")
 
     def _finish(self, channel: str, task: _Task, kind: str, payload: object) -> None:
-        self._lock.lock()
-        if self._tasks[channel] is task:
-            self._tasks[channel] = None
-        self._lock.unlock()
+        with self._wake:
+            if self._tasks[channel] is task:
+                self._tasks[channel] = None
         self.reported.emit(channel, task.serial, kind, payload)

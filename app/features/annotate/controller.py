@@ -45,7 +45,8 @@ class Annotator(QObject):
         state.classes_changed.connect(self._show_classes)
         state.tool.changed.connect(self._show_tool)
         state.tool.active_changed.connect(self._active_changed)
-        self.session.opened.connect(self._opened)
+        self.session.opened.connect(self._show_classes)
+        self.session.opened.connect(self._frame_changed)
         self.session.frame_changed.connect(lambda frame: self._frame_changed())
         viewer.shown.connect(self._shown)
         self.shell.ticked.connect(state.write_stroke)
@@ -67,10 +68,6 @@ class Annotator(QObject):
         self._frame_changed()
         self.viewer.request()
         self.shell.refresh()
-
-    def _opened(self) -> None:
-        self._show_classes()
-        self._frame_changed()
 
     # The panel
 

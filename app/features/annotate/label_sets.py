@@ -85,8 +85,7 @@ def masks_of_run(scene: Scene, prompts: PromptSet) -> MapSet:
     def read(frame: int) -> np.ndarray:
         return decode_frame(scene, asked, frame).labels
 
-    names = tuple(f"{index:06d}" for index in range(scene.frames))
-    return MapSet(named_classes(classes), (height, width), names, tuple(range(scene.frames)), read)
+    return MapSet(named_classes(classes), (height, width), names_of(None, scene.frames), tuple(range(scene.frames)), read)
 
 
 def write_labels(name: str, maps: MapSet, out: Path) -> Steps[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import log2
 
 from PySide6.QtCore import Qt, Signal
@@ -18,11 +19,11 @@ from PySide6.QtWidgets import (
     QPushButton,
     QSlider,
     QToolButton,
-    QVBoxLayout,
     QWidget,
 )
 
 from degense.app.features.annotate.class_list import ClassList
+from degense.widgets import forms
 from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 
 #: Steps of the size slider an octave of the radius.
@@ -55,16 +56,15 @@ class AnnotationPanel(QWidget):
         self._buttons: dict[str, QPushButton] = {}
         self._tool_row = QGridLayout()
         self._tool_row.setSpacing(4)
-        self._slider = QSlider(Qt.Orientation.Horizontal, self)
+        self._slider = QSlider(Qt.Orientation.Horizontal)
         self._slider.setAccessibleName("Size of the brush")
         self._slider.setToolTip("Size of the brush; keys [ and ]")
         self._slider.setRange(0, 8 * OCTAVE - 8)
         self._slider.valueChanged.connect(lambda step: self.radius_chosen.emit(SMALLEST * 2 ** (step / OCTAVE)))
         keep_keys(self._slider, ARROWS)
-        self._size = QLabel(self)
+        self._size = QLabel()
         self._size.setMinimumWidth(self.fontMetrics().horizontalAdvance("200 px "))
-        self._new = QLineEdit(self)
-        self._new.setPlaceholderText("Another class…")
+        self._new = QLineEdit(placeholderText="Another class…")
         self._new.setAccessibleName("Name of another class")
         self._new.returnPressed.connect(self._add_class)
         keep_keys(self._new, TYPING)
@@ -72,50 +72,35 @@ class AnnotationPanel(QWidget):
         self._lock.activated.connect(lambda row: self.lock_chosen.emit(self._lock.itemData(row)))
         self._status = self._combo("How far the review of this frame is")
         self._status.activated.connect(lambda row: self.status_chosen.emit(self._status.itemText(row)))
-        self._frame = QLabel(self)
-        self._frame.setWordWrap(True)
-        self._all = QLabel(self)
-        self._all.setObjectName("secondary")
-        self._all.setWordWrap(True)
-        self._progress = QProgressBar(self)
-        self._progress.setAccessibleName("Progress")
-        self._progress.setTextVisible(False)
+        self._frame, self._all = forms.label(), forms.label(secondary=True)
+        self._progress = QProgressBar(textVisible=False)
         self._progress.setMaximumHeight(8)
+        self._progress.setAccessibleName("Progress")
         self._progress.hide()
-        self._lay_out()
-
-    def _lay_out(self) -> None:
-        column = QVBoxLayout(self)
-        column.setContentsMargins(8, 6, 8, 6)
-        column.setSpacing(6)
-        column.addLayout(self._tool_row)
-        column.addLayout(_row(QLabel("Size", self), self._slider, self._size, wide=1))
-        column.addWidget(self.classes, 1)
-        column.addWidget(self._new)
-        column.addLayout(_row(QLabel("Only inside", self), self._lock, wide=1))
-        column.addLayout(self._button_row(holes="Fill holes", largest="Largest", prompt="From prompt"))
-        column.addLayout(_row(self._frame, self._status, wide=0))
-        column.addLayout(self._button_row(accept="Accept", reject="Reject", next="Next flagged"))
-        column.addWidget(self._all)
-        column.addLayout(self._button_row(propagate="Propagate to all frames", stop="Stop"))
-        column.addWidget(self._progress)
-        column.addLayout(self._button_row(accept_all="Accept all", reject_all="Reject all", teach="Train…"))
+        forms.column(
+            self._tool_row,
+            forms.row(QLabel("Size"), (self._slider, 1), self._size),
+            (self.classes, 1),
+            self._new,
+            forms.row(QLabel("Only inside"), (self._lock, 1)),
+            self._button_row(holes="Fill holes", largest="Largest", prompt="From prompt"),
+            forms.row((self._frame, 1), self._status),
+            self._button_row(accept="Accept", reject="Reject", next="Next flagged"),
+            self._all,
+            self._button_row(propagate="Propagate to all frames", stop="Stop"),
+            self._progress,
+            self._button_row(accept_all="Accept all", reject_all="Reject all", teach="Train…"),
+            parent=self,
+        ).setContentsMargins(8, 6, 8, 6)
 
     def _button_row(self, **buttons: str) -> QHBoxLayout:
         """Buttons for actions of this feature: their names and what stands on them."""
-        row = QHBoxLayout()
-        row.setSpacing(4)
-        for name, text in buttons.items():
-            action, button = f"annotate.{name.replace('_', '-')}", QPushButton(text, self)
-            button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-            button.clicked.connect(lambda _checked=False, action=action: self.asked.emit(action))
-            keep_keys(button, PRESS)
-            self._buttons[action] = button
-            row.addWidget(button)
-        return row
+        made = {f"annotate.{name.replace('_', '-')}": text for name, text in buttons.items()}
+        self._buttons |= {action: forms.button(text, partial(self.asked.emit, action)) for action, text in made.items()}
+        return forms.row(*(self._buttons[action] for action in made), spacing=4)
 
     def _combo(self, tip: str) -> QComboBox:
-        box = QComboBox(self)
+        box = QComboBox()
         box.setToolTip(tip)
         box.setAccessibleName(tip)
         box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
@@ -128,14 +113,13 @@ class AnnotationPanel(QWidget):
     def set_tools(self, tools: Sequence[tuple[str, str, str]]) -> None:
         """Offer tools: (name, title, description)."""
         for index, (name, title, description) in enumerate(tools):
-            button = QToolButton(self)
+            button = QToolButton()
             button.setText(title)
             button.setToolTip(description)
             button.setAccessibleName(title)
-            button.setCheckable(True)
-            button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-            button.setSizePolicy(self.sizePolicy().Policy.Expanding, self.sizePolicy().Policy.Fixed)
             button.setObjectName(name)
+            button.setCheckable(True)
+            button.setSizePolicy(self.sizePolicy().Policy.Expanding, self.sizePolicy().Policy.Fixed)
             button.clicked.connect(lambda _checked=False, name=name: self.tool_chosen.emit(name))
             keep_keys(button, PRESS)
             self._tools.addButton(button)
@@ -203,11 +187,3 @@ class AnnotationPanel(QWidget):
         if name:
             self._new.clear()
             self.class_added.emit(name)
-
-
-def _row(*widgets: QWidget, wide: int) -> QHBoxLayout:
-    """Widgets side by side; the one at index `wide` takes the room that is left."""
-    row = QHBoxLayout()
-    for index, widget in enumerate(widgets):
-        row.addWidget(widget, int(index == wide))
-    return row

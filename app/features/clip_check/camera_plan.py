@@ -59,11 +59,11 @@ def path_plan(clip: Clip, frame: int) -> tuple[np.ndarray, Legend]:
         return sheet.rgb, ((words, UNKNOWN), tissue, sheet.bar(clip.unit))
     length = float(np.linalg.norm(np.diff([_place(camera) for camera in cameras], axis=0), axis=1).sum())
     turn = max(_turn(first, camera) for camera in cameras)
-    if sheet.pixels(length) < STILL and turn < STILL:
+    if length * sheet.scale < STILL and turn < STILL:
         return sheet.rgb, (("the camera stands still", VIEW), tissue, sheet.bar(clip.unit))
     path = _above(first, np.stack([_place(camera) for camera in cameras]))
     enlarged: Legend = ()
-    if sheet.pixels(float(np.ptp(path, axis=0).max())) < INSET / 2:
+    if float(np.ptp(path, axis=0).max()) * sheet.scale < INSET / 2:
         inset = _Sheet(path, INSET, INSET, foot=0)
         _draw_path(inset, cameras, path)
         times = sheet.insert(inset)
@@ -153,10 +153,6 @@ class _Sheet:
         room = np.array([width, height - foot]) - 2 * MARGIN
         self.scale = float((room / np.maximum(high - low, 1e-9)).min())
         self._middle, self._centre = 0.5 * (low + high), [width / 2, (height - foot) / 2]
-
-    def pixels(self, length: float) -> float:
-        """How long a length is on the sheet."""
-        return length * self.scale
 
     def fill(self, corners: np.ndarray, colour: Colour) -> None:
         """A faint area."""

@@ -79,7 +79,7 @@ class CheckDialog(QDialog):
             "stride": forms.number("Each so manyth frame", 1),
             "max_frames": forms.number("Most frames", 1),
             "mask_means": forms.choice("Masks", MASK_WORDS),
-            "focal": _focal_length(),
+            "focal": forms.decimal("Focal length", 0, 100_000, 1, " px", "as detected"),
             "poses": forms.choice("Camera", POSE_WORDS),
             "pose_axes": forms.choice("Axes of the poses", AXES_WORDS),
         }
@@ -127,21 +127,18 @@ class CheckDialog(QDialog):
         self._section(form, "Depth", "depth", ())
         self._section(form, "Annotations", "labels", ())
         form.addStretch(1)
-        area = QScrollArea()
-        area.setWidget(inside)
-        area.setWidgetResizable(True)
+        area = QScrollArea(widgetResizable=True)
         area.setFrameShape(QFrame.Shape.NoFrame)
+        area.setWidget(inside)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setFixedWidth(410)
         forms.column((forms.row((left, 1), area), 1), self.complaint, self.buttons, margin=9, parent=self)
 
     def _section(self, column: QVBoxLayout, title: str, aspect: str, rows: tuple[tuple[str, str], ...]) -> None:
-        head = QLabel(f"<b>{title}</b>")
-        found = forms.label(name=f"{title}: what was found", secondary=True)
+        self.found[aspect] = forms.label(name=f"{title}: what was found", secondary=True)
         column.addSpacing(8)
-        column.addWidget(head)
-        column.addWidget(found)
-        self.found[aspect] = found
+        column.addWidget(QLabel(f"<b>{title}</b>"))
+        column.addWidget(self.found[aspect])
         form = QFormLayout()
         form.setContentsMargins(0, 2, 0, 2)
         for words, name in rows:
@@ -238,13 +235,3 @@ def _value(control: QComboBox | QSpinBox | QDoubleSpinBox) -> Any:
     if isinstance(control, QComboBox):
         return control.currentData()
     return control.value() or None if isinstance(control, QDoubleSpinBox) else control.value()
-
-
-def _focal_length() -> QDoubleSpinBox:
-    box = QDoubleSpinBox()
-    box.setAccessibleName("Focal length")
-    box.setRange(0, 100_000)
-    box.setDecimals(1)
-    box.setSuffix(" px")
-    box.setSpecialValueText("as detected")
-    return box

@@ -35,7 +35,7 @@ class Autosave(QObject):
         session.store.trouble.connect(shell.show_error)
         shell.ticked.connect(self.tick)
         shell.may_close.append(self.may_leave)
-        shell.closed.connect(self._closed)
+        shell.closed.connect(lambda: self.settings.update(open_run=""))  # the window closes, and all is well
 
     # Saving
 
@@ -85,10 +85,6 @@ class Autosave(QObject):
         due = self._dirty_since is not None and minutes and time.monotonic() - self._dirty_since >= 60 * minutes
         if due and QApplication.mouseButtons() == Qt.MouseButton.NoButton:
             self.save()
-
-    def _closed(self) -> None:
-        """The window closes, and all is well."""
-        self.settings.update(open_run="")
 
     def _dirty_changed(self, dirty: bool) -> None:
         self._dirty_since = time.monotonic() if dirty else None

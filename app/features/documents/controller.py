@@ -79,7 +79,6 @@ class Documents(QObject):
         """Open a run folder or a clip. `options` are `ClipOptions` that the user gave."""
         if not self.autosave.may_leave(lambda: self.open_path(path, options)):
             return
-        self.shell.set_busy(f"Opening {path.name}")
         self.loading.emit(path.name)
         if (path / "run.json").is_file():
             self._load(path, lambda: _open_run(path), lambda scene: self._show_scene(path, scene))
@@ -88,18 +87,12 @@ class Documents(QObject):
             self._load(path, lambda: _open_clip(path, given), lambda clip: self._show_clip(path, clip, given))
 
     def _load(self, path: Path, job: Callable[[], Any], show: Callable[[Any], None]) -> None:
-        def done(result: Any) -> None:
-            self.shell.set_busy()
-            self.shell.attempt(lambda: show(result))
-
         def failed(message: str) -> None:
-            self.shell.set_busy()
             if not path.exists():
                 self.settings.store(self.settings.value.forgotten(str(path)))
-            self.shell.show_error(message)
             self.failed.emit(message)
 
-        self.shell.submit("open", job, done, failed)
+        self.shell.run_task("open", f"Opening {path.name}", job, show, failed)
 
     def _show_scene(self, path: Path, scene: Scene) -> None:
         self.clip_options = dict(scene.clip.options) if scene.clip else {}
@@ -119,7 +112,8 @@ class Documents(QObject):
 
     def _open_session(self, path: Path, open_it: Callable[[bool], None], options: dict[str, Any]) -> bool:
         """Open what was loaded with the session that was saved; whether it is open. A damaged session file is asked about."""
-        self._remember(path)
+        if not is_demo(path):
+            self.settings.store(self.settings.value.opened(path))
         try:
             open_it(not is_demo(path))
         except DamagedSession as error:
@@ -127,10 +121,6 @@ class Documents(QObject):
             self.autosave.offer_backups(error, lambda: self.open_path(path, options))
             return False
         return True
-
-    def _remember(self, path: Path) -> None:
-        if not is_demo(path):
-            self.settings.store(self.settings.value.opened(path))
 
 
 def _open_run(path: Path) -> Scene:
@@ -156,11 +146,11 @@ def clip_facts(clip: Clip) -> list[tuple[str, str]]:
 
 def run_facts(scene: Scene) -> list[tuple[str, str]]:
     """What the run folder records."""
-    info, width_height = scene.run.info, scene.clip_size
+    info, (width, height) = scene.run.info, scene.clip_size
     rows = [
         ("run", scene.name),
         ("clip", str(info["clip"].get("path", ""))),
-        ("length", f"{scene.frames} frames, {width_height[0]} × {width_height[1]}"),
+        ("length", f"{scene.frames} frames, {width} × {height}"),
         ("Gaussians", f"{info.get('gaussians', 0):,}"),
         ("trained", f"{info['config']['preset']}, {info['config']['routing']} routing, {info.get('train_seconds', 0):.0f} s"),
         ("teacher", f"{info['teacher']['name']}: {info['teacher']['provenance']}"),

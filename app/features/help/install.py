@@ -2,11 +2,43 @@
 
 from __future__ import annotations
 
-from degense.app.features.help.log_view import LogView
+import logging
+
+from PySide6.QtCore import Signal, SignalInstance
+from PySide6.QtWidgets import QPlainTextEdit
+
 from degense.app.shell.actions import Action
 from degense.app.shell.messages import show_about, show_cheat_sheet, show_text
 from degense.app.shell.palette import Palette
 from degense.app.shell.shell import Shell
+
+
+class LogView(QPlainTextEdit):
+    """What the program did: log records from all threads. Connected while it is open: `attach` and `detach`."""
+
+    line = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__(readOnly=True, maximumBlockCount=2000)
+        self.setAccessibleName("Log")
+        self.line.connect(self.appendPlainText)
+        self._handler = _Handler(self.line)
+
+    def attach(self) -> None:
+        logging.getLogger().addHandler(self._handler)
+
+    def detach(self) -> None:
+        logging.getLogger().removeHandler(self._handler)
+
+
+class _Handler(logging.Handler):
+    def __init__(self, line: SignalInstance) -> None:
+        super().__init__(logging.INFO)
+        self.setFormatter(logging.Formatter("%(asctime)s  %(levelname)-7s %(message)s", "%H:%M:%S"))
+        self._line = line
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._line.emit(self.format(record))
 
 
 def install(shell: Shell) -> None:

@@ -6,22 +6,12 @@ import logging
 from typing import Any
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtWidgets import (
-    QApplication,
-    QComboBox,
-    QDialog,
-    QDialogButtonBox,
-    QDoubleSpinBox,
-    QFormLayout,
-    QLabel,
-    QTabWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QApplication, QComboBox, QDialog, QDialogButtonBox, QFormLayout, QLabel, QTabWidget, QWidget
 
 from degense.app.features.preferences.shortcut_table import ShortcutTable
 from degense.app.shell.settings import LIMITS, Theme, log_file
 from degense.app.shell.shell import Shell
+from degense.widgets import forms
 from degense.widgets.theme import apply_theme
 
 log = logging.getLogger(__name__)
@@ -107,8 +97,10 @@ class PreferencesDialog(QDialog):
         for name, words in THEME_WORDS:
             self.theme.addItem(words, name)
         self.theme.setCurrentIndex([name for name, _ in THEME_WORDS].index(settings.theme))
-        self.autosave = _number("Autosave", "autosave", settings.autosave, " min", "only when asked", 0.5)
-        self.undo = _number("Undo memory", "undo_memory", settings.undo_memory, " MB", "", 64)
+        self.autosave = forms.decimal("Autosave", *LIMITS["autosave"], 0.5, " min", "only when asked")
+        self.undo = forms.decimal("Undo memory", *LIMITS["undo_memory"], 64, " MB", decimals=0)
+        self.autosave.setValue(settings.autosave)
+        self.undo.setValue(settings.undo_memory)
         self.shortcuts = ShortcutTable(preferences.registry)
         page = QWidget()
         form = QFormLayout(page)
@@ -118,11 +110,7 @@ class PreferencesDialog(QDialog):
             ("Autosave", self.autosave, "How long after a change it is saved. A journal keeps every change in between, also over a crash."),
             ("Undo memory", self.undo, "What undo may hold; beyond it the oldest steps are forgotten."),
         ):
-            both = QVBoxLayout()
-            both.setSpacing(3)
-            both.addWidget(control)
-            both.addWidget(_secondary(words))
-            form.addRow(title, both)
+            form.addRow(title, forms.column(control, forms.label(words, secondary=True), margin=0, spacing=3))
         form.addRow("Settings", _path(str(preferences.settings.path)))
         form.addRow("Log", _path(str(log_file())))
         tabs = QTabWidget()
@@ -133,35 +121,14 @@ class PreferencesDialog(QDialog):
         self.tabs = tabs
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         buttons.rejected.connect(self.reject)
-        column = QVBoxLayout(self)
-        column.addWidget(tabs, 1)
-        column.addWidget(buttons)
+        forms.column((tabs, 1), buttons, margin=11, parent=self)
         self.theme.currentIndexChanged.connect(lambda: preferences.set_theme(self.theme.currentData()))
         self.autosave.valueChanged.connect(preferences.set_autosave)
         self.undo.valueChanged.connect(preferences.set_undo_memory)
         self.shortcuts.changed.connect(preferences.keep_shortcuts)
 
 
-def _number(name: str, key: str, value: float, suffix: str, none: str, step: float) -> QDoubleSpinBox:
-    box = QDoubleSpinBox()
-    box.setAccessibleName(name)
-    box.setRange(*LIMITS[key])
-    box.setDecimals(1 if step < 1 else 0)
-    box.setSingleStep(step)
-    box.setSuffix(suffix)
-    box.setSpecialValueText(none)
-    box.setValue(value)
-    return box
-
-
-def _secondary(words: str) -> QLabel:
-    label = QLabel(words)
-    label.setObjectName("secondary")
-    label.setWordWrap(True)
-    return label
-
-
 def _path(text: str) -> QLabel:
-    label = _secondary(text)
+    label = forms.label(text, secondary=True)
     label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
     return label

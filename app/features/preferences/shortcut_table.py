@@ -4,21 +4,10 @@ from __future__ import annotations
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QKeySequence
-from PySide6.QtWidgets import (
-    QHBoxLayout,
-    QHeaderView,
-    QKeySequenceEdit,
-    QLabel,
-    QLineEdit,
-    QPushButton,
-    QTableWidget,
-    QTableWidgetItem,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QHeaderView, QKeySequenceEdit, QPushButton, QTableWidget, QWidget
 
 from degense.app.shell.actions import ActionRegistry
-from degense.widgets.theme import error_colour
+from degense.widgets import forms
 
 
 class ShortcutTable(QWidget):
@@ -36,9 +25,6 @@ class ShortcutTable(QWidget):
         super().__init__(parent)
         self.setAccessibleName("Shortcuts")
         self._registry, self._ids = registry, [action.id for action in registry]
-        self.search = QLineEdit(placeholderText="Find an action or a key")
-        self.search.setAccessibleName("Find an action or a key")
-        self.search.setClearButtonEnabled(True)
         self.table = QTableWidget(len(self._ids), 2)
         self.table.setAccessibleName("Actions and their keys")
         self.table.setHorizontalHeaderLabels(["Action", "Keys"])
@@ -48,27 +34,15 @@ class ShortcutTable(QWidget):
         self.table.setSelectionMode(QTableWidget.SelectionMode.SingleSelection)
         self.table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         self.table.setColumnWidth(1, 190)
+        self.search = forms.search(self.table, (0, 1), "Find an action or a key")
         self.keys = QKeySequenceEdit()
         self.keys.setAccessibleName("New keys")
         self.keys.setMaximumSequenceLength(1)
         self.set, self.none, self.default = QPushButton("Set"), QPushButton("No keys"), QPushButton("Default")
         self.all_defaults = QPushButton("All defaults")
-        self.complaint = QLabel()
-        self.complaint.setAccessibleName("What is wrong")
-        self.complaint.setWordWrap(True)
-        colours = self.complaint.palette()
-        colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
-        self.complaint.setPalette(colours)
-        row = QHBoxLayout()
-        row.addWidget(self.keys, 1)
-        for button in (self.set, self.none, self.default, self.all_defaults):
-            row.addWidget(button)
-        column = QVBoxLayout(self)
-        column.addWidget(self.search)
-        column.addWidget(self.table, 1)
-        column.addLayout(row)
-        column.addWidget(self.complaint)
-        self.search.textChanged.connect(self._filter)
+        self.complaint = forms.complaint()
+        row = forms.row((self.keys, 1), self.set, self.none, self.default, self.all_defaults)
+        forms.column(self.search, (self.table, 1), row, self.complaint, margin=9, parent=self)
         self.table.itemSelectionChanged.connect(self._chosen)
         self.set.clicked.connect(self._set)
         self.none.clicked.connect(lambda: self._give(()))
@@ -94,14 +68,7 @@ class ShortcutTable(QWidget):
             action = self._registry[action_id]
             place = " ▸ ".join((*action.menu, action.title))
             for column, text in enumerate((place, ", ".join(self._registry.keys(action_id)))):
-                item = self.table.item(row, column)
-                if item is None:
-                    item = QTableWidgetItem()
-                    self.table.setItem(row, column, item)
-                item.setText(text)
-                font = item.font()
-                font.setBold(action_id in changed)
-                item.setFont(font)
+                forms.write(self.table, row, column, text, action_id in changed)
 
     def _chosen(self) -> None:
         keys = self._registry.keys(self._id())
@@ -132,9 +99,3 @@ class ShortcutTable(QWidget):
         self.complaint.setText(" ".join(self._registry.rebind(given)))
         self._fill()
         self.changed.emit()
-
-    def _filter(self, text: str) -> None:
-        words = text.casefold().split()
-        for row in range(len(self._ids)):
-            said = " ".join(str(self.table.model().index(row, column).data()) for column in (0, 1)).casefold()
-            self.table.setRowHidden(row, not all(word in said for word in words))

@@ -9,15 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QProcess, Qt
-from PySide6.QtWidgets import (
-    QDialog,
-    QDialogButtonBox,
-    QFileDialog,
-    QHeaderView,
-    QPushButton,
-    QTableWidgetItem,
-    QWidget,
-)
+from PySide6.QtWidgets import QDialog, QDialogButtonBox, QFileDialog, QHeaderView, QPushButton, QTableWidgetItem, QWidget
 
 from degense.app.features.documents.controller import Documents
 from degense.app.features.runs.run_summaries import SCORES, RunSummary, list_runs, training_answers
@@ -81,21 +73,17 @@ class RunsDialog(QDialog):
         self.table.sortByColumn(len(COLUMNS) - 1, Qt.SortOrder.DescendingOrder)
         self.table.itemSelectionChanged.connect(self._enable)
         self.table.itemDoubleClicked.connect(lambda item: self._open())
-        self.open_button, self.score_button, self.resume_button, self.reuse_button = (
-            QPushButton(text) for text in ("Open", "Score", "Resume", "Train again like this…")
-        )
+        self.open_button, self.resume_button = QPushButton("Open"), QPushButton("Resume")
+        self.score_button, self.reuse_button = QPushButton("Score"), QPushButton("Train again like this…")
         self.score_button.setToolTip("Compare it with its held-out frames; takes up to a few minutes")
         self.reuse_button.setToolTip("The training dialog with the settings of this run, for the clip that is open")
+        self.open_button.clicked.connect(self._open)
+        self.score_button.clicked.connect(lambda: runs.score(self._chosen()))
+        self.resume_button.clicked.connect(self._resume)
+        self.reuse_button.clicked.connect(self._reuse)
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
-        actions: tuple[tuple[QPushButton, Callable[[], object]], ...] = (
-            (self.open_button, self._open),
-            (self.score_button, lambda: runs.score(self._chosen())),
-            (self.resume_button, self._resume),
-            (self.reuse_button, self._reuse),
-        )
-        for button, action in actions:
+        for button in (self.open_button, self.score_button, self.resume_button, self.reuse_button):
             buttons.addButton(button, QDialogButtonBox.ButtonRole.ActionRole)
-            button.clicked.connect(action)
         buttons.rejected.connect(self.reject)
         forms.column(top, (self.table, 1), buttons, margin=9, parent=self)
         self.refresh()
@@ -149,7 +137,7 @@ class RunsDialog(QDialog):
         self.score_button.setEnabled(finished and not self._runs.scoring)
         self.score_button.setText("Scoring…" if self._runs.scoring else "Score")
         self.resume_button.setEnabled(run is not None and run.resumable and not self._runs.busy_with(run.path))
-        self.reuse_button.setEnabled(run is not None and run.state != "damaged" and self._runs.has_clip)
+        self.reuse_button.setEnabled(run is not None and run.state != "damaged" and self._runs.session.clip is not None)
 
     def _open(self) -> None:
         if self._chosen().state == "finished":
@@ -191,15 +179,9 @@ class Runs(QObject):
     def scoring(self) -> bool:
         return self._process is not None
 
-    @property
-    def has_clip(self) -> bool:
-        return self.session.clip is not None
-
     def busy_with(self, run: Path) -> bool:
         """Whether a run is being trained, or waits for it."""
-        queue = self.training.queue
-        jobs = [job for job in (queue.running, queue.paused, *queue.waiting) if job is not None]
-        return any(job.out.resolve() == run.resolve() for job in jobs)
+        return any(job.out.resolve() == run.resolve() for job in self.training.queue.jobs)
 
     def reuse(self, run: Path) -> bool:
         """Show the training dialog with the settings of a run; whether it could be."""

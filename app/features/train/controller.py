@@ -75,7 +75,6 @@ class Training(QObject):
         settings = self.shell.settings
         busy = self.running or self.queue.paused is not None
         dialog = TrainDialog(clip, answers, settings.value.training, busy, self.shell)
-        dialog.setObjectName("train")
 
         def start() -> None:
             job = dialog.job()
@@ -83,7 +82,6 @@ class Training(QObject):
             self.start(job)
 
         dialog.accepted.connect(start)
-        dialog.finished.connect(dialog.deleteLater)
         dialog.open()
 
     def ask_to_resume(self) -> None:
@@ -94,25 +92,24 @@ class Training(QObject):
     def resume(self, run: Path) -> None:
         from degense.engine.store import Run
 
-        try:
-            info = Run.open(run).info
-        except DegenseError as error:
-            self.shell.show_error(str(error))
-            return
-        given = info["clip"].get("options") or {}
-        options = {name: given[name] for name in CLIP_OPTIONS if name in given}
-        self.start(TrainingJob(clip=(run / str(info["clip"]["path"])).resolve(), out=run, resume=True, **options))
+        def start() -> None:
+            clip = Run.open(run).info["clip"]
+            given = clip.get("options") or {}
+            options = {name: given[name] for name in CLIP_OPTIONS if name in given}
+            self.start(TrainingJob(clip=(run / str(clip["path"])).resolve(), out=run, resume=True, **options))
+
+        self.shell.attempt(start)
 
     def start(self, job: TrainingJob) -> None:
         """Train as soon as it is this job's turn."""
-        try:
+
+        def add() -> None:
             self.queue.add(job)
-        except DegenseError as error:
-            self.shell.show_error(str(error))
-            return
-        if self.running or self.queue.paused is not None:
-            self.shell.say(f"{job.out.name} waits for its turn.")
-        self._next()
+            if self.running or self.queue.paused is not None:
+                self.shell.say(f"{job.out.name} waits for its turn.")
+            self._next()
+
+        self.shell.attempt(add)
 
     def pause(self) -> None:
         """Let the training save, and leave the machine to others until `go_on`."""

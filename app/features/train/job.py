@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 #: Answers about the clip (`engine.data.readers.ClipOptions`), not about the training: they are never reused for another clip.
 CLIP_OPTIONS = tuple(item.name for item in fields(ClipOptions))
 OF_THE_CLIP = ("clip", "out", "resume", *CLIP_OPTIONS)
+#: The answers that are reused for another clip, by the kind of their values; besides them `settings`.
+ANSWERS = {str: ("preset", "routing", "teacher", "device"), int: ("iterations", "max_gaussians", "seed"), bool: ("fit",)}
 #: Settings with an option of their own, or that are none.
 NAMED = ("preset", "routing", "iterations", "max_gaussians", "device", "seed", "fit", "given")
 #: Options of `degense train` that take a value and whose name is the field's.
@@ -85,13 +87,7 @@ class TrainingJob:
 
     @staticmethod
     def from_json(data: Any) -> TrainingJob:
-        """The job that `to_json` wrote.
-
-        Raises
-        ------
-        DegenseError
-            When it is none.
-        """
+        """The job that `to_json` wrote. DegenseError when it is none."""
         kinds = get_type_hints(TrainingJob)
         try:
             values = {**data, "clip": Path(data["clip"]), "out": Path(data["out"])}
@@ -110,16 +106,7 @@ class TrainingJob:
 
     def with_answers(self, answers: dict[str, Any]) -> TrainingJob:
         """This job with the answers of an earlier one. Those that are no answers (of another version) are left out."""
-        kinds = {
-            "preset": str,
-            "routing": str,
-            "teacher": str,
-            "iterations": int,
-            "max_gaussians": int,
-            "device": str,
-            "seed": int,
-            "fit": bool,
-        }
+        kinds = {name: kind for kind, names in ANSWERS.items() for name in names}
         known: dict[str, Any] = {name: value for name, value in answers.items() if name in kinds and type(value) is kinds[name]}
         settings = answers.get("settings", ())
         if isinstance(settings, list | tuple) and all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in settings):
@@ -135,10 +122,7 @@ class TrainingJob:
 def parse_settings(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
     """Values of `TrainConfig` from names, of today or of an earlier version, and JSON texts.
 
-    Raises
-    ------
-    DegenseError
-        When there is no such setting, or the value is of another kind.
+    DegenseError when there is no such setting, or the value is of another kind.
     """
     from degense.engine.store.migrations import SETTINGS
     from degense.engine.training import TrainConfig

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QGridLayout, QProgressBar, QSplitter, QWidget
+from PySide6.QtWidgets import QComboBox, QGridLayout, QListWidget, QProgressBar, QSplitter, QWidget
 
-from degense.app.features.train.queue_list import RunQueue
 from degense.engine.events import TrainingProgress
 from degense.widgets import forms
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.keys import ARROWS, keep_keys
 from degense.widgets.theme import error_colour
 
 COMPARES = (("wipe", "Wipe: model | recorded"), ("off", "Model"), ("blink", "Blink"), ("difference", "Difference"))
@@ -30,6 +32,49 @@ def duration(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
+class RunQueue(QWidget):
+    """The trainings that wait, the next one first. It asks for changes and shows what it is given.
+
+    Signals
+    -------
+    removed(row), raised(row)
+        Take a training out of the queue; let it come earlier.
+    """
+
+    removed = Signal(int)
+    raised = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAccessibleName("Waiting trainings")
+        self.list = QListWidget()
+        self.list.setAccessibleName("Waiting trainings, the next one first")
+        self.list.currentRowChanged.connect(lambda row: self._enable())
+        keep_keys(self.list, ARROWS)
+        self.earlier = forms.button("Earlier", lambda: self.raised.emit(self.list.currentRow()), "Start it before the one above")
+        self.remove = forms.button("Remove", lambda: self.removed.emit(self.list.currentRow()), "Take it out of the queue")
+        buttons = forms.row(self.earlier, self.remove)
+        forms.column(forms.label("Waiting", secondary=True), (self.list, 1), buttons, margin=0, spacing=4, parent=self)
+        self.set_runs(())
+
+    def set_runs(self, names: Sequence[str]) -> None:
+        """Show these, and nothing at all when there are none."""
+        row = self.list.currentRow()
+        self.list.clear()
+        self.list.addItems(list(names))
+        self.list.setCurrentRow(min(max(0, row), len(names) - 1))
+        self.setVisible(bool(names))
+        self._enable()
+
+    def names(self) -> list[str]:
+        return [self.list.item(row).text() for row in range(self.list.count())]
+
+    def _enable(self) -> None:
+        row = self.list.currentRow()
+        self.remove.setEnabled(row >= 0)
+        self.earlier.setEnabled(row > 0)
+
+
 class TrainingMonitor(QWidget):
     """Shows the progress it is given. The buttons only emit requests; the state changes when the end is reported."""
 
@@ -47,9 +92,8 @@ class TrainingMonitor(QWidget):
         font.setBold(True)
         self._heading.setFont(font)
         self._stage = forms.label("–", name="State")
-        self._bar = QProgressBar()
+        self._bar = QProgressBar(textVisible=True)
         self._bar.setAccessibleName("Progress")
-        self._bar.setTextVisible(True)
         self._cancel = forms.button("Cancel", self._ask_to_stop, "Stop training; the state so far is saved as a checkpoint")
         self._pause = forms.button("Pause", self._ask_to_pause)
         self._facts = {name: forms.label("–", name=name, wrap=False) for name in _FACTS}
@@ -80,8 +124,7 @@ class TrainingMonitor(QWidget):
             facts.addWidget(forms.label(name, secondary=True, wrap=False), row, column)
             facts.addWidget(value, row, column + 1)
             facts.setColumnStretch(column + 1, 1)
-        split = QSplitter(Qt.Orientation.Horizontal)
-        split.setChildrenCollapsible(False)
+        split = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         for part in (_stacked(self._plot, self._term), self._scores, _stacked(self._preview, self._compare), self.queue):
             split.addWidget(part)
         split.setSizes([300, 300, 300, 160])
@@ -162,20 +205,22 @@ class TrainingMonitor(QWidget):
         self._enter("finished", message)
 
     def fail(self, message: str) -> None:
-        self._stop_bar()
         self._enter("failed", message)
 
     def pause(self, message: str) -> None:
         """It has made room and can go on."""
-        self._stop_bar()
         self._enter("paused", message)
 
-    def cancelled(self, message: str = "") -> None:
-        self._stop_bar()
-        self._enter("cancelled", message or "Stopped")
+    def cancelled(self, message: str = "Stopped") -> None:
+        self._enter("cancelled", message)
 
     def _enter(self, state: str, message: str) -> None:
         self._state = state
+        if state in ("failed", "paused", "cancelled"):
+            self._facts["Time left"].setText("–")
+            if self._bar.maximum() == 0:
+                self._bar.setRange(0, 1)
+                self._bar.reset()
         self._stage.setText(f"⚠ {message}" if state == "failed" else message)
         colours = self.palette()
         if state == "failed":
@@ -198,12 +243,6 @@ class TrainingMonitor(QWidget):
         self.note("")
         for value in self._facts.values():
             value.setText("–")
-
-    def _stop_bar(self) -> None:
-        if self._bar.maximum() == 0:
-            self._bar.setRange(0, 1)
-            self._bar.reset()
-        self._facts["Time left"].setText("–")
 
     def _ask_to_stop(self) -> None:
         self._cancel.setEnabled(False)

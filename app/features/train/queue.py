@@ -41,13 +41,7 @@ class TrainingQueue:
         self.changed.emit()
 
     def add(self, job: TrainingJob) -> None:
-        """Let a training wait for its turn.
-
-        Raises
-        ------
-        DegenseError
-            When another one here writes into the same folder.
-        """
+        """Let a training wait for its turn. DegenseError when another one here writes into the same folder."""
         if any(other.out.resolve() == job.out.resolve() for other in self.jobs):
             raise DegenseError(f"A training into {job.out} is in the queue already; choose another folder.")
         self._waiting.append(job)

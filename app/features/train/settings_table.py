@@ -6,11 +6,12 @@ import json
 from typing import Any
 
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHeaderView, QLineEdit, QTableWidget, QTableWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHeaderView, QTableWidget, QTableWidgetItem, QWidget
 
 from degense.app.features.train.job import NAMED
 from degense.app.features.train.settings_help import settings_of
 from degense.engine.training import TrainConfig
+from degense.widgets import forms
 
 
 class SettingsTable(QWidget):
@@ -27,10 +28,6 @@ class SettingsTable(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("All settings")
-        self.search = QLineEdit(placeholderText="Find a setting by its name or its words")
-        self.search.setAccessibleName("Find a setting")
-        self.search.setClearButtonEnabled(True)
-        self.search.textChanged.connect(self._filter)
         self.table = QTableWidget(0, 3)
         self.table.setAccessibleName("Settings, their values and what they do")
         self.table.setHorizontalHeaderLabels(["Setting", "Value", "What it does"])
@@ -42,10 +39,8 @@ class SettingsTable(QWidget):
         header.setSectionResizeMode(2, QHeaderView.ResizeMode.Stretch)
         header.resizeSection(1, 110)
         self.table.itemChanged.connect(self._edited)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self.search)
-        column.addWidget(self.table, 1)
+        self.search = forms.search(self.table, (0, 2), "Find a setting by its name or its words")
+        forms.column(self.search, (self.table, 1), margin=0, parent=self)
         self._typed: dict[str, str] = {}
 
     @property
@@ -67,14 +62,7 @@ class SettingsTable(QWidget):
             fixed = setting.name in NAMED
             text = _text(setting.value)
             for column, words in enumerate((setting.name, text, setting.words.replace("`", ""))):
-                item = self.table.item(row, column)
-                if item is None:
-                    item = QTableWidgetItem()
-                    self.table.setItem(row, column, item)
-                item.setText(words)
-                font = item.font()
-                font.setBold(setting.changed and column < 2)
-                item.setFont(font)
+                item = forms.write(self.table, row, column, words, setting.changed and column < 2)
                 flags = Qt.ItemFlag.ItemIsEnabled | Qt.ItemFlag.ItemIsSelectable
                 item.setFlags(flags | Qt.ItemFlag.ItemIsEditable if column == 1 and not fixed else flags)
                 if column == 1:
@@ -85,21 +73,12 @@ class SettingsTable(QWidget):
 
     def _edited(self, item: QTableWidgetItem) -> None:
         if item.column() == 1:
-            name, text = self._said(item.row(), 0), item.text().strip()
+            name, text = str(self.table.model().index(item.row(), 0).data()), item.text().strip()
             if text:
                 self._typed[name] = text
             else:
                 self._typed.pop(name, None)
             self.changed.emit()
-
-    def _filter(self, text: str) -> None:
-        words = text.casefold().split()
-        for row in range(self.table.rowCount()):
-            said = f"{self._said(row, 0)} {self._said(row, 2)}".casefold()
-            self.table.setRowHidden(row, not all(word in said for word in words))
-
-    def _said(self, row: int, column: int) -> str:
-        return str(self.table.model().index(row, column).data())
 
     def resizeEvent(self, event: Any) -> None:
         super().resizeEvent(event)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -23,13 +24,55 @@ from PySide6.QtWidgets import (
 from degense.app.features.train import settings_help as words
 from degense.app.features.train.job import TrainingJob
 from degense.app.features.train.settings_table import SettingsTable
-from degense.app.features.train.teacher_folder import TeacherFolder
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers import default_teacher, teacher_choices
 from degense.widgets import forms
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
+
+
+#: What the empty field says, for the teachers that have a folder.
+EMPTY = {"precomputed": "beside the clip", "vlm": "of the model"}
+
+
+class TeacherFolder(QWidget):
+    """A folder, typed or chosen, that follows the kind of teacher.
+
+    Signals
+    -------
+    changed()
+    """
+
+    changed = Signal()
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._kind = ""
+        self.line = QLineEdit()
+        self.line.setAccessibleName("Teacher's folder")
+        self.line.textChanged.connect(self.changed)
+        self.choose = QPushButton("Choose…")
+        self.choose.setAccessibleName("Choose the teacher's folder")
+        self.choose.clicked.connect(self._browse)
+        forms.row((self.line, 1), self.choose, parent=self)
+
+    def follow(self, kind: str) -> None:
+        """Show what a kind of teacher needs; most have no folder."""
+        self._kind = kind
+        self.line.setPlaceholderText(EMPTY.get(kind, "not needed"))
+        self.setEnabled(kind in EMPTY)
+
+    @property
+    def teacher(self) -> str:
+        """The teacher's name as the command line takes it."""
+        place = self.line.text().strip() if self._kind in EMPTY else ""
+        return f"{self._kind}:{place}" if place else self._kind
+
+    def _browse(self) -> None:
+        folder = QFileDialog.getExistingDirectory(self, "The teacher's folder", self.line.text())
+        if folder:
+            self.line.setText(folder)
 
 
 class TrainDialog(QDialog):
@@ -47,6 +90,8 @@ class TrainDialog(QDialog):
 
     def __init__(self, clip: Clip, answers: dict[str, Any], last: dict[str, Any], queued: bool, parent: QWidget) -> None:
         super().__init__(parent)
+        self.setObjectName("train")
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(f"Train {clip.name}")
         self.resize(880, 640)
         self._clip, self._answers = clip, answers
@@ -81,14 +126,11 @@ class TrainDialog(QDialog):
         tabs.setAccessibleName("Pages")
         forms.column((tabs, 1), self.cost, self.complaint, self.buttons, margin=9, parent=self)
         self.fill(last)
-        for box in (self.preset, self.routing, self.teacher, self.device, self.poses):
-            box.currentIndexChanged.connect(self._update)
-        self.folder.changed.connect(self._update)
-        for number in (self.iterations, self.gaussians, self.seed):
-            number.valueChanged.connect(self._update)
-        self.fit.toggled.connect(self._update)
-        self.out.textChanged.connect(self._update)
-        self.table.changed.connect(self._update)
+        boxes = (self.preset, self.routing, self.teacher, self.device, self.poses)
+        changes = [*(box.currentIndexChanged for box in boxes), self.folder.changed, self.fit.toggled, self.out.textChanged]
+        changes += [self.table.changed, *(number.valueChanged for number in (self.iterations, self.gaussians, self.seed))]
+        for changed in changes:
+            changed.connect(self._update)
         self._update()
 
     def job(self) -> TrainingJob:
