@@ -82,11 +82,10 @@ class InterruptWatch(QObject):
 
     def __init__(self, window: Shell) -> None:
         super().__init__(window)
-        self._ours, theirs = socket.socketpair()
-        for end in (self._ours, theirs):
+        self._ours, self._theirs = socket.socketpair()
+        for end in (self._ours, self._theirs):
             end.setblocking(False)
-        self._theirs = theirs
-        signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+        signal.set_wakeup_fd(self._theirs.fileno(), warn_on_full_buffer=False)
         signal.signal(signal.SIGINT, lambda number, frame: None)
         self._notifier = QSocketNotifier(self._ours.fileno(), QSocketNotifier.Type.Read, self)
         self._notifier.activated.connect(lambda: (self._ours.recv(64), window.close()))

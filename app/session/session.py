@@ -50,7 +50,7 @@ class Session:
         self.dirty_changed = self.store.dirty_changed
         self.view, self._cursor = ViewEditor(self.undo, lambda: self.scene), Cursor()
         self.view_state_changed = self.view.view_changed
-        self._playing = False
+        self.playing = False  # the window's timeline is the clock; it asks for the frames through `go_to`
         self.register(session_file.VIEW, self.view)
         self.register("place", self._cursor)
 
@@ -141,23 +141,18 @@ class Session:
         self.pause()
         self.go_to(self._cursor.frame + frames)
 
-    @property
-    def playing(self) -> bool:
-        """Whether the clip is played. The window's timeline is the clock; it asks for the frames through `go_to`."""
-        return self._playing
-
     def play(self) -> None:
-        if self.frames > 1 and not self._playing:
-            self._playing = True
+        if self.frames > 1 and not self.playing:
+            self.playing = True
             self.playing_changed.emit(True)
 
     def pause(self) -> None:
-        if self._playing:
-            self._playing = False
+        if self.playing:
+            self.playing = False
             self.playing_changed.emit(False)
 
     def toggle_playing(self) -> None:
-        self.pause() if self._playing else self.play()
+        self.pause() if self.playing else self.play()
 
     @property
     def view_state(self) -> ViewState:

@@ -49,10 +49,15 @@ class UndoStack:
     merge_seconds : float
         Pause after which an edit with the same key starts a new step.
 
+    Attributes
+    ----------
+    position : int
+        How many of the entries are done.
+
     Signals
     -------
     changed()
-        The entries or the cursor.
+        The entries or the position.
     """
 
     def __init__(
@@ -61,17 +66,12 @@ class UndoStack:
         self.changed: Signal[[]] = Signal()
         self._limit, self._memory, self._merge_seconds, self._clock = limit, memory, merge_seconds, clock
         self._edits: list[Edit] = []
-        self._cursor = 0
+        self.position = 0
 
     @property
     def entries(self) -> tuple[str, ...]:
         """The names of all edits, the oldest first; those from `position` on are undone."""
         return tuple(edit.name for edit in self._edits)
-
-    @property
-    def position(self) -> int:
-        """How many of the entries are done."""
-        return self._cursor
 
     @property
     def size(self) -> int:
@@ -86,12 +86,12 @@ class UndoStack:
     @property
     def undo_name(self) -> str | None:
         """What undo would take back; None when there is nothing."""
-        return self._edits[self._cursor - 1].name if self._cursor else None
+        return self._edits[self.position - 1].name if self.position else None
 
     @property
     def redo_name(self) -> str | None:
         """What redo would bring again; None when there is nothing."""
-        return self._edits[self._cursor].name if self._cursor < len(self._edits) else None
+        return self._edits[self.position].name if self.position < len(self._edits) else None
 
     def do(self, name: str, apply: Callable[[State], object], before: State, after: State, key: str | None = None, size: int = 0) -> None:
         """Apply a state and record the edit; nothing when it is the state before. `size` in bytes; see `Edit`."""
@@ -104,47 +104,45 @@ class UndoStack:
     ) -> None:
         """Record an edit that has been applied already (a stroke). What had been undone is forgotten."""
         now = self._clock()
-        del self._edits[self._cursor :]
+        del self._edits[self.position :]
         last = self._edits[-1] if self._edits else None
         if last and key is not None and (last.key, last.apply) == (key, apply) and now - last.made <= self._merge_seconds:
             self._edits[-1] = replace(last, name=name, after=after, size=max(last.size, size), made=now)
         else:
             self._edits.append(Edit(name, apply, before, after, key, size, now))
-        self._cursor = len(self._edits)
+        self.position = len(self._edits)
         self._forget()
         self.changed.emit()
 
     def _forget(self) -> None:
         """Let the oldest edits go until the rest fits. Edits that are undone stay: they are the newest."""
-        while len(self._edits) > self._limit or (self.size > self._memory and len(self._edits) > 1):
-            if not self._cursor:
-                break
+        while self.position and (len(self._edits) > self._limit or (self.size > self._memory and len(self._edits) > 1)):
             del self._edits[0]
-            self._cursor -= 1
+            self.position -= 1
 
     def undo(self) -> str | None:
         """Take the last edit back; its name, or None when there was none."""
         name = self.undo_name
-        self.go_to(self._cursor - 1)
+        self.go_to(self.position - 1)
         return name
 
     def redo(self) -> str | None:
         """Repeat the next undone edit; its name, or None when there was none."""
         name = self.redo_name
-        self.go_to(self._cursor + 1)
+        self.go_to(self.position + 1)
         return name
 
     def go_to(self, position: int) -> None:
         """Undo or redo until `position` entries are done; numbers beyond the ends are clamped."""
         position = min(max(0, position), len(self._edits))
-        while self._cursor != position:
-            back = self._cursor > position
-            edit = self._edits[self._cursor - back]
+        while self.position != position:
+            back = self.position > position
+            edit = self._edits[self.position - back]
             edit.apply(edit.before if back else edit.after)
-            self._cursor += -1 if back else 1
+            self.position += -1 if back else 1
             self.changed.emit()
 
     def clear(self) -> None:
         self._edits.clear()
-        self._cursor = 0
+        self.position = 0
         self.changed.emit()

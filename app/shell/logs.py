@@ -11,7 +11,7 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from types import TracebackType
 
-from PySide6.QtCore import QMessageLogContext, QtMsgType, qInstallMessageHandler
+from PySide6.QtCore import QtMsgType, qInstallMessageHandler
 
 log = logging.getLogger("degense")
 
@@ -39,7 +39,7 @@ def start_logging(path: Path, complain: Callable[[str], None]) -> None:
     root.setLevel(logging.INFO)
     root.addHandler(handler)
     faulthandler.enable(open(path.with_suffix(".crash"), "a", encoding="utf-8"))  # noqa: SIM115 - open as long as the process lives
-    qInstallMessageHandler(_qt_message)
+    qInstallMessageHandler(lambda kind, context, message: logging.getLogger("qt").log(LEVELS.get(kind, logging.WARNING), message))
 
     def uncaught(kind: type[BaseException], error: BaseException | None, trace: TracebackType | None) -> None:
         if issubclass(kind, KeyboardInterrupt):
@@ -50,7 +50,3 @@ def start_logging(path: Path, complain: Callable[[str], None]) -> None:
 
     sys.excepthook = uncaught
     threading.excepthook = lambda args: uncaught(args.exc_type, args.exc_value, args.exc_traceback)
-
-
-def _qt_message(kind: QtMsgType, context: QMessageLogContext, message: str) -> None:
-    logging.getLogger("qt").log(LEVELS.get(kind, logging.WARNING), message)

@@ -82,19 +82,15 @@ class SettingsFile:
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or config_folder() / "settings.json"
         self.complaint: str | None = None
-        self._settings = self._read()
-
-    @property
-    def value(self) -> Settings:
-        return self._settings
+        self.value = self._read()
 
     def update(self, **changes: Any) -> None:
-        self.store(replace(self._settings, **changes))
+        self.store(replace(self.value, **changes))
 
     def store(self, settings: Settings) -> None:
         """Make these the settings and write them; nothing is written when nothing changed. DegenseError when the file cannot be written."""
-        if settings != self._settings:
-            self._settings = settings
+        if settings != self.value:
+            self.value = settings
             write_text(self.path, json.dumps(asdict(settings), indent=2))
 
     def _read(self) -> Settings:

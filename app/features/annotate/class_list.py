@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from PySide6.QtCore import QPoint, QSize, Qt, Signal
+from PySide6.QtCore import QPoint, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
 from PySide6.QtWidgets import QAbstractItemView, QColorDialog, QListWidget, QListWidgetItem, QMenu, QWidget
 
@@ -36,41 +36,32 @@ class ClassList(QListWidget):
         self.setEditTriggers(QAbstractItemView.EditTrigger.DoubleClicked | QAbstractItemView.EditTrigger.EditKeyPressed)
         self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.customContextMenuRequested.connect(self._show_menu)
-        self.currentRowChanged.connect(self._row_changed)
+        self.currentRowChanged.connect(lambda row: self.chosen.emit(row) if row >= 0 else None)
         self.itemChanged.connect(self._item_changed)
-        self._names: list[str] = []
+        self.names: list[str] = []
 
     def set_classes(self, classes: Sequence[tuple[str, np.ndarray]]) -> None:
         """Show these: names, and swatches uint8 RGBA [h, w, 4]. The current row stays where it can."""
         row = self.currentRow()
-        self.blockSignals(True)
-        self.clear()
-        self._names = [name for name, _ in classes]
-        for index, (name, swatch) in enumerate(classes):
-            item = QListWidgetItem(_icon(swatch, str(index + 1) if index < 9 else ""), name)
-            item.setFlags(item.flags() | Qt.ItemFlag.ItemIsEditable)
-            self.addItem(item)
-        self.setCurrentRow(min(max(row, 0), len(classes) - 1))
-        self.blockSignals(False)
-
-    def names(self) -> list[str]:
-        return list(self._names)
+        self.names = [name for name, _ in classes]
+        with QSignalBlocker(self):
+            self.clear()
+            for index, (name, swatch) in enumerate(classes):
+                item = QListWidgetItem(_icon(swatch, str(index + 1) if index < 9 else ""), name)
+                item.setFlags(item.flags() | Qt.ItemFlag.ItemIsEditable)
+                self.addItem(item)
+            self.setCurrentRow(min(max(row, 0), len(classes) - 1))
 
     def set_current(self, index: int) -> None:
-        self.blockSignals(True)
-        self.setCurrentRow(index)
-        self.blockSignals(False)
-
-    def _row_changed(self, row: int) -> None:
-        if row >= 0:
-            self.chosen.emit(row)
+        with QSignalBlocker(self):
+            self.setCurrentRow(index)
 
     def _item_changed(self, item: QListWidgetItem) -> None:
         row, name = self.row(item), " ".join(item.text().split())
-        if name and name != self._names[row]:
+        if name and name != self.names[row]:
             self.renamed.emit(row, name)  # answered by `set_classes`, with the old name where the new one is refused
         else:
-            item.setText(self._names[row])
+            item.setText(self.names[row])
 
     def _show_menu(self, position: QPoint) -> None:
         item = self.itemAt(position)

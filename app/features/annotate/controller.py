@@ -123,7 +123,7 @@ class Annotator(QObject):
         self.dock.setEnabled(work is not None)
         if work is None:
             self.panel.set_frame("", "open")
-            self.panel.set_summary(self.state.blocked)
+            self.panel.summary.setText(self.state.blocked)
             return
         record = work.record(frame)
         if record.proposal is not None:
@@ -139,7 +139,7 @@ class Annotator(QObject):
         doubtful = [index for index in waiting if cast("Proposal", work.record(index).proposal).doubtful]
         counts = [f"{sum(r.status == status for r in work.records.values())} {status}" for status in STATUSES[1:]]
         proposals = f"{len(waiting)} wait for an answer, {len(doubtful)} of them doubtful" if waiting else ""
-        self.panel.set_summary("; ".join(filter(None, [f"{work.count} frames: {', '.join(counts)}", proposals])))
+        self.panel.summary.setText("; ".join(filter(None, [f"{work.count} frames: {', '.join(counts)}", proposals])))
         self._show_marks({index for index, record in work.records.items() if record.labels is not None})
 
     def _show_marks(self, labelled: set[int]) -> None:

@@ -38,7 +38,8 @@ def label_format(name: str) -> LabelFormat:
 def label_source(scene: Scene, source: str | None, prompts: PromptSet) -> MapSet:
     """The label maps of a run: see `ExportOptions.source`. DegenseError when there are none."""
     if source == "annotations" or (source is None and not prompts.prompts):
-        work = saved_annotations(scene)
+        width, height = scene.clip_size
+        work = load(scene.run.path / NAME, (height, width), scene.frames, scene.labels)
         if work is not None:
             return annotated(work, scene.clip)
         if source == "annotations":
@@ -56,12 +57,6 @@ def open_annotations(folder: Path, scene: Scene | None, clip: Clip | None) -> An
         (width, height), count, labels = clip.size, len(clip), clip.labels
     names = (clip.classes if clip is not None else ()) or (scene.classes if scene is not None else ())
     return load(folder, (height, width), count, labels) or Annotations(named_classes(names), (height, width), count, labels)
-
-
-def saved_annotations(scene: Scene) -> Annotations | None:
-    """What was annotated in a run and saved; None when nothing was."""
-    width, height = scene.clip_size
-    return load(scene.run.path / NAME, (height, width), scene.frames, scene.labels)
 
 
 def annotated(work: Annotations, clip: Clip | None) -> MapSet:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from math import log2
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QButtonGroup,
@@ -72,7 +72,7 @@ class AnnotationPanel(QWidget):
         self._lock.activated.connect(lambda row: self.lock_chosen.emit(self._lock.itemData(row)))
         self._status = self._combo("How far the review of this frame is")
         self._status.activated.connect(lambda row: self.status_chosen.emit(self._status.itemText(row)))
-        self._frame, self._all = forms.label(), forms.label(secondary=True)
+        self.frame, self.summary = forms.label(), forms.label(secondary=True)
         self._progress = QProgressBar(textVisible=False)
         self._progress.setMaximumHeight(8)
         self._progress.setAccessibleName("Progress")
@@ -84,9 +84,9 @@ class AnnotationPanel(QWidget):
             self._new,
             forms.row(QLabel("Only inside"), (self._lock, 1)),
             self._button_row(holes="Fill holes", largest="Largest", prompt="From prompt"),
-            forms.row((self._frame, 1), self._status),
+            forms.row((self.frame, 1), self._status),
             self._button_row(accept="Accept", reject="Reject", next="Next flagged"),
-            self._all,
+            self.summary,
             self._button_row(propagate="Propagate to all frames", stop="Stop"),
             self._progress,
             self._button_row(accept_all="Accept all", reject_all="Reject all", teach="Train…"),
@@ -142,26 +142,15 @@ class AnnotationPanel(QWidget):
     def set_tool(self, name: str, radius: float, lock: int) -> None:
         for button in self._tools.buttons():
             button.setChecked(button.objectName() == name)
-        self._slider.blockSignals(True)
-        self._slider.setValue(round(OCTAVE * log2(max(1.0, radius / SMALLEST))))
-        self._slider.blockSignals(False)
+        with QSignalBlocker(self._slider):
+            self._slider.setValue(round(OCTAVE * log2(max(1.0, radius / SMALLEST))))
         self._size.setText(f"{2 * radius:.0f} px" if radius >= 1 else "1 px")
         self._lock.setCurrentIndex(max(0, self._lock.findData(lock)))
 
     def set_frame(self, text: str, status: str) -> None:
         """Describe the frame that is shown."""
-        self._frame.setText(text)
+        self.frame.setText(text)
         self._status.setCurrentText(status)
-
-    def set_summary(self, text: str) -> None:
-        """Describe the progress of the whole clip."""
-        self._all.setText(text)
-
-    def summary(self) -> str:
-        return self._all.text()
-
-    def frame_text(self) -> str:
-        return self._frame.text()
 
     def follow(self, actions: Mapping[str, QAction]) -> None:
         """Let each button be pressed when the action that it stands for can be done, and show its keys."""

@@ -15,10 +15,13 @@ def install(shell: Shell) -> None:
     shell.worker.add_channel("check-frame", 10)
     shell.worker.add_channel("check", 11)
 
+    def possible() -> bool:
+        return session.scene is None and session.clip is not None
+
     def check() -> None:
         """Show what was found in the open clip on its frames, and open it again with the answers."""
         clip = session.clip
-        if clip is None or session.scene is not None:
+        if clip is None or not possible():
             return
         dialog = CheckDialog(clip.path, clip, documents.clip_options, shell.worker, shell)
 
@@ -32,13 +35,5 @@ def install(shell: Shell) -> None:
     documents.facts.check_requested.connect(check)
     documents.clip_opened.connect(lambda chosen: check() if chosen else None)
     shell.add_actions(
-        Action(
-            "file.check",
-            "Check the clip…",
-            check,
-            ("File",),
-            ("Ctrl+I",),
-            lambda: session.scene is None and session.clip is not None,
-            help="import masks focal length poses depth",
-        )
+        Action("file.check", "Check the clip…", check, ("File",), ("Ctrl+I",), possible, help="import masks focal length poses depth")
     )

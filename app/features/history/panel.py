@@ -51,14 +51,6 @@ class HistoryList(QListWidget):
         """What is listed."""
         return [self.item(row).text() for row in range(self.count())]
 
-    def position(self) -> int:
-        """The selected row: how many entries are done."""
-        return self.currentRow()
-
-    def undone(self) -> list[str]:
-        """The entries shown as undone."""
-        return [self.item(row).text() for row in range(self.count()) if self.item(row).font().italic()]
-
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
         if event.type() == QEvent.Type.PaletteChange:

@@ -6,7 +6,7 @@ import logging
 from typing import Any
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtWidgets import QApplication, QComboBox, QDialog, QDialogButtonBox, QFormLayout, QLabel, QTabWidget, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QDialogButtonBox, QFormLayout, QLabel, QTabWidget, QWidget
 
 from degense.app.features.preferences.shortcut_table import ShortcutTable
 from degense.app.shell.settings import LIMITS, Theme, log_file
@@ -34,27 +34,15 @@ class Preferences(QObject):
             log.warning(sentence)
         self.shell.menus.rebind()
 
-    def is_theme(self, theme: Theme) -> bool:
-        return self.settings.value.theme == theme
-
-    def set_theme(self, theme: Theme) -> None:
-        self._change("Theme", theme=theme)
-
-    def set_autosave(self, minutes: float) -> None:
-        self._change("Autosave", autosave=minutes)
-
-    def set_undo_memory(self, megabytes: float) -> None:
-        self._change("Undo memory", undo_memory=megabytes)
-
     def show(self) -> None:
         """The dialog. Everything in it takes effect at once, so that it has nothing to confirm."""
         PreferencesDialog(self, self.shell).open()
 
     def keep_shortcuts(self) -> None:
         """Remember the registry's shortcuts and use them."""
-        self._change("Shortcuts", shortcuts={action_id: list(keys) for action_id, keys in self.registry.given.items()})
+        self.change("Shortcuts", shortcuts={action_id: list(keys) for action_id, keys in self.registry.given.items()})
 
-    def _change(self, name: str, **values: Any) -> None:
+    def change(self, name: str, **values: Any) -> None:
         """Settle something, as a step that can be undone."""
         before = {key: getattr(self.settings.value, key) for key in values}
         self.session.undo.do(name, self._put, before, values, key=f"preference {name}")
@@ -92,11 +80,8 @@ class PreferencesDialog(QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(680, 560)
         settings = preferences.settings.value
-        self.theme = QComboBox()
-        self.theme.setAccessibleName("Theme")
-        for name, words in THEME_WORDS:
-            self.theme.addItem(words, name)
-        self.theme.setCurrentIndex([name for name, _ in THEME_WORDS].index(settings.theme))
+        self.theme = forms.choice("Theme", THEME_WORDS)
+        self.theme.setCurrentIndex(self.theme.findData(settings.theme))
         self.autosave = forms.decimal("Autosave", *LIMITS["autosave"], 0.5, " min", "only when asked")
         self.undo = forms.decimal("Undo memory", *LIMITS["undo_memory"], 64, " MB", decimals=0)
         self.autosave.setValue(settings.autosave)
@@ -122,9 +107,9 @@ class PreferencesDialog(QDialog):
         buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
         buttons.rejected.connect(self.reject)
         forms.column((tabs, 1), buttons, margin=11, parent=self)
-        self.theme.currentIndexChanged.connect(lambda: preferences.set_theme(self.theme.currentData()))
-        self.autosave.valueChanged.connect(preferences.set_autosave)
-        self.undo.valueChanged.connect(preferences.set_undo_memory)
+        self.theme.currentIndexChanged.connect(lambda: preferences.change("Theme", theme=self.theme.currentData()))
+        self.autosave.valueChanged.connect(lambda minutes: preferences.change("Autosave", autosave=minutes))
+        self.undo.valueChanged.connect(lambda megabytes: preferences.change("Undo memory", undo_memory=megabytes))
         self.shortcuts.changed.connect(preferences.keep_shortcuts)
 
 

@@ -14,6 +14,10 @@ THEME_TITLES: tuple[tuple[Theme, str], ...] = (("dark", "Dark"), ("light", "Ligh
 
 def install(shell: Shell) -> None:
     preferences, menu = Preferences(shell), ("View", "Theme")
+
+    def in_force(theme: Theme) -> bool:
+        return shell.settings.value.theme == theme
+
     shell.provide(preferences)
     shell.add_actions(
         Action("edit.preferences", "Preferences…", preferences.show, ("Edit",), ("Ctrl+,",), group=9, help="settings shortcuts theme"),
@@ -21,9 +25,9 @@ def install(shell: Shell) -> None:
             Action(
                 f"theme.{name}",
                 title,
-                partial(preferences.set_theme, name),
+                partial(preferences.change, "Theme", theme=name),
                 menu,
-                checked=partial(preferences.is_theme, name),
+                checked=partial(in_force, name),
                 help="colours dark light operating room",
             )
             for name, title in THEME_TITLES

@@ -75,7 +75,7 @@ class TrainingProcess(QObject):
         self._complaints: deque[str] = deque(maxlen=30)
         self._message: str | None = None
         self._run: str | None = None
-        self._stopping = self._ended = False
+        self._stopping, self.running = False, True
         self._process = QProcess(self)
         self._process.setWorkingDirectory(str(Path.cwd()))
         self._process.readyReadStandardOutput.connect(self._read)
@@ -86,29 +86,17 @@ class TrainingProcess(QObject):
         self._patience = QTimer(self, singleShot=True)
         self._patience.timeout.connect(self._insist)
 
-    @property
-    def running(self) -> bool:
-        return not self._ended
-
-    @property
-    def stopping(self) -> bool:
-        return self._stopping
-
     def start(self) -> None:
         log.info("starting %s", " ".join(self._command))
         self._process.start(self._command[0], self._command[1:])
 
     def stop(self) -> None:
         """Ask it to save and leave; if it does not, terminate it, and at last kill it. Returns at once."""
-        if self._ended or self._stopping:
+        if self._stopping or not self.running:
             return
         self._stopping = True
         self._process.write(b"stop\n")
         self._patience.start(round(SAVE_SECONDS * 1000))
-
-    def wait(self, seconds: float) -> bool:
-        """Block until it has ended; False when it has not after `seconds`. For closing the window."""
-        return self._ended or self._process.waitForFinished(round(seconds * 1000))
 
     def _insist(self) -> None:
         if self._process.state() == QProcess.ProcessState.NotRunning:
@@ -149,7 +137,7 @@ class TrainingProcess(QObject):
             self.failed.emit(f"The training process could not be started ({self._process.errorString()}).")
 
     def _on_finished(self, code: int, status: QProcess.ExitStatus) -> None:
-        if self._ended:
+        if not self.running:
             return
         self._read()
         self._read_complaints()
@@ -168,5 +156,5 @@ class TrainingProcess(QObject):
             self.failed.emit(f"The training process ended with status {code}; the log has the details.")
 
     def _end(self) -> None:
-        self._ended = True
+        self.running = False
         self._patience.stop()

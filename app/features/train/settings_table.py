@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QHeaderView, QTableWidget, QTableWidgetItem, QWidget
 
 from degense.app.features.train.job import NAMED
@@ -41,20 +41,11 @@ class SettingsTable(QWidget):
         self.table.itemChanged.connect(self._edited)
         self.search = forms.search(self.table, (0, 2), "Find a setting by its name or its words")
         forms.column(self.search, (self.table, 1), margin=0, parent=self)
-        self._typed: dict[str, str] = {}
-
-    @property
-    def typed(self) -> tuple[tuple[str, str], ...]:
-        """What the user has typed, by setting."""
-        return tuple(sorted(self._typed.items()))
-
-    def set_typed(self, pairs: tuple[tuple[str, str], ...]) -> None:
-        """Take values as if they were typed; `show_config` shows them."""
-        self._typed = dict(pairs)
+        self.typed: dict[str, str] = {}  # the text of each setting that the user has typed over; `show_config` shows them
 
     def show_config(self, config: TrainConfig) -> None:
         """Show the settings of a configuration."""
-        self.table.blockSignals(True)
+        blocker = QSignalBlocker(self.table)
         settings = settings_of(config)
         first = self.table.rowCount() == 0
         self.table.setRowCount(len(settings))
@@ -67,7 +58,7 @@ class SettingsTable(QWidget):
                 item.setFlags(flags | Qt.ItemFlag.ItemIsEditable if column == 1 and not fixed else flags)
                 if column == 1:
                     item.setToolTip("Set on the first page" if fixed else "Double-click to change; empty it for the preset's value")
-        self.table.blockSignals(False)
+        blocker.unblock()
         if first:
             self.table.resizeRowsToContents()
 
@@ -75,9 +66,9 @@ class SettingsTable(QWidget):
         if item.column() == 1:
             name, text = str(self.table.model().index(item.row(), 0).data()), item.text().strip()
             if text:
-                self._typed[name] = text
+                self.typed[name] = text
             else:
-                self._typed.pop(name, None)
+                self.typed.pop(name, None)
             self.changed.emit()
 
     def resizeEvent(self, event: Any) -> None:

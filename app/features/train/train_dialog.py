@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,7 +146,7 @@ class TrainDialog(QDialog):
             device=self.device.currentData(),
             seed=self.seed.value(),
             fit=self.fit.isChecked(),
-            settings=self.table.typed,
+            settings=tuple(sorted(self.table.typed.items())),
         )
         return replace(job, **(self._answers | {"poses": self.poses.currentData()}))
 
@@ -169,7 +170,7 @@ class TrainDialog(QDialog):
         self.gaussians.setValue(job.max_gaussians or 0)
         self.seed.setValue(job.seed or 0)
         self.fit.setChecked(job.fit)
-        self.table.set_typed(job.settings)
+        self.table.typed = dict(job.settings)
         self._update()
 
     def _choices(self) -> QWidget:
@@ -255,8 +256,5 @@ def _explained(control: QWidget, said: dict[str, tuple[str, str]] | str) -> QLab
 
 def _free_folder(path: Path) -> Path:
     """`path`, or the first of path-2, path-3, … that does not exist."""
-    candidate, number = path, 2
-    while candidate.exists():
-        candidate = path.with_name(f"{path.name}-{number}")
-        number += 1
-    return candidate
+    others = (path.with_name(f"{path.name}-{number}") for number in count(2))
+    return next(folder for folder in chain([path], others) if not folder.exists())

@@ -99,7 +99,7 @@ def test_brush_sizes_and_keys_that_type(qtbot, annotating):
     assert state.tool.radius == pytest.approx(4)
     assert state.tool.name == "brush"
     window.registry.run("edit.undo")
-    assert on.annotator(window).panel.classes.names() == list(window.session.scene.classes)
+    assert on.annotator(window).panel.classes.names == list(window.session.scene.classes)
     panel = on.annotator(window).panel.classes
     panel.item(0).setText("bowel")
     assert state.work.classes[0].name == "bowel"
@@ -153,13 +153,13 @@ def test_a_frame_is_propagated_reviewed_and_taken_back(qtbot, annotating, idle, 
     assert on.annotator(window).panel.button("annotate.stop").isEnabled()
     idle()
     assert state.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
-    assert "9 wait for an answer" in on.annotator(window).panel.summary()
+    assert "9 wait for an answer" in on.annotator(window).panel.summary.text()
     sure = state.work.record(7).proposal
     state.work.records[7] = Record(proposal=Proposal(sure.packed, sure.shape, 0.5))
     qtbot.keyClick(panel, Qt.Key.Key_Tab)
     assert window.session.frame == 7
     idle()
-    assert "proposed, confidence 50%" in on.annotator(window).panel.frame_text()
+    assert "proposed, confidence 50%" in on.annotator(window).panel.frame.text()
     screenshot(window, "annotate-review")
     truth = window.session.clip.labels(7)
     assert (labels(window) == truth).mean() > 0.8
@@ -276,5 +276,5 @@ def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny
     on.documents(window).open_path(clip)
     idle()
     assert state.work is None
-    assert "cannot be read" in on.annotator(window).panel.summary()
+    assert "cannot be read" in on.annotator(window).panel.summary.text()
     assert (clip / NAME / "annotations.json").read_text() == "{"

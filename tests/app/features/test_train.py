@@ -96,9 +96,9 @@ def test_every_setting_is_explained_and_can_be_changed(qtbot, with_clip, tmp_pat
     assert (jobs[0].poses, jobs[0].fit, jobs[0].settings) == ("still", False, (("flow", "7.5"),))
     assert jobs[0].config().flow == 7.5
     again = ask(with_clip)  # the answers are reused, those about the clip are not
-    assert (again.fit.isChecked(), again.table.typed, again.poses.currentData()) == (False, (("flow", "7.5"),), "auto")
+    assert (again.fit.isChecked(), again.table.typed, again.poses.currentData()) == (False, {"flow": "7.5"}, "auto")
     qtbot.mouseClick(again.reset, Qt.MouseButton.LeftButton)
-    assert (again.fit.isChecked(), again.table.typed) == (True, ())
+    assert (again.fit.isChecked(), again.table.typed) == (True, {})
     again.reject()
 
 
