@@ -13,13 +13,7 @@ LoopMode = Literal["once", "loop", "bounce"]
 
 
 class Cursor(PersistentState):
-    """The frame that is shown, the camera mode, and what is probed. Saved, but a change of it is no work that would be missed.
-
-    Attributes
-    ----------
-    probe : Target or None
-        What is followed through time.
-    """
+    """The frame that is shown, the camera mode, and what is probed. Saved, but a change of it is no work that would be missed."""
 
     counts = False
 
@@ -49,11 +43,7 @@ class Cursor(PersistentState):
 class Playback(PersistentState):
     """Which frames are played, and what happens at their end. Saved, but a change of it is no work that would be missed.
 
-    Attributes
-    ----------
-    first, last : int or None
-        The first and last frame that are played; None for those of the sequence.
-    mode : {"once", "loop", "bounce"}
+    `first` and `last` are the frames that are played first and last; None for those of the sequence.
     """
 
     counts = False

@@ -28,11 +28,7 @@ class Journal:
     The header names the session file that the records continue, by its id. A crash between saving and emptying the journal leaves records
     that are in the session file already; their journal names another file and is not read, so nothing is applied twice.
     Records are handed to the system at once, without waiting for the disk: they survive any end of the program, but no power cut.
-
-    Parameters
-    ----------
-    after : str
-        The id of the session file; empty for none.
+    `after` is the id of the session file, empty for none.
     """
 
     def __init__(self, path: Path, after: str) -> None:

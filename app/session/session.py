@@ -63,11 +63,7 @@ class Session:
     def open_scene(self, scene: Scene, keep: bool = True) -> None:
         """Show a run, with the session saved in its folder. `store.unsaved` tells whether a crash left work there: see `recover`.
 
-        Parameters
-        ----------
-        keep : bool
-            Whether to save and to write a journal; not for the sample.
-
+        `keep` says whether to save and to write a journal; not for the sample.
         DamagedSession when the session file is damaged. Nothing is open then.
         """
         self._open(scene, scene.clip, scene.run.path, keep)

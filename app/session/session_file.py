@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from degense.engine.errors import DegenseError, RunError
-from degense.engine.files import replacing, write_text
+from degense.engine.files import free_path, replacing, write_text
 
 NAME, BACKUPS = "session.json", "backups"
 #: The name of the view state among the states.
@@ -86,9 +86,7 @@ def backup_time(path: Path) -> datetime:
 
 def set_aside(path: Path) -> Path:
     """Rename a damaged file, so that it is kept but not opened again; the new path. An absent file is left so."""
-    aside, number = path.with_name(f"{path.name}.bad"), 2
-    while aside.exists():
-        aside, number = path.with_name(f"{path.name}.bad-{number}"), number + 1
+    aside = free_path(path.with_name(f"{path.name}.bad"))
     try:
         if path.exists():
             path.replace(aside)

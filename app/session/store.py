@@ -63,11 +63,7 @@ class SessionStore:
     def open(self, folder: Path, keep: bool = True) -> None:
         """Read the states from a folder, and what a crash left in its journal.
 
-        Parameters
-        ----------
-        keep : bool
-            Whether to write into the folder; not for the sample.
-
+        `keep` says whether to write into the folder; not for the sample.
         DamagedSession when the session file or what a state reads from the folder is damaged. Then nothing is open, and nothing written.
         """
         self.close()

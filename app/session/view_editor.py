@@ -16,18 +16,7 @@ if TYPE_CHECKING:
 
 
 class ViewEditor(PersistentState):
-    """Holds and edits the session's view state.
-
-    Parameters
-    ----------
-    undo : UndoStack
-    scene : callable
-        Returns the open scene, whose encoder must know the words of prompts.
-
-    Attributes
-    ----------
-    state : ViewState
-        What is shown and how.
+    """Holds and edits the session's view state, `state`. The encoder of the open `scene` must know the words of prompts.
 
     Signals
     -------

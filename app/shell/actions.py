@@ -86,10 +86,7 @@ class ActionRegistry:
     def rebind(self, given: Mapping[str, Sequence[str]]) -> list[str]:
         """Give actions other shortcuts; those not named have their own again. An id that is not known (of another version) is kept aside.
 
-        Returns
-        -------
-        list of str
-            A sentence for each key that two actions have. The one that comes first in the table keeps it.
+        Returns a sentence for each key that two actions have. The one that comes first in the table keeps it.
         """
         known = {action_id: tuple(keys) for action_id, keys in given.items() if action_id in self._actions}
         self._given = {action_id: keys for action_id, keys in known.items() if keys != self._actions[action_id].shortcuts}

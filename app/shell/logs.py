@@ -27,10 +27,7 @@ LEVELS = {
 def start_logging(path: Path, complain: Callable[[str], None]) -> None:
     """Send everything to the file at `path`: log records, messages of Qt, uncaught exceptions of all threads, and the stacks of a crash.
 
-    Parameters
-    ----------
-    complain : callable
-        Gets a sentence for the user when an exception was not caught. It is called in the thread that raised.
+    `complain` gets a sentence for the user when an exception was not caught, in the thread that raised it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handler = RotatingFileHandler(path, maxBytes=1_000_000, backupCount=2, encoding="utf-8")

@@ -16,13 +16,7 @@ from degense.widgets.frame.render_panel import RenderPanel
 
 
 class Painter(QObject):
-    """Paints the frame that is shown with what the tools of the panel report.
-
-    Parameters
-    ----------
-    panel : RenderPanel
-        Shows the frame, and takes the tool that receives the mouse.
-    """
+    """Paints the frame that is shown with what the tools of the panel report."""
 
     def __init__(self, shell: Shell, state: AnnotationState, panel: RenderPanel) -> None:
         super().__init__(shell)

@@ -139,13 +139,7 @@ def _wedge(camera: Camera, viewer: Camera, length: float) -> np.ndarray:
 
 
 class _Sheet:
-    """A dark sheet on which points of the plan, [N, 2], are drawn to scale: all of `extent` is on it.
-
-    Attributes
-    ----------
-    scale : float
-        Pixels a unit of length.
-    """
+    """A dark sheet on which points of the plan, [N, 2], are drawn to scale, `scale` pixels a unit of length: all of `extent` is on it."""
 
     def __init__(self, extent: np.ndarray, width: int = WIDTH, height: int = HEIGHT, foot: int = FOOT) -> None:
         self.rgb = np.full((height, width, 3), BACKGROUND, np.uint8)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +25,7 @@ from degense.app.features.train import settings_help as words
 from degense.app.features.train.job import TrainingJob
 from degense.app.features.train.settings_table import SettingsTable
 from degense.engine.errors import DegenseError
+from degense.engine.files import free_path
 from degense.engine.semantics.teachers import default_teacher, teacher_choices
 from degense.widgets import forms
 
@@ -107,7 +107,7 @@ class TrainDialog(QDialog):
         self.iterations = forms.number("Iterations", most=1_000_000, step=500, zero="as the preset")
         self.gaussians = forms.number("Gaussians", most=5_000_000, step=5000, zero="as the preset")
         self.seed = forms.number("Seed", most=2**31 - 1)
-        self.out = QLineEdit(str(_free_folder(clip.path.parent / f"{clip.path.stem}-run")))
+        self.out = QLineEdit(str(free_path(clip.path.parent / f"{clip.path.stem}-run")))
         self.out.setAccessibleName("Run folder")
         self.table = SettingsTable()
         self.cost, self.complaint = QLabel(), forms.complaint()
@@ -252,9 +252,3 @@ def _explained(control: QWidget, said: dict[str, tuple[str, str]] | str) -> QLab
         control.currentIndexChanged.connect(show)
         show()
     return label
-
-
-def _free_folder(path: Path) -> Path:
-    """`path`, or the first of path-2, path-3, … that does not exist."""
-    others = (path.with_name(f"{path.name}-{number}") for number in count(2))
-    return next(folder for folder in chain([path], others) if not folder.exists())
