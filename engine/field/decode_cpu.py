@@ -101,17 +101,10 @@ def decode(
     kinematics: Kinematics,
     decoders: Sequence[nn.Sequential],
 ) -> list[Tensor]:
-    """Outputs of each of the decoders at time `t`, float32 [N, its outputs].
+    """Outputs of each of the decoders for `points` [N, 3] (clamped to [-1, 1]) at time `t`, float32 [N, its outputs].
 
     The fused twin of sampling `planes`, calling `kinematics`, then each decoder, on Z_kin and, where it has more inputs, on features of
-    the `semantic_planes` behind it.
-
-    Parameters
-    ----------
-    points : float32 [N, 3]
-        Clamped to [-1, 1].
-    kinematics, decoders
-        All their hidden layers are equally wide.
+    the `semantic_planes` behind it. All hidden layers of `kinematics` and decoders are equally wide.
     """
     entry, *trunk = (layer for layer in (*kinematics.base, kinematics.states) if isinstance(layer, nn.Linear))
     layers = [layer for decoder in decoders for layer in decoder if isinstance(layer, nn.Linear)]

@@ -21,18 +21,10 @@ SHORT = 16
 
 
 class HexPlane(nn.Module):
-    """Multi-resolution HexPlane over [-1, 1]³ × [-1, 1].
+    """Multi-resolution HexPlane over [-1, 1]³ × [-1, 1], with so many channels a level.
 
-    Parameters
-    ----------
-    channels : int
-        Features per level.
-    resolution : int
-        Cells along each space axis at level 0.
-    time_resolution : int
-        Cells along time (the same at every level).
-    levels : tuple of int
-        Space resolution multipliers.
+    Space planes have `resolution` cells along each axis, times the level's number in `levels`; time planes have `time_resolution` cells
+    along time at every level.
     """
 
     def __init__(self, channels: int = 16, resolution: int = 64, time_resolution: int = 32, levels: tuple[int, ...] = (1, 2)):
@@ -127,17 +119,8 @@ def at_time(knots: Tensor, t: float | Tensor) -> Tensor:
     """Uniform cubic B-spline along axis 1, whose K knots are spread evenly over [-1, 1]; times outside are clamped.
 
     Smooth in its second derivative, as tissue moves. Beyond the ends the outermost knots are repeated.
-    Constants stay exactly what they are.
-
-    Parameters
-    ----------
-    knots : float [A, K, ...]
-    t : float or float []
-        A tensor on the knots' device may change after the call was recorded in a CUDA graph.
-
-    Returns
-    -------
-    float [A, ...]
+    Constants stay exactly what they are. From knots [A, K, ...] it gives [A, ...]. A time that is a tensor on the knots' device may change
+    after the call was recorded in a CUDA graph.
     """
     count = knots.shape[1]
     if count == 1:

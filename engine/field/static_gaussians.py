@@ -19,11 +19,7 @@ def find_moving(model: SceneModel, times: Sequence[float], focal: float) -> Tens
     """Rows of the Gaussians that the field changes visibly at any of `times`, int64 [M].
 
     Leaving out the others changes a render by less than a twentieth of a pixel, a hundredth of opacity and half a grey level a Gaussian.
-
-    Parameters
-    ----------
-    focal : float
-        Pixels: at the scene's unit depth a length d covers `focal` · d of them.
+    `focal` is in pixels: at the scene's unit depth a length d covers `focal` · d of them.
     """
     if model.config.static:
         return torch.zeros(0, dtype=torch.int64, device=model.bounds.device)

@@ -17,11 +17,7 @@ TEXTURE = 0.3  # `confidence` below which flow is a guess
 class ObservedMotion:
     """Optical flow of every frame to the reference frame, followed from frame to frame; measured as far as it is asked for, then kept.
 
-    Parameters
-    ----------
-    clip : Clip
-    reference : int
-        Frames before it have no motion to show.
+    Frames before the reference have no motion to show.
     """
 
     def __init__(self, clip: Clip, reference: int):

@@ -66,16 +66,11 @@ def splat_semantics(scene: Scene, frame: float) -> FrameSemantics:
 
 
 def query_clip(scene: Scene, prompts: PromptSet, frames: Sequence[int] | None = None) -> Iterator[tuple[int, Decoded]]:
-    """Decode prompts frame after frame, in order, as (frame, masks and labels); close the generator to stop.
+    """Decode prompts frame after frame (all by default), in order, as (frame, masks and labels); close the generator to stop.
 
     Drawing, superpixels and similarities of a frame are computed once for all prompts, on the scene's device; they are read and their
     masks decoded in threads beside that. Each mask is exactly what `decode_frame` finds for its prompt alone.
     No more than `IN_FLIGHT_BYTES` wait there. Raises as `encode_prompts` does.
-
-    Parameters
-    ----------
-    frames : sequence of int, optional
-        All by default.
     """
     asked = encode_prompts(scene, prompts)
     width, height = scene.clip_size

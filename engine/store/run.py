@@ -29,14 +29,8 @@ MAX_FRAMES, MAX_GAUSSIANS, MAX_SIDE = 1_000_000, 10_000_000, 16_384
 
 @dataclass
 class Run:
-    """A run folder.
-
-    Attributes
-    ----------
-    path : Path
-    info : dict
-        What `run.json` says: config, field, clip, cameras, classes, encoder, teacher, provenance, unit, versions, hardware, state, figures.
-    """
+    """A run folder. `info` is what `run.json` says: config, field, clip, cameras, classes, encoder, teacher, provenance, unit, versions,
+    hardware, state, figures."""
 
     path: Path
     info: dict[str, Any]
