@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import reduce
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,6 +20,27 @@ KEY_EVERY, KEYS = 4, (12, 24)  # training frames from one key frame to the next;
 DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame to be taken for something else
 
 
+class Points(NamedTuple):
+    """Where Gaussians begin.
+
+    Attributes
+    ----------
+    means : float [n, 3]
+    colors : float [n, 3]
+    pitches : float [n]
+        Distance to the next point, in units of the scene.
+    temporal_windows : float [n, 2]
+        Centre and inverse scale; the latter is 0 for persistent points.
+    velocities : float [n, 3]
+    """
+
+    means: np.ndarray
+    colors: np.ndarray
+    pitches: np.ndarray
+    temporal_windows: np.ndarray
+    velocities: np.ndarray
+
+
 def initial_gaussians(
     frames: TrainingFrames, flow: FlowSupervision | None, budget: int, rank: int, generator: np.random.Generator, color_knots: int = 0
 ) -> tuple[dict[str, Tensor], Tensor]:
@@ -25,8 +48,8 @@ def initial_gaussians(
 
     The first training frame is sampled on a jittered grid. Key frames then add what it could not show: pixels that were invalid so far
     (behind a tool) give persistent points; pixels that look different by more than `DIFFERENT` grey levels (a tool that came, a char) give
-    points that live around their key frame, so that nothing that comes later stands in the way of what was there before. Tissue that only
-    moved is recognised by its flow from the first frame and gives none: it is for the field to move what is there.
+    transient points around their key frame, so that nothing that comes later hides what was there before. Tissue that only moved is
+    recognised by its flow from the first frame and gives none: the field moves what is there.
 
     Parameters
     ----------
@@ -39,39 +62,20 @@ def initial_gaussians(
         See `engine.field.SceneModel`.
     bounds : float [2, 3]
         Robust percentiles of the cloud (0.5 – 99.5) with a margin of a tenth of their extent.
+
+    Raises
+    ------
+    ClipError
+        When hardly a pixel is valid.
     """
-    train = frames.clip.train_frames
-    keys = [train[i] for i in np.linspace(0, len(train) - 1, key_count(len(train))).round().astype(int)]
     width, height = frames.size
     stride = max(1.0, float(np.sqrt(width * height / (0.6 * budget))))
-    shown = np.zeros((height, width, 3), np.uint8)
-    known = np.zeros((height, width), bool)
-    rate = 0.75 * (len(keys) - 1)  # two neighbouring key frames, 2 / (keys − 1) apart, share the time between them
-    found: list[tuple[np.ndarray, ...]] = []
-    for key in keys:
-        image, valid, depth = frames.image(key), frames.valid(key), filled(frames.depth(key))
-        smooth = cv2.GaussianBlur(image, (0, 0), max(0.6, stride / 3))
-        expected = [shown] if flow is None else [shown, flow.warped(shown, train[0], key)[0]]
-        fresh = valid & (~known | (np.minimum.reduce([unlike(smooth, picture) for picture in expected]) > DIFFERENT))
-        pixels = jittered_grid(width, height, stride, generator)
-        pixels = pixels[fresh[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]]
-        rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
-        z = depth[rows, columns]
-        born = np.stack([np.full(len(pixels), frames.clip.time(key)), np.where(known[rows, columns], rate, 0.0)], 1)
-        place, pitch = frames.cameras[key].unproject(pixels, z), stride * z / frames.cameras[key].fx
-        brief = born[:, 1] > 0
-        drift = np.zeros_like(place)
-        if flow is not None and brief.any():
-            drift[brief] = flow.velocity(key, pixels[brief]) / rate
-        found.append((place, smooth[rows, columns] / 255.0, pitch, born, drift))
-        shown[valid & ~known] = smooth[valid & ~known]
-        known |= valid
-    points, colors, pitches, temporal_windows, velocities = _within(found, budget, generator)
-    means = torch.from_numpy(points).float()
+    points = _within(list(_key_points(frames, flow, stride, generator)), budget, generator)
+    means = torch.from_numpy(points.means).float()
     count = len(means)
     if count == 0:
         raise ClipError(f"{frames.clip.path}: hardly a pixel is valid, so there is nothing to start from; check the mask polarity")
-    log_scales = torch.from_numpy(np.log(0.6 * pitches.astype(np.float64))).float()  # torch.log, on threads, once gave another last bit
+    log_scales = torch.from_numpy(np.log(0.6 * points.pitches.astype(np.float64))).float()  # torch.log, on threads, once differed
     low, high = torch.from_numpy(np.percentile(means.numpy(), [0.5, 99.5], axis=0)).float()
     margin = 0.1 * (high - low).clamp_min(0.05)
     canonical = {
@@ -79,13 +83,39 @@ def initial_gaussians(
         "log_scales": log_scales[:, None].repeat(1, 3),
         "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),
         "logits": torch.full((count,), 2.0),
-        "colors": torch.from_numpy(colors).float(),
+        "colors": torch.from_numpy(points.colors).float(),
         "color_residuals": torch.zeros(count, color_knots, 3),
-        "temporal_windows": torch.from_numpy(temporal_windows).float(),
-        "velocities": torch.from_numpy(velocities).float(),
+        "temporal_windows": torch.from_numpy(points.temporal_windows).float(),
+        "velocities": torch.from_numpy(points.velocities).float(),
         "semantics": torch.from_numpy(generator.normal(0, 0.01, (count, rank))).float(),
     }
     return canonical, torch.stack([low - margin, high + margin])
+
+
+def _key_points(frames: TrainingFrames, flow: FlowSupervision | None, stride: float, generator: np.random.Generator) -> Iterator[Points]:
+    """The points of each key frame, the first training frame's first: what those before it did not show."""
+    train, (width, height) = frames.clip.train_frames, frames.size
+    keys = [train[i] for i in np.linspace(0, len(train) - 1, key_count(len(train))).round().astype(int)]
+    rate = 0.75 * (len(keys) - 1)  # two neighbouring key frames, 2 / (keys − 1) apart, share the time between them
+    shown = np.zeros((height, width, 3), np.uint8)
+    known = np.zeros((height, width), bool)
+    for key in keys:
+        valid, depth = frames.valid(key), filled(frames.depth(key))
+        smooth = cv2.GaussianBlur(frames.image(key), (0, 0), max(0.6, stride / 3))
+        expected = [shown] if flow is None else [shown, flow.warped(shown, train[0], key)[0]]
+        fresh = valid & (~known | (np.minimum.reduce([unlike(smooth, image) for image in expected]) > DIFFERENT))
+        pixels = jittered_grid(width, height, stride, generator)
+        pixels = pixels[fresh[pixels[:, 1].astype(int), pixels[:, 0].astype(int)]]
+        rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
+        z, camera = depth[rows, columns], frames.cameras[key]
+        means, transient = camera.unproject(pixels, z), known[rows, columns]
+        windows = np.stack([np.full(len(pixels), frames.clip.time(key)), np.where(transient, rate, 0.0)], 1)
+        velocities = np.zeros_like(means)
+        if flow is not None and rate > 0 and transient.any():
+            velocities[transient] = flow.velocity(key, pixels[transient]) / rate
+        yield Points(means, smooth[rows, columns] / 255.0, stride * z / camera.fx, windows, velocities)
+        shown[valid & ~known] = smooth[valid & ~known]
+        known |= valid
 
 
 def key_count(frames: int) -> int:
@@ -94,22 +124,22 @@ def key_count(frames: int) -> int:
 
 
 def persistent_only(canonical: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The Gaussians of `initial_gaussians` that exist for ever; those of the first frame always do."""
+    """The persistent Gaussians of `initial_gaussians`; those of the first frame always are."""
     persistent = is_persistent(canonical["temporal_windows"])
     return {name: values[persistent] for name, values in canonical.items()}
 
 
-def _within(found: list[tuple[np.ndarray, ...]], budget: int, generator: np.random.Generator) -> tuple[np.ndarray, ...]:
+def _within(found: list[Points], budget: int, generator: np.random.Generator) -> Points:
     """The points of all key frames, at most `budget`: the first one keeps its own, the others give up the same share."""
-    first, rest = len(found[0][0]), sum(len(part[0]) for part in found[1:])
+    first, rest = len(found[0].means), sum(len(points.means) for points in found[1:])
     share = min(1.0, max(0, budget - first) / max(rest, 1))
-    kept = []
-    for number, part in enumerate(found):
-        count = len(part[0])
+    chosen = []
+    for number, points in enumerate(found):
+        count = len(points.means)
         wanted = min(count, budget) if number == 0 else int(share * count)
         rows = slice(None) if wanted == count else np.sort(generator.choice(count, wanted, replace=False))
-        kept.append([values[rows] for values in part])
-    return tuple(np.concatenate(column) for column in zip(*kept, strict=True))
+        chosen.append([values[rows] for values in points])
+    return Points(*(np.concatenate(column) for column in zip(*chosen, strict=True)))
 
 
 def jittered_grid(width: int, height: int, stride: float, generator: np.random.Generator) -> np.ndarray:
