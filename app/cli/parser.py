@@ -35,7 +35,6 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
 
 
 def _window(command: Command) -> None:
-    """The window, and the sample."""
     sub = command("open", "window:window", "open the window (the default)")
     sub.add_argument("path", nargs="?", type=Path, metavar="PATH", help="a clip (folder or video file) or a run folder")
 
@@ -44,7 +43,6 @@ def _window(command: Command) -> None:
 
 
 def _clips(command: Command) -> None:
-    """Clips: making, describing and listing them."""
     sub = command("phantom", "clips:phantom", "make a synthetic clip with exact truth")
     sub.add_argument("out", type=Path, metavar="OUT", help="folder to write")
     sub.add_argument("--frames", type=_positive, metavar="N", help="number of frames")
@@ -65,7 +63,6 @@ def _clips(command: Command) -> None:
 
 
 def _training(command: Command) -> None:
-    """Training."""
     sub = command("train", "training:train", "reconstruct a clip")
     sub.add_argument("clip", type=Path, metavar="CLIP")
     sub.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to write")
@@ -96,7 +93,6 @@ def _training(command: Command) -> None:
 
 
 def _scores(command: Command) -> None:
-    """Scores and benchmarks."""
     sub = command("eval", "scores:evaluate", "score a run against its clip")
     sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     sub.add_argument("--clip", type=Path, metavar="CLIP", help="where the clip is, when it has moved")
@@ -131,7 +127,6 @@ def _scores(command: Command) -> None:
 
 
 def _outputs(command: Command) -> None:
-    """What is written of a run."""
     sub = command("render", "outputs:render", "draw a layer of a run")
     sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     which = sub.add_mutually_exclusive_group(required=True)
@@ -177,7 +172,6 @@ def _outputs(command: Command) -> None:
 
 
 def _labels(command: Command) -> None:
-    """Label maps made by hand."""
     sub = command("annotate", "labels:annotate", "propagate label maps of some frames to all others")
     sub.add_argument("path", type=Path, metavar="PATH", help="a run, or a clip: then along its motion alone")
     sub.add_argument(
@@ -200,7 +194,6 @@ def _labels(command: Command) -> None:
 
 
 def _machine(command: Command) -> None:
-    """The machine."""
     sub = command("cache", "machine:cache", "say what teachers' answers take on disk, and make room")
     sub.add_argument("--clear", action="store_true", help="remove them all; they are made again when needed")
     sub.add_argument("--limit", type=float, metavar="GB", help="the most they may take from now on")

@@ -36,10 +36,9 @@ class Piece:
         proposal = None
         if self.proposal is not None:
             proposal = {"labels": _text(self.proposal.packed), "shape": self.proposal.shape, "confidence": self.proposal.confidence}
-        box = [self.top, self.left, self.height, self.width]
         return {
             "frame": self.frame,
-            "box": box,
+            "box": [self.top, self.left, self.height, self.width],
             "labels": _text(self.packed),
             "labelled": self.labelled,
             "by_hand": self.by_hand,

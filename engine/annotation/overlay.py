@@ -13,12 +13,8 @@ from degense.engine.clip import UNLABELLED
 FILL, STRIPE, CONTOUR = 90, 170, 255  # opacity of the inside, of hatching, of the outline
 PERIOD, WIDTH = 10, 2  # pixels of hatching
 DASH = 3  # pixels: outlines of proposals are dashed
+#: The hatching of the classes, in turn: neighbours in the list differ.
 PATTERNS = ("plain", "rising", "falling", "level", "upright", "crossed")
-
-
-def pattern_of(index: int) -> str:
-    """The hatching of a class; neighbours in the list differ."""
-    return PATTERNS[index % len(PATTERNS)]
 
 
 def hatching(pattern: str, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -59,9 +55,9 @@ def label_overlay(
     out = table[inner]
     alpha = out[..., 3]
     x, y = np.arange(left, columns.stop)[None], np.arange(top, rows.stop)[:, None]
-    for pattern in PATTERNS[1:]:
+    for index, pattern in enumerate(PATTERNS[1:], 1):
         members = np.zeros(256, bool)
-        members[[index for index in range(len(classes)) if pattern_of(index) == pattern]] = True
+        members[index : len(classes) : len(PATTERNS)] = True
         mask = members[inner]
         if mask.any():
             alpha[mask & hatching(pattern, x, y)] = STRIPE
