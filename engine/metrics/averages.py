@@ -1,6 +1,8 @@
-"""The mean of numbers that come one by one."""
+"""Means of numbers, where some may be None."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 
 class Mean:
@@ -18,3 +20,11 @@ class Mean:
     @property
     def value(self) -> float | None:
         return self.total / self.weight if self.weight else None
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """The mean of what is not None; None when nothing is left."""
+    over = Mean()
+    for value in values:
+        over.add(value)
+    return over.value

@@ -28,11 +28,7 @@ class Calibration:
     - Reliability: over all pairs of a pixel and a class, in bins of similarity (below 0 counts as 0, above 1 as 1), the mean similarity
       against the share that truly has the class. `error` is their mean absolute difference, weighted by pairs (expected
       calibration error). It measures how far a cosine is from a probability.
-
-    Parameters
-    ----------
-    skipped : sequence of str
-        Classes that are not scored.
+    - Classes that are `skipped` are not scored.
     """
 
     def __init__(self, classes: Sequence[str], skipped: Sequence[str] = ()):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from degense.engine.clip import UNLABELLED
-from degense.engine.metrics.averages import Mean
+from degense.engine.metrics.averages import mean
 
 
 def iou(predicted: np.ndarray, truth: np.ndarray) -> float | None:
@@ -66,11 +66,7 @@ class MaskScores:
     - `boundary_f` is averaged as `miou`.
     - `floor` of a class is the IoU of the answer "everywhere", averaged over the frames that have the class.
     - `floor_answer` is the label map that says nothing: the class with the most pixels of all, everywhere. It is scored as any other.
-
-    Parameters
-    ----------
-    skipped : sequence of str
-        Classes that are not scored, for example "background".
+    - Classes that are `skipped`, for example "background", are not scored.
     """
 
     def __init__(self, classes: Sequence[str], skipped: Sequence[str] = ()):
@@ -115,14 +111,6 @@ class MaskScores:
             "floor": {name: mean(e.true / e.counted for e in entries) for name, entries in present.items()},
             "false_positives": {name: _false_positives([e for e in entries if not e.true]) for name, entries in named.items()},
         }
-
-
-def mean(values: Iterable[float | None]) -> float | None:
-    """The mean of what is not None; None when nothing is left."""
-    over = Mean()
-    for value in values:
-        over.add(value)
-    return over.value
 
 
 def _false_positives(absent: list[Entry]) -> dict[str, float | None]:

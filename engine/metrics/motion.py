@@ -29,11 +29,8 @@ class MotionScores:
 
     "Nothing moves" wins `spurious_displacement` and `false_motion`: never show these without correlation and recovered share.
     A score without pixels, and a correlation with a constant, is None.
-
-    Parameters
-    ----------
-    static : float
-        Scene units. Tissue that moved no farther counts as static. The phantom is in mm; a tenth of one is below what anyone can see.
+    Tissue that moved no farther than `static`, in scene units, counts as static: the phantom is in mm, and a tenth of one is below what
+    anyone can see.
     """
 
     def __init__(self, static: float = 0.1):
@@ -44,17 +41,9 @@ class MotionScores:
         self._moments = np.zeros(6)  # n, mean p, mean t, Σ(p − p̄)², Σ(t − t̄)², Σ(p − p̄)(t − t̄)
 
     def add(self, predicted: np.ndarray, truth: np.ndarray, cautery: np.ndarray, uncertain: np.ndarray | None = None) -> None:
-        """One frame.
+        """One frame: predicted norms [H, W] or vectors [H, W, 3], not finite where the model shows nothing, and true vectors [H, W, 3].
 
-        Parameters
-        ----------
-        predicted : float [H, W] or [H, W, 3]
-            Norms or vectors; not finite where the model shows nothing.
-        truth : float [H, W, 3]
-            NaN where no tissue is seen.
-        cautery : bool [H, W]
-        uncertain : bool [H, W], optional
-            Pixels marked as a guess.
+        The truth is NaN where no tissue is seen. `cautery` bool [H, W]; `uncertain` bool [H, W] are pixels marked as a guess.
         """
         guess, right = _norm(predicted), np.linalg.norm(truth.astype(np.float64), axis=-1)
         if guess.shape != right.shape or cautery.shape != right.shape:

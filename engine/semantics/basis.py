@@ -70,25 +70,13 @@ def fit_basis(
 ) -> Basis:
     """Truncated singular value decomposition of weighted feature vectors, not centred: the origin stays where angles are measured from.
 
-    Parameters
-    ----------
-    vectors : float [n, D]
-        Feature vectors, of unit length for the bound in `Basis`.
-    weights : float [n]
-        How much each matters, e.g. its number of pixels; not negative.
-    energy : float
-        Weighted share of the squared lengths to keep, in (0, 1].
-    max_rank : int
-        Never more columns than this.
-    anchors : float [m, D], optional
-        Vectors of prompts, when the vectors themselves are noisy. Then not every vector is retained: directions no stronger than
-        noise are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as
-        long as the anchors retain `LEAST_KEPT` of what all directions hold of them.
+    The basis has the smallest rank that keeps `energy` (in (0, 1], a weighted share of the squared lengths) of all and `LEAST_KEPT` of every
+    vector with a weight above 0, up to `max_rank`. Vectors float [n, D] are of unit length for the bound in `Basis`; weights float [n] say
+    how much each matters, e.g. its number of pixels.
 
-    Returns
-    -------
-    Basis
-        Of the smallest rank that keeps `energy` of all and `LEAST_KEPT` of every vector with a weight above 0, up to `max_rank`.
+    `anchors` float [m, D] are vectors of prompts, for vectors that are noisy. Then not every vector is retained: directions no stronger than
+    noise are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as long as the
+    anchors retain `LEAST_KEPT` of what all directions hold of them.
 
     Raises
     ------

@@ -48,12 +48,8 @@ class Concept:
 class Vocabulary:
     """Concepts and their wordings, and the rules that find a concept in a prompt.
 
-    Parameters
-    ----------
-    concepts : sequence of Concept
-        In the order that fixes their vectors; names are unique, and a whole comes before its parts.
-    fillers, prepositions, not_misspellings : iterable of str
-        Words without information; words that end a noun phrase; real words that look like a misspelt name and are none.
+    Concepts are in the order that fixes their vectors; names are unique, and a whole comes before its parts. Fillers are words without
+    information, prepositions end a noun phrase, and `not_misspellings` are real words that look like a misspelt name and are none.
     """
 
     def __init__(
@@ -127,15 +123,13 @@ class Vocabulary:
 
     def complete(self, prefix: str, first: Sequence[str] = ()) -> list[str]:
         """Wordings that begin like `prefix` (any of their words may), those of `first` before the others; all names for an empty prefix."""
-        wanted = " ".join(prefix.casefold().replace("_", " ").replace("-", " ").split())
-        wordings = dict.fromkeys([*first, *(c.name for c in self.concepts), *(w for c in self.concepts for w in c.wordings)])
-        if not wanted:
-            return list(dict.fromkeys([*first, *(c.name for c in self.concepts)]))
-        plain = {wording: wording.casefold().replace("_", " ").replace("-", " ") for wording in wordings}
+        names = [*first, *(c.name for c in self.concepts)]
+        if not (wanted := " ".join(_plain(prefix).split())):
+            return list(dict.fromkeys(names))
+        plain = {wording: _plain(wording) for wording in (*names, *(w for c in self.concepts for w in c.wordings))}
         starts = [w for w, p in plain.items() if p.startswith(wanted)]
         inside = [w for w, p in plain.items() if f" {wanted}" in p]
-        chosen = set(first)
-        return sorted(dict.fromkeys([*starts, *inside]), key=lambda wording: wording not in chosen)
+        return sorted(dict.fromkeys([*starts, *inside]), key=lambda wording: wording not in first)
 
     def nearest(self, text: str, also: Sequence[str] = (), count: int = 3) -> list[str]:
         """The wordings that look most like a text, best first, one a concept; for error messages."""
@@ -184,6 +178,10 @@ class Vocabulary:
                 best[name] = min(distance, best.get(name, distance))
         nearest = [name for name, distance in best.items() if distance == min(best.values())]
         return nearest[0] if len(nearest) == 1 else None
+
+
+def _plain(text: str) -> str:
+    return text.casefold().replace("_", " ").replace("-", " ")
 
 
 def _short(text: str) -> str:

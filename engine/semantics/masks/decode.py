@@ -52,15 +52,7 @@ def decode(similarities: Sequence[Similarities], decoder: str, threshold: float,
     it for the argmax decoders, where the other classes decide), the other classes' similarity r (s ≥ r for argmax, s > τ / `EVEN` · r for
     rnse, no comparison for threshold), and, whatever the decoder, that of what is excluded. Prompts take nothing from each other's masks.
     The owner of an element is the most similar prompt; of equally similar ones the one that covers fewer classes, then the first.
-
-    Parameters
-    ----------
-    similarities : sequence of Similarities
-        All of one shape; at most 255.
-    decoder : str
-        One of `engine.semantics.prompts.DECODERS`.
-    regions : bool
-        Whether the similarities are refined ones of a picture [H, W]; then masks lose specks and small holes.
+    At most 255 prompts, of one shape. Of `regions`, refined similarities of a picture [H, W], masks lose specks and small holes.
     """
     masks = np.stack([_mask(of_prompt, decoder, threshold, regions) for of_prompt in similarities])
     labels = np.full(masks.shape[1:], UNLABELLED, np.uint8)

@@ -15,12 +15,8 @@ from degense.engine.vocabulary.spelling import key, words
 class ClassNames:
     """Names, each with the concept it stands for, if the vocabulary has one.
 
-    A concept goes to one name only: to the one that is the concept's own, else to the first.
-
-    Attributes
-    ----------
-    concepts : dict of name to concept
-        Of names that own one; the others are found by their very name only.
+    A concept goes to one name only: to the one that is the concept's own, else to the first. `concepts` are, by name, of those that own one;
+    the others are found by their very name only.
     """
 
     def __init__(self, names: Iterable[str]):
@@ -52,10 +48,7 @@ class ClassNames:
 class TextEncoder(ABC):
     """Turns wordings into vectors of one space: a prompt names session classes or concepts of the vocabulary, each of which has a vector.
 
-    Parameters
-    ----------
-    classes : sequence of str
-        Names of the session's classes; they win over the vocabulary.
+    The session's `classes` win over the vocabulary.
     """
 
     name: str  # written into a run, whose features fit no other encoder. It changes with everything that changes a vector

@@ -25,19 +25,8 @@ class TextVectors(TextEncoder):
 
     Wordings of a name (plurals, synonyms, other languages) are understood where the vocabulary has a concept of that name.
 
-    Parameters
-    ----------
-    vectors : mapping of name to float [D]
-        Of any length but zero.
-    name : str, optional
-        Of the encoder that made them; by default one derived from names and vectors, so that another file is another encoder.
-    classes : sequence of str
-        The session's classes.
-
-    Raises
-    ------
-    PromptError
-        If a class has no vector.
+    Vectors float [D] are of any length but zero. The `name` is of the encoder that made them; by default it is derived from names and
+    vectors, so that another file is another encoder. PromptError if a class has no vector.
     """
 
     def __init__(self, vectors: Mapping[str, np.ndarray], name: str | None = None, classes: Sequence[str] = ()):
