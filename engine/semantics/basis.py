@@ -70,13 +70,13 @@ def fit_basis(
 ) -> Basis:
     """Truncated singular value decomposition of weighted feature vectors, not centred: the origin stays where angles are measured from.
 
-    The basis has the smallest rank that keeps `energy` (in (0, 1], a weighted share of the squared lengths) of all and `LEAST_KEPT` of every
-    vector with a weight above 0, up to `max_rank`. Vectors float [n, D] are of unit length for the bound in `Basis`; weights float [n] say
-    how much each matters, e.g. its number of pixels.
+    The basis has the smallest rank that keeps `energy` (in (0, 1], a weighted share of the squared lengths) of all and `LEAST_KEPT` of
+    every vector with a weight above 0, up to `max_rank`. Vectors float [n, D] are of unit length for the bound in `Basis`; weights
+    float [n] say how much each matters, e.g. its number of pixels.
 
-    `anchors` float [m, D] are vectors of prompts, for vectors that are noisy. Then not every vector is retained: directions no stronger than
-    noise are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as long as the
-    anchors retain `LEAST_KEPT` of what all directions hold of them.
+    `anchors` float [m, D] are vectors of prompts, for vectors that are noisy. Then not every vector is retained: directions no stronger
+    than noise are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as long as
+    the anchors retain `LEAST_KEPT` of what all directions hold of them.
 
     Raises
     ------

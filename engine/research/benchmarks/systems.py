@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
-from degense.engine.metrics.masks import mean
+from degense.engine.metrics.averages import mean
 from degense.engine.progress import Progress
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table

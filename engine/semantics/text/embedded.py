@@ -22,7 +22,7 @@ class EmbeddedEncoder(TextEncoder):
     A session class that the vocabulary does not know becomes a literal class: a vector drawn from the SHA-256 of its name,
     on axes kept for such classes and orthogonal to the literal classes before it.
     A prompt that names a kind ("tool") means the session's classes of that kind: the one direction with the same cosine to each of them.
-    `literal` are the session's classes without the vector of a concept: the vocabulary does not know their name, or only in another language.
+    `literal` are the classes without the vector of a concept: the vocabulary does not know their name, or only in another language.
     """
 
     name = "embedded-surgical-1"

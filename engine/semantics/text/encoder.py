@@ -15,8 +15,8 @@ from degense.engine.vocabulary.spelling import key, words
 class ClassNames:
     """Names, each with the concept it stands for, if the vocabulary has one.
 
-    A concept goes to one name only: to the one that is the concept's own, else to the first. `concepts` are, by name, of those that own one;
-    the others are found by their very name only.
+    A concept goes to one name only: to the one that is the concept's own, else to the first. `concepts` are, by name, of those that own
+    one; the others are found by their very name only.
     """
 
     def __init__(self, names: Iterable[str]):

@@ -31,8 +31,8 @@ class TextTower(TextEncoder):
 
     A wording is replaced by the name of its class or concept, so synonyms, misspellings and other languages work with a model that knows
     none of them. A word that is not understood is an error: a model has a vector for nonsense, too. A text in quotes is encoded as it is.
-    `encoders` turn texts into unit vectors float [n, D], by the encoder's name, digest of the model included. The first is this encoder, the
-    others are the same model with the templates of earlier runs.
+    `encoders` turn texts into unit vectors float [n, D], by the encoder's name, digest of the model included. The first is this encoder,
+    the others are the same model with the templates of earlier runs.
     """
 
     def __init__(self, encoders: Mapping[str, Embed], classes: Sequence[str] = ()):
