@@ -13,56 +13,32 @@ THEMES = ("dark", "light", "system")
 #: Codes of `engine.colour_maps.CLASS_COLOURS`.
 CLASS_COLOURS = tuple(f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in colour_maps.CLASS_COLOURS)
 
+#: Colours of the roles: dark, light.
 _ROLES = {
-    "dark": {
-        QPalette.ColorRole.Window: "#1e2126",
-        QPalette.ColorRole.WindowText: "#d9dce1",
-        QPalette.ColorRole.Base: "#343a43",
-        QPalette.ColorRole.AlternateBase: "#23272d",
-        QPalette.ColorRole.Text: "#e2e4e8",
-        QPalette.ColorRole.Button: "#3b414b",
-        QPalette.ColorRole.ButtonText: "#e2e4e8",
-        QPalette.ColorRole.BrightText: "#ffffff",
-        QPalette.ColorRole.ToolTipBase: "#353a43",
-        QPalette.ColorRole.ToolTipText: "#e2e4e8",
-        QPalette.ColorRole.PlaceholderText: "#8b929c",
-        QPalette.ColorRole.Highlight: "#2f7fb8",
-        QPalette.ColorRole.HighlightedText: "#ffffff",
-        QPalette.ColorRole.Accent: "#56b4e9",
-        QPalette.ColorRole.Link: "#56b4e9",
-        QPalette.ColorRole.LinkVisited: "#cc79a7",
-        QPalette.ColorRole.Light: "#4a505b",
-        QPalette.ColorRole.Midlight: "#3d424b",
-        QPalette.ColorRole.Mid: "#4a505b",
-        QPalette.ColorRole.Dark: "#121417",
-        QPalette.ColorRole.Shadow: "#000000",
-    },
-    "light": {
-        QPalette.ColorRole.Window: "#f1f2f4",
-        QPalette.ColorRole.WindowText: "#1d2127",
-        QPalette.ColorRole.Base: "#ffffff",
-        QPalette.ColorRole.AlternateBase: "#fafbfc",
-        QPalette.ColorRole.Text: "#1d2127",
-        QPalette.ColorRole.Button: "#e6e8ec",
-        QPalette.ColorRole.ButtonText: "#1d2127",
-        QPalette.ColorRole.BrightText: "#000000",
-        QPalette.ColorRole.ToolTipBase: "#ffffff",
-        QPalette.ColorRole.ToolTipText: "#1d2127",
-        QPalette.ColorRole.PlaceholderText: "#686f7a",
-        QPalette.ColorRole.Highlight: "#1769a5",
-        QPalette.ColorRole.HighlightedText: "#ffffff",
-        QPalette.ColorRole.Accent: "#1769a5",
-        QPalette.ColorRole.Link: "#1769a5",
-        QPalette.ColorRole.LinkVisited: "#8c3f6f",
-        QPalette.ColorRole.Light: "#ffffff",
-        QPalette.ColorRole.Midlight: "#f6f7f9",
-        QPalette.ColorRole.Mid: "#c3c8d0",
-        QPalette.ColorRole.Dark: "#9aa1ab",
-        QPalette.ColorRole.Shadow: "#5d636d",
-    },
+    QPalette.ColorRole.Window: ("#1e2126", "#f1f2f4"),
+    QPalette.ColorRole.WindowText: ("#d9dce1", "#1d2127"),
+    QPalette.ColorRole.Base: ("#343a43", "#ffffff"),
+    QPalette.ColorRole.AlternateBase: ("#23272d", "#fafbfc"),
+    QPalette.ColorRole.Text: ("#e2e4e8", "#1d2127"),
+    QPalette.ColorRole.Button: ("#3b414b", "#e6e8ec"),
+    QPalette.ColorRole.ButtonText: ("#e2e4e8", "#1d2127"),
+    QPalette.ColorRole.BrightText: ("#ffffff", "#000000"),
+    QPalette.ColorRole.ToolTipBase: ("#353a43", "#ffffff"),
+    QPalette.ColorRole.ToolTipText: ("#e2e4e8", "#1d2127"),
+    QPalette.ColorRole.PlaceholderText: ("#8b929c", "#686f7a"),
+    QPalette.ColorRole.Highlight: ("#2f7fb8", "#1769a5"),
+    QPalette.ColorRole.HighlightedText: ("#ffffff", "#ffffff"),
+    QPalette.ColorRole.Accent: ("#56b4e9", "#1769a5"),
+    QPalette.ColorRole.Link: ("#56b4e9", "#1769a5"),
+    QPalette.ColorRole.LinkVisited: ("#cc79a7", "#8c3f6f"),
+    QPalette.ColorRole.Light: ("#4a505b", "#ffffff"),
+    QPalette.ColorRole.Midlight: ("#3d424b", "#f6f7f9"),
+    QPalette.ColorRole.Mid: ("#4a505b", "#c3c8d0"),
+    QPalette.ColorRole.Dark: ("#121417", "#9aa1ab"),
+    QPalette.ColorRole.Shadow: ("#000000", "#5d636d"),
 }
 
-_DISABLED = {"dark": "#686f7a", "light": "#9aa1ab"}
+_DISABLED = ("#686f7a", "#9aa1ab")
 
 _STYLE = """
 QToolTip { color: palette(tool-tip-text); background: palette(tool-tip-base); border: 1px solid palette(mid); padding: 4px; }
@@ -100,12 +76,12 @@ def error_colour(palette: QPalette) -> QColor:
 
 
 def _palette(name: str) -> QPalette:
-    palette = QPalette()
-    for role, colour in _ROLES[name].items():
-        palette.setColor(role, QColor(colour))
+    palette, theme = QPalette(), ("dark", "light").index(name)
+    for role, colours in _ROLES.items():
+        palette.setColor(role, QColor(colours[theme]))
     for role in (QPalette.ColorRole.WindowText, QPalette.ColorRole.Text, QPalette.ColorRole.ButtonText, QPalette.ColorRole.HighlightedText):
-        palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(_DISABLED[name]))
-    palette.setColor(QPalette.ColorGroup.Disabled, QPalette.ColorRole.Highlight, QColor(_ROLES[name][QPalette.ColorRole.Mid]))
+        palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(_DISABLED[theme]))
+    palette.setColor(QPalette.ColorGroup.Disabled, QPalette.ColorRole.Highlight, palette.color(QPalette.ColorRole.Mid))
     return palette
 
 

@@ -41,8 +41,9 @@ def demo(options: argparse.Namespace) -> int:
 
 def _draw_sample(scene: Scene, out: Path) -> Steps[list[str]]:
     """Write the pictures of the sample, for machines without a display; the sentences that say what they show."""
-    from degense.app.features.viewer.layer_images import get_layer, layer_rgb, overlaid, with_colour_bar, write_png
+    from degense.app.features.viewer.layer_images import get_layer, laid_over, layer_rgb, with_colour_bar, write_png
     from degense.app.session.view_state import PROMPT_COLOURS
+    from degense.engine.colour_maps import mask_overlay
     from degense.engine.layers import LayerRequest, layer_range
     from degense.engine.scene.clip_query import decode_frame
     from degense.engine.semantics.prompts import PromptSet
@@ -55,7 +56,7 @@ def _draw_sample(scene: Scene, out: Path) -> Steps[list[str]]:
     said.append(f"rgb.png: frame {frame} of {scene.frames}, reconstructed ({scene.clip_size[0]} × {scene.clip_size[1]})")
     yield 0.2, f"mask of {PROMPT}"
     [mask] = decode_frame(scene, PromptSet((PROMPT,)), frame).masks
-    write_png(out / f"mask_{PROMPT}.png", overlaid(rgb, [(mask, PROMPT_COLOURS[0])]))
+    write_png(out / f"mask_{PROMPT}.png", laid_over(rgb, mask_overlay([(mask, PROMPT_COLOURS[0])], 0.5)))
     said.append(f"mask_{PROMPT}.png: what the prompt “{PROMPT}” finds in it, {mask.mean():.1%} of the picture")
     for done, name in ((0.5, "displacement"), (0.7, "warp")):
         layer = get_layer(name)

@@ -22,7 +22,7 @@ CONTROLS = (QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar
 
 def prompts():
     bar = PromptBar()
-    bar.set_error(bar.add_prompt("the hook"), "“hook” is not known")
+    bar.add_prompt("the hook").set_error("“hook” is not known")
     bar.set_decoders([("rnse", "Regions", "")])
     return bar
 

@@ -70,11 +70,11 @@ def test_swatch(probe):
 def test_curves_and_jumping_to_frames(probe):
     heard: list = []
     probe.frame_clicked.connect(heard.append)
-    probe.set_curve("displacement", np.arange(10), np.arange(10.0), unit="mm")
-    probe.set_cursor(4)
+    probe.plot.set_series("displacement [mm]", np.arange(10), np.arange(10.0))
+    probe.plot.set_cursor(4)
     plot = probe.findChild(CurvePlot)
     assert plot.series_names() == ["displacement [mm]"]
     QTest.mouseClick(plot, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(plot.width() - 8, 60))
     assert heard == [9]
-    probe.clear_curves()
+    probe.plot.clear()
     assert plot.series_names() == []

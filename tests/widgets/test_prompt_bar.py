@@ -31,7 +31,7 @@ def press(bar, name):
 @pytest.fixture
 def added(bar):
     heard: list = []
-    bar.prompt_added.connect(lambda id_, text: heard.append((id_, text)))
+    bar.prompt_added.connect(lambda row: heard.append((row, row.text)))
     return heard
 
 
@@ -43,7 +43,7 @@ def test_enter_adds_a_chip(bar, added, qtbot):
     QTest.keyClick(field(bar), Qt.Key.Key_Return)
     qtbot.waitUntil(lambda: len(added) == 2)
     first, second = bar.prompts()
-    assert added == [(first.id, "the hook"), (second.id, "liver")]
+    assert added == [(first, "the hook"), (second, "liver")]
     assert (first.colour, second.colour) == (class_colour(0), class_colour(1))
     assert first.visible
     assert first.error == ""
@@ -83,13 +83,13 @@ def test_programs_are_silent(bar, added):
     heard: list = []
     for signal in (bar.prompt_removed, bar.prompt_toggled, bar.prompt_recoloured, bar.threshold_changed, bar.decoder_changed):
         signal.connect(lambda *a: heard.append(a))
-    id_ = bar.add_prompt("liver", QColor("#123456"), visible=False)
+    row = bar.add_prompt("liver", QColor("#123456"), visible=False)
     bar.set_decoders([("rnse", "Regions", "by regions"), ("threshold", "Threshold", "")])
     bar.set_decoder("threshold")
     bar.set_threshold(0.3)
     assert bar.prompts()[0].colour == QColor("#123456")
     assert not bar.prompts()[0].visible
-    bar.remove_prompt(id_)
+    bar.remove_prompt(row)
     bar.add_prompt("fat")
     bar.clear()
     assert bar.prompts() == []
@@ -118,32 +118,32 @@ def test_eye_and_cross(bar):
 def test_a_hidden_prompt_typed_again_is_shown(bar, qtbot):
     toggled: list = []
     bar.prompt_toggled.connect(lambda *a: toggled.append(a))
-    id_ = bar.add_prompt("fat", visible=False)
+    row = bar.add_prompt("fat", visible=False)
     field(bar).setText("fat")
     QTest.keyClick(field(bar), Qt.Key.Key_Return)
-    qtbot.waitUntil(lambda: toggled == [(id_, True)])
+    qtbot.waitUntil(lambda: toggled == [(row, True)])
 
 
 def test_recolour(bar):
     heard: list = []
-    bar.prompt_recoloured.connect(lambda id_, colour: heard.append((id_, colour.name())))
-    id_ = bar.add_prompt("liver")
+    bar.prompt_recoloured.connect(lambda row, colour: heard.append((row, colour.name())))
+    row = bar.add_prompt("liver")
     menu = bar.findChild(PromptRow)._swatch.menu()
     menu.actions()[4].trigger()
-    assert heard == [(id_, class_colour(4).name())]
+    assert heard == [(row, class_colour(4).name())]
     assert bar.prompts()[0].colour == class_colour(4)
 
 
 def test_errors_are_said_and_taken_back(bar, qtbot):
-    id_ = bar.add_prompt("splorg")
+    row = bar.add_prompt("splorg")
 
     def said():
         return any("“splorg” is not known." in label.text() and label.isVisible() for label in bar.findChildren(QLabel))
 
-    bar.set_error(id_, "“splorg” is not known.")
+    row.set_error("“splorg” is not known.")
     qtbot.waitUntil(said)
     assert bar.prompts()[0].error
-    bar.set_error(id_, "")
+    row.set_error("")
     assert not said()
 
 

@@ -6,12 +6,13 @@ from PySide6.QtCore import QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPen, QPolygonF
 
 from degense.widgets.frame.panel_marks import paint_outline
+from degense.widgets.frame.panel_tools import PanelTool
 
 #: How near a click must come to the first corner to close a polygon; screen pixels.
 CLOSING = 10.0
 
 
-class StrokeTool(QObject):
+class StrokeTool(PanelTool):
     """A round brush with the left button held down.
 
     Signals
@@ -23,7 +24,6 @@ class StrokeTool(QObject):
     began = Signal(float, float)
     moved = Signal(float, float, float, float)
     ended = Signal()
-    cursor = Qt.CursorShape.CrossCursor
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -54,7 +54,7 @@ class StrokeTool(QObject):
             painter.drawEllipse(self._at, self.radius, self.radius)
 
 
-class ClickTool(QObject):
+class ClickTool(PanelTool):
     """A single click.
 
     Signals
@@ -68,17 +68,8 @@ class ClickTool(QObject):
     def press(self, point: QPointF, event: QMouseEvent) -> None:
         self.clicked.emit(point.x(), point.y())
 
-    def move(self, point: QPointF, event: QMouseEvent) -> None:
-        """Does nothing."""
 
-    def release(self, point: QPointF, event: QMouseEvent) -> None:
-        """Does nothing."""
-
-    def paint(self, painter: QPainter, scale: float) -> None:
-        """Does nothing."""
-
-
-class PolygonTool(QObject):
+class PolygonTool(PanelTool):
     """Clicks set corners; a double click, or a click on the first corner, closes.
 
     Signals
@@ -88,7 +79,6 @@ class PolygonTool(QObject):
     """
 
     drawn = Signal(list)
-    cursor = Qt.CursorShape.CrossCursor
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -109,9 +99,6 @@ class PolygonTool(QObject):
             self._corners.append(point)
 
     def move(self, point: QPointF, event: QMouseEvent) -> None:
-        self._at = point
-
-    def release(self, point: QPointF, event: QMouseEvent) -> None:
         self._at = point
 
     def close(self) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from PySide6.QtCore import QObject, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPolygonF
 
@@ -13,26 +11,31 @@ from degense.widgets.frame.panel_marks import paint_outline
 SMALLEST = 2.0
 
 
-class PanelTool(Protocol):
-    """An active tool. Points are pixels of the image (corner-based, so a pixel's middle lies at .5), and may lie outside it.
+class PanelTool(QObject):
+    """An active tool; this one does nothing.
+
+    Points are pixels of the image (corner-based, so a pixel's middle lies at .5), and may lie outside it.
 
     While a tool is active the left button is its own; the right and middle ones pan, the wheel zooms.
     """
 
-    cursor: Qt.CursorShape
+    cursor = Qt.CursorShape.CrossCursor
 
-    def press(self, point: QPointF, event: QMouseEvent) -> None: ...
+    def press(self, point: QPointF, event: QMouseEvent) -> None:
+        """The left button goes down."""
 
     def move(self, point: QPointF, event: QMouseEvent) -> None:
         """Also without a button down."""
 
-    def release(self, point: QPointF, event: QMouseEvent) -> None: ...
+    def release(self, point: QPointF, event: QMouseEvent) -> None:
+        """As a move, unless a tool does more."""
+        self.move(point, event)
 
     def paint(self, painter: QPainter, scale: float) -> None:
         """Paint over the frame. The painter works in image pixels; `scale` is how many screen pixels one takes."""
 
 
-class RegionTool(QObject):
+class RegionTool(PanelTool):
     """Draw a rectangle, or freely (`lasso`), with the left button held down.
 
     Signals
@@ -42,7 +45,6 @@ class RegionTool(QObject):
     """
 
     drawn = Signal(list)
-    cursor = Qt.CursorShape.CrossCursor
 
     def __init__(self, lasso: bool, parent: QObject | None = None) -> None:
         super().__init__(parent)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from degense.app.features.annotate.label_sets import empty_folder, label_source, write_labels
-from degense.app.features.viewer.layer_images import Movie, check_frame, get_layer, layer_rgb
+from degense.app.features.viewer.layer_images import Movie, check_frame, get_layer, layer_rgb, sequence_span
 from degense.engine.annotation.formats import LABEL_FORMATS
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
@@ -107,12 +107,7 @@ def draw_frames(
     scene: Scene, layer: Layer, frames: Sequence[int], options: ExportOptions, use: Callable[[int, np.ndarray], None]
 ) -> Steps[None]:
     """Draw a layer at frames, by default over its range in the whole sequence; `use` gets number and RGB, uint8 [H, W, 3], of each."""
-    span = options.span
-    if span is None and layer.kind == "scalar":
-        yield 0.0, "finding the range of the whole sequence"
-        from degense.engine.layers import layer_range
-
-        span = layer_range(scene, layer, options.layer_request(frames[0]), "sequence")
+    span = yield from sequence_span(scene, layer, options.layer_request(frames[0]), options.span)
     for done, frame in enumerate(frames):
         yield done / len(frames), f"frame {frame}"
         use(frame, layer_rgb(scene, layer, options.layer_request(frame), span))

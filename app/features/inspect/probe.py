@@ -217,7 +217,8 @@ class Probe(QObject):
         self._clear_curves(forget=False)
         shown = layer if layer in curves.layers else "displacement"
         mean, low, high = curves.layers[shown]
-        probe.set_curve(shown, curves.frames, mean, probe.palette().text().color(), unit=curves.units[shown], band=(low, high))
+        name = f"{shown} [{curves.units[shown]}]" if curves.units[shown] else shown
+        probe.plot.set_series(name, curves.frames, mean, probe.palette().text().color(), (low, high))
         for text, values in curves.similarity.items():
             self.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
         self.similarity.setVisible(bool(curves.similarity))
@@ -226,12 +227,12 @@ class Probe(QObject):
     def _clear_curves(self, forget: bool = True) -> None:
         if forget:
             self.curves = None
-        self.panel.clear_curves()
+        self.panel.plot.clear()
         self.similarity.clear()
         self.similarity.hide()
 
     def _set_cursor(self, frame: int) -> None:
-        self.panel.set_cursor(frame)
+        self.panel.plot.set_cursor(frame)
         self.similarity.set_cursor(frame)
 
     # Saving
@@ -249,9 +250,8 @@ class Probe(QObject):
         if path.suffix.lower() == ".csv":
             write_text(path, to_csv(self.curves))
         else:
-            plots = [self.panel.plot_image()]
-            if self.curves.similarity:
-                plots.append(to_array(self.similarity.grab().toImage()))
+            shown = [self.panel.plot, self.similarity] if self.curves.similarity else [self.panel.plot]
+            plots = [to_array(plot.grab().toImage()) for plot in shown]
             width = max(plot.shape[1] for plot in plots)
             edge = [np.pad(plot, ((0, 0), (0, width - plot.shape[1]), (0, 0)), mode="edge") for plot in plots]
             write_png(path, np.concatenate(edge))

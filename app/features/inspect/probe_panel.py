@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor, QPixmap
 from PySide6.QtWidgets import QFrame, QHeaderView, QTableWidgetItem, QWidget
@@ -13,14 +12,13 @@ from degense.widgets import forms
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import ARROWS, keep_keys
-from degense.widgets.qt_images import to_array
 
 #: Rows of values that are seen without scrolling however little room there is.
 FEWEST_ROWS = 4
 
 
 class ProbePanel(QWidget):
-    """A table of values and a plot of curves for one place, which follows the pointer or is pinned."""
+    """A table of values and a plot of curves (`plot`) for one place, which follows the pointer or is pinned."""
 
     frame_clicked = Signal(int)
     unpin_requested = Signal()
@@ -38,11 +36,11 @@ class ProbePanel(QWidget):
         self._table.horizontalHeader().hide()
         self._table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
         keep_keys(self._table, ARROWS)
-        self._plot = CurvePlot()
-        self._plot.setAccessibleName("Values over time")
-        self._plot.set_message("Click in the 2D view to follow a place through time")
-        self._plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
-        forms.column(forms.row(self._swatch, (self._place, 1), self._unpin), (self._table, 3), (self._plot, 2), parent=self)
+        self.plot = CurvePlot()
+        self.plot.setAccessibleName("Values over time")
+        self.plot.set_message("Click in the 2D view to follow a place through time")
+        self.plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
+        forms.column(forms.row(self._swatch, (self._place, 1), self._unpin), (self._table, 3), (self.plot, 2), parent=self)
         self.clear()
 
     def set_values(self, rows: Sequence[tuple[str, str]]) -> None:
@@ -76,34 +74,8 @@ class ProbePanel(QWidget):
         self._place.setText(text or "Under the pointer")
         self._unpin.setVisible(bool(text))
 
-    def set_curve(
-        self,
-        name: str,
-        frames: np.ndarray,
-        values: np.ndarray,
-        colour: QColor | None = None,
-        unit: str = "",
-        band: tuple[np.ndarray, np.ndarray] | None = None,
-    ) -> None:
-        """Add or replace a curve over the frames; the unit is added to its name. A band (low, high) is shaded behind it."""
-        self._plot.set_series(f"{name} [{unit}]" if unit else name, frames, values, colour, band)
-
-    def plot_image(self) -> np.ndarray:
-        """The plot as it is shown, uint8 [H, W, 3]."""
-        return to_array(self._plot.grab().toImage())
-
-    def curve_names(self) -> list[str]:
-        return self._plot.series_names()
-
-    def clear_curves(self) -> None:
-        self._plot.clear()
-
-    def set_cursor(self, frame: float | None) -> None:
-        """Mark the current frame in the plot."""
-        self._plot.set_cursor(frame)
-
     def clear(self) -> None:
         self.set_values([])
         self.set_colour(None)
         self.set_pinned("")
-        self.clear_curves()
+        self.plot.clear()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
 
 from degense.app.features.prompts.panel import PromptBar
+from degense.app.features.prompts.prompt_row import PromptRow
 from degense.app.session.view_state import ViewState, decoder_refined
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
@@ -26,7 +29,6 @@ class PromptControls(QObject):
         super().__init__(shell)
         self.shell, self.session, self.bar = shell, shell.session, PromptBar()
         self.dock = shell.add_dock("Prompts", self.bar, "right", height=160)
-        self._texts: dict[int, str] = {}
         self._bind_prompts()
         self.session.opened.connect(self._opened)
         self.session.view_state_changed.connect(lambda before, after: self._show(after))
@@ -41,7 +43,6 @@ class PromptControls(QObject):
         scene = self.session.scene
         self.dock.setEnabled(scene is not None)
         self.bar.clear()
-        self._texts.clear()
         if scene is not None:
             from degense.engine.semantics.prompts import DECODERS
 
@@ -57,47 +58,26 @@ class PromptControls(QObject):
             self._show_prompts(state)
 
     def _bind_prompts(self) -> None:
-        session, bar = self.session, self.bar
+        view, bar = self.session.view, self.bar
         bar.prompt_added.connect(self._prompt_added)
-        bar.prompt_removed.connect(self._prompt_removed)
-        bar.prompt_toggled.connect(self._prompt_toggled)
-        bar.prompt_recoloured.connect(self._recoloured)
-        bar.prompt_negated.connect(self._negated)
-        bar.refined_toggled.connect(session.view.set_refined)
-        bar.threshold_changed.connect(session.view.set_threshold)
-        bar.decoder_changed.connect(session.view.set_decoder)
+        bar.prompt_removed.connect(lambda row: self._edit(view.remove_prompt, row))
+        bar.prompt_toggled.connect(lambda row, visible: self._edit(view.set_visible, row, visible))
+        bar.prompt_recoloured.connect(lambda row, colour: self._edit(view.set_colour, row, rgb(colour)))
+        bar.prompt_negated.connect(lambda row, negative: self._edit(view.set_negative, row, negative))
+        bar.refined_toggled.connect(view.set_refined)
+        bar.threshold_changed.connect(view.set_threshold)
+        bar.decoder_changed.connect(view.set_decoder)
 
-    def _is_in_session(self, number: int) -> bool:
-        """Whether a chip stands for a prompt of the session, not for one that could not be decoded."""
-        text = self._texts.get(number, "").casefold()
-        return any(prompt.text.casefold() == text for prompt in self.session.view_state.prompts)
-
-    def _prompt_added(self, number: int, text: str) -> None:
-        bar = self.bar
-        chip = next(prompt for prompt in bar.prompts() if prompt.id == number)
-        self._texts[number] = text
+    def _prompt_added(self, row: PromptRow) -> None:
         try:
-            self.session.view.add_prompt(text, rgb(chip.colour), chip.negative)
+            self.session.view.add_prompt(row.text, rgb(row.colour), row.negative)
         except DegenseError as error:
-            bar.set_error(number, str(error))
+            row.set_error(str(error))
 
-    def _prompt_removed(self, number: int) -> None:
-        if self._is_in_session(number):
-            text = self._texts.pop(number)
-            self.session.view.remove_prompt(text)
-        self._texts.pop(number, None)
-
-    def _prompt_toggled(self, number: int, visible: bool) -> None:
-        if self._is_in_session(number):
-            self.session.view.set_visible(self._texts[number], visible)
-
-    def _negated(self, number: int, negative: bool) -> None:
-        if self._is_in_session(number):
-            self.session.view.set_negative(self._texts[number], negative)
-
-    def _recoloured(self, number: int, colour: QColor) -> None:
-        if self._is_in_session(number):
-            self.session.view.set_colour(self._texts[number], rgb(colour))
+    def _edit(self, change: Callable[..., None], row: PromptRow, *values: object) -> None:
+        """Change the prompt of a row, when it is one of the session and not one that could not be decoded."""
+        if any(prompt.text.casefold() == row.text.casefold() for prompt in self.session.view_state.prompts):
+            change(row.text, *values)
 
     def _show_prompts(self, view_state: ViewState) -> None:
         """Make the chips those of the view state. Chips that could not be decoded stay until the next change of the list."""
@@ -106,4 +86,5 @@ class PromptControls(QObject):
         wanted = [(prompt.text, prompt.colour, prompt.visible, prompt.negative) for prompt in view_state.prompts]
         if [(text.casefold(), *rest) for text, *rest in shown] != [(text.casefold(), *rest) for text, *rest in wanted]:
             bar.clear()
-            self._texts = {bar.add_prompt(text, QColor(*colour), *rest): text for text, colour, *rest in wanted}
+            for text, colour, *rest in wanted:
+                bar.add_prompt(text, QColor(*colour), *rest)

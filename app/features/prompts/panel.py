@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-import numpy as np
 from PySide6.QtCore import QStringListModel, Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QCheckBox, QCompleter, QLabel, QLineEdit, QSlider, QWidget
@@ -23,26 +21,20 @@ _STEPS = 1000
 NEGATIVE = re.compile(r"(?:-|−|not\s)\s*(?=\S)", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class PromptChip:
-    """A prompt as the bar shows it; `error` is empty when it can be decoded."""
-
-    id: int
-    text: str
-    colour: QColor
-    visible: bool
-    error: str
-    negative: bool = False
-
-
 class PromptBar(QWidget):
-    """Enter adds a prompt. While one types, printable keys and arrows reach no shortcut."""
+    """Enter adds a prompt. While one types, printable keys and arrows reach no shortcut. Signals of prompts give their `PromptRow` first.
 
-    prompt_added = Signal(int, str)
-    prompt_removed = Signal(int)
-    prompt_toggled = Signal(int, bool)
-    prompt_recoloured = Signal(int, QColor)
-    prompt_negated = Signal(int, bool)
+    Attributes
+    ----------
+    histogram : SimilarityHistogram
+        How similar the pixels are to each prompt, above the threshold.
+    """
+
+    prompt_added = Signal(object)
+    prompt_removed = Signal(object)
+    prompt_toggled = Signal(object, bool)
+    prompt_recoloured = Signal(object, QColor)
+    prompt_negated = Signal(object, bool)
     threshold_changed = Signal(float)
     decoder_changed = Signal(str)
     refined_toggled = Signal(bool)
@@ -50,9 +42,7 @@ class PromptBar(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Prompts")
-        self._rows: dict[int, PromptRow] = {}
-        self._next_id = 0
-
+        self._rows: list[PromptRow] = []
         self._field = QLineEdit(self)
         self._field.setAccessibleName("New prompt")
         self._field.setPlaceholderText("Name what to find (or “not …”), then Enter")
@@ -77,9 +67,9 @@ class PromptBar(QWidget):
         self._refined.setToolTip("Average over superpixels and follow the edges of the frame; off: pixel by pixel, coarse")
         self._refined.clicked.connect(self.refined_toggled)
         keep_keys(self._refined, PRESS)
-        self._histogram = SimilarityHistogram(self)
-        self._histogram.threshold_dragged.connect(self._dragged)
-        self._histogram.hide()
+        self.histogram = SimilarityHistogram(self)
+        self.histogram.threshold_dragged.connect(self._dragged)
+        self.histogram.hide()
         self._slider = QSlider(Qt.Orientation.Horizontal, self)
         self._slider.setAccessibleName("Similarity threshold")
         self._slider.setToolTip("Similarity above which a pixel belongs to the mask")
@@ -101,7 +91,7 @@ class PromptBar(QWidget):
             forms.row((self._field, 1), self._add_button, spacing=4),
             self._list,
             forms.row((self._decoder_box, 1), self._refined),
-            self._histogram,
+            self.histogram,
             forms.row(QLabel("Threshold"), (self._slider, 1), self._threshold_text),
             0,
             parent=self,
@@ -125,21 +115,6 @@ class PromptBar(QWidget):
         """Whether the decoder works on superpixels."""
         self._refined.setChecked(on)
 
-    def set_histograms(self, curves: Sequence[tuple[np.ndarray, QColor]]) -> None:
-        """How similar the pixels are to each prompt (counts over equal steps from 0 to 1), above the threshold."""
-        self._histogram.set_curves(curves)
-
-    def histogram(self) -> SimilarityHistogram:
-        return self._histogram
-
-    def set_answer(self, id_: int, area: float | None, confidence: float | None) -> None:
-        """Area and confidence of a mask, both in [0, 1]; None when they are not known."""
-        self._rows[id_].set_answer(area, confidence)
-
-    def answers(self) -> list[str]:
-        """Area and confidence of each prompt, as written."""
-        return [row.answer() for row in self._rows.values()]
-
     def set_decoder(self, name: str) -> None:
         index = self._decoder_box.findData(name)
         if index < 0:
@@ -154,49 +129,44 @@ class PromptBar(QWidget):
         self._slider.setValue(round(threshold * _STEPS))
         self._slider.blockSignals(False)
         self._threshold_text.setText(f"{self.threshold():.3f}")
-        self._histogram.set_threshold(self.threshold())
+        self.histogram.set_threshold(self.threshold())
 
     def threshold(self) -> float:
         return self._slider.value() / _STEPS
 
     # Prompts
 
-    def add_prompt(self, text: str, colour: QColor | None = None, visible: bool = True, negative: bool = False) -> int:
-        """Add a row silently and return its id. The same words again (letter case aside) give the row that is there."""
+    def add_prompt(self, text: str, colour: QColor | None = None, visible: bool = True, negative: bool = False) -> PromptRow:
+        """Add a row silently. The same words again (letter case aside) give the row that is there."""
         text = " ".join(text.split())
         if not text:
             raise ValueError("a prompt has at least one word")
-        for id_, row in self._rows.items():
+        for row in self._rows:
             if row.text.casefold() == text.casefold():
-                return id_
-        id_, self._next_id = self._next_id, self._next_id + 1
+                return row
         row = PromptRow(text, QColor(colour) if colour is not None else self._free_colour(), visible, self, negative)
-        row.toggled.connect(lambda on: self.prompt_toggled.emit(id_, on))
-        row.recoloured.connect(lambda chosen: self.prompt_recoloured.emit(id_, chosen))
-        row.negated.connect(lambda on: self.prompt_negated.emit(id_, on))
-        row.removed.connect(lambda: self._remove_by_hand(id_))
-        self._rows[id_] = row
+        row.toggled.connect(lambda on: self.prompt_toggled.emit(row, on))
+        row.recoloured.connect(lambda chosen: self.prompt_recoloured.emit(row, chosen))
+        row.negated.connect(lambda on: self.prompt_negated.emit(row, on))
+        row.removed.connect(lambda: self._remove_by_hand(row))
+        self._rows.append(row)
         self._list.addWidget(row)
         self._hint.hide()
-        return id_
+        return row
 
-    def remove_prompt(self, id_: int) -> None:
-        row = self._rows.pop(id_)
+    def remove_prompt(self, row: PromptRow) -> None:
+        self._rows.remove(row)
         self._list.removeWidget(row)
         row.hide()
         row.deleteLater()
         self._hint.setVisible(not self._rows)
 
     def clear(self) -> None:
-        for id_ in list(self._rows):
-            self.remove_prompt(id_)
+        for row in self.prompts():
+            self.remove_prompt(row)
 
-    def set_error(self, id_: int, message: str) -> None:
-        """Why a prompt cannot be decoded; empty when it can."""
-        self._rows[id_].set_error(message)
-
-    def prompts(self) -> list[PromptChip]:
-        return [PromptChip(id_, row.text, row.colour, row.visible_in_view(), row.error, row.negative) for id_, row in self._rows.items()]
+    def prompts(self) -> list[PromptRow]:
+        return list(self._rows)
 
     def focus_input(self) -> None:
         self._field.setFocus(Qt.FocusReason.ShortcutFocusReason)
@@ -205,9 +175,8 @@ class PromptBar(QWidget):
     # Inside
 
     def _free_colour(self) -> QColor:
-        used = {row.colour.name() for row in self._rows.values()}
-        index = next((i for i in range(len(self._rows) + 1) if class_colour(i).name() not in used), self._next_id)
-        return class_colour(index)
+        used = {row.colour.name() for row in self._rows}
+        return class_colour(next((i for i in range(len(self._rows) + 1) if class_colour(i).name() not in used), len(self._rows) + 1))
 
     def _submit(self) -> None:
         text = self._field.text().strip()
@@ -216,23 +185,23 @@ class PromptBar(QWidget):
         self._field.clear()
         if popup := self._field.completer().popup():
             popup.hide()  # it would hide the new row
-        known = set(self._rows)
+        known = self.prompts()
         negative = NEGATIVE.match(text)
-        id_ = self.add_prompt(text[negative.end() :] if negative else text, negative=negative is not None)
-        if id_ not in known:
-            self.prompt_added.emit(id_, self._rows[id_].text)
-        elif not self._rows[id_].visible_in_view():
-            self._rows[id_].show_by_hand()
+        row = self.add_prompt(text[negative.end() :] if negative else text, negative=negative is not None)
+        if row not in known:
+            self.prompt_added.emit(row)
+        elif not row.visible:
+            row.toggle(True)
 
-    def _remove_by_hand(self, id_: int) -> None:
-        self.remove_prompt(id_)
+    def _remove_by_hand(self, row: PromptRow) -> None:
+        self.remove_prompt(row)
         self._field.setFocus(Qt.FocusReason.OtherFocusReason)
-        self.prompt_removed.emit(id_)
+        self.prompt_removed.emit(row)
 
     def _dragged(self, threshold: float) -> None:
         self._slider.setValue(round(threshold * _STEPS))
 
     def _threshold_moved(self) -> None:
         self._threshold_text.setText(f"{self.threshold():.3f}")
-        self._histogram.set_threshold(self.threshold())
+        self.histogram.set_threshold(self.threshold())
         self.threshold_changed.emit(self.threshold())

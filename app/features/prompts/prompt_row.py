@@ -6,9 +6,10 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPaintEvent, QPixmap, QResizeEvent
 from PySide6.QtWidgets import QColorDialog, QFrame, QGridLayout, QLabel, QMenu, QSizePolicy, QToolButton, QWidget
 
+from degense.widgets import forms
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import PRESS, keep_keys
-from degense.widgets.theme import CLASS_COLOURS, error_colour
+from degense.widgets.theme import CLASS_COLOURS
 
 RIGHT_MARGIN = 4
 
@@ -59,7 +60,15 @@ class _ElidedLabel(QLabel):
 
 
 class PromptRow(QFrame):
-    """A chip with swatch, text, eye and cross. Signals are emitted for the user's changes only."""
+    """A chip with swatch, text, eye and cross. Signals are emitted for the user's changes only.
+
+    Attributes
+    ----------
+    error : str
+        Why the prompt cannot be decoded; empty when it can.
+    visible, negative : bool
+        Whether its mask is to be shown; whether it removes pixels from the others.
+    """
 
     toggled = Signal(bool)
     recoloured = Signal(QColor)
@@ -72,23 +81,20 @@ class PromptRow(QFrame):
         self.setAccessibleName(f"Prompt {text}")
         self.text = text
         self.error = ""
-        self._visible, self.negative = visible, negative
+        self.visible, self.negative = visible, negative
         self._swatch = _Swatch(colour, self)
         self._swatch.setAccessibleName(f"Colour of {text}")
         self._swatch.setToolTip("Change the colour")
         self._swatch.setMenu(self._colour_menu())
         self._label = _ElidedLabel(text, self)
-        self._answer = QLabel(self)
-        self._answer.setObjectName("secondary")
+        self._answer = forms.label(secondary=True, wrap=False)
         self._sign = GlyphButton("plus", "", self)
         self._sign.clicked.connect(lambda: self._negate(not self.negative))
         self._eye = GlyphButton("eye", "", self)
-        self._eye.clicked.connect(lambda: self._toggle(not self._visible))
+        self._eye.clicked.connect(lambda: self.toggle(not self.visible))
         self._cross = GlyphButton("cross", f"Remove {text}", self)
         self._cross.clicked.connect(self.removed)
-        self._complaint = QLabel(self)
-        self._complaint.setTextFormat(Qt.TextFormat.PlainText)
-        self._complaint.setWordWrap(True)
+        self._complaint = forms.complaint()
         self._complaint.hide()
         layout = QGridLayout(self)
         layout.setContentsMargins(6, 3, RIGHT_MARGIN, 3)
@@ -104,13 +110,6 @@ class PromptRow(QFrame):
     @property
     def colour(self) -> QColor:
         return QColor(self._swatch.colour)
-
-    def visible_in_view(self) -> bool:
-        """Whether the prompt's mask is to be shown."""
-        return self._visible
-
-    def show_by_hand(self) -> None:
-        self._toggle(True)
 
     def set_answer(self, area: float | None, confidence: float | None) -> None:
         """Area (share of the frame) and confidence of the mask, both in [0, 1]; None when they are not known."""
@@ -142,9 +141,6 @@ class PromptRow(QFrame):
     def set_error(self, message: str) -> None:
         self.error = message
         self._complaint.setText(f"⚠ {message}")
-        colours = self._complaint.palette()
-        colours.setColor(colours.ColorRole.WindowText, error_colour(self.palette()))
-        self._complaint.setPalette(colours)
         self._complaint.setVisible(bool(message))
         self._eye.setEnabled(not message)
         self._make_room()
@@ -159,14 +155,15 @@ class PromptRow(QFrame):
         self._complaint.setMinimumHeight(0)  # which `heightForWidth` would count in
         self._complaint.setMinimumHeight(self._complaint.heightForWidth(width) if self.error else 0)
 
-    def _toggle(self, on: bool) -> None:
-        self._visible = on
+    def toggle(self, on: bool) -> None:
+        """Show or hide the mask, as by hand."""
+        self.visible = on
         self._show_eye()
         self.toggled.emit(on)
 
     def _show_eye(self) -> None:
-        self._eye.set_glyph("eye" if self._visible else "eye-off", f"{'Hide' if self._visible else 'Show'} {self.text}")
-        self._label.setEnabled(self._visible)
+        self._eye.set_glyph("eye" if self.visible else "eye-off", f"{'Hide' if self.visible else 'Show'} {self.text}")
+        self._label.setEnabled(self.visible)
 
     def _colour_menu(self) -> QMenu:
         menu = QMenu(self)

@@ -64,11 +64,11 @@ class PromptStatistics(QObject):
     def _show_answers(self, known: tuple[MaskStatistics, ...]) -> None:
         bar, view_state = self.bar, self.session.view_state
         by_text = {answer.text.casefold(): answer for answer in known}
-        for chip in bar.prompts():
-            answer = by_text.get(chip.text.casefold())
-            bar.set_answer(chip.id, *((answer.area, answer.confidence) if answer is not None else (None, None)))
+        for row in bar.prompts():
+            answer = by_text.get(row.text.casefold())
+            row.set_answer(*((answer.area, answer.confidence) if answer is not None else (None, None)))
         shown = [(answer, prompt) for prompt in view_state.visible_prompts if (answer := by_text.get(prompt.text.casefold())) is not None]
-        bar.set_histograms([(answer.histogram, QColor(*prompt.colour)) for answer, prompt in shown])
+        bar.histogram.set_curves([(answer.histogram, QColor(*prompt.colour)) for answer, prompt in shown])
 
     # Over time
 

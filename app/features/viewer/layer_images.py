@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -10,9 +9,11 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from degense.engine.colour_maps import colour_table, mask_overlay
+from degense.app.session.view_state import ColourRange
+from degense.engine.colour_maps import colour_table
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing
+from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
     from degense.engine.layers import Layer, LayerRequest
@@ -46,6 +47,18 @@ def check_frame(scene: Scene, frame: float) -> float:
     return int(frame) if float(frame).is_integer() else frame
 
 
+def sequence_span(
+    scene: Scene, layer: Layer, request: LayerRequest, chosen: tuple[float, float] | None, clip: float = ColourRange.clip
+) -> Steps[tuple[float, float] | None]:
+    """The values of the first and the last colour of a movie: those chosen, else the range of the whole sequence; None for colours."""
+    if chosen is not None or layer.kind != "scalar":
+        return chosen
+    from degense.engine.layers import layer_range
+
+    yield 0.0, "finding the range of the whole sequence"
+    return layer_range(scene, layer, request, "sequence", clip)
+
+
 def layer_rgb(scene: Scene, layer: Layer, request: LayerRequest, span: tuple[float, float] | None = None) -> np.ndarray:
     """A layer in colours, uint8 [H, W, 3]. Scalars are coloured from `span[0]` to `span[1]`, by default over this frame's own range."""
     from degense.engine.layers import layer_range
@@ -55,10 +68,9 @@ def layer_rgb(scene: Scene, layer: Layer, request: LayerRequest, span: tuple[flo
     return colourise(layer.image(scene, request), low, high, layer.cmap)
 
 
-def overlaid(rgb: np.ndarray, masks: Sequence[tuple[np.ndarray, tuple[int, int, int]]], opacity: float = 0.5) -> np.ndarray:
-    """`rgb` uint8 [H, W, 3] with each mask (bool [H, W]) laid over it in its colour, and outlined."""
-    over = mask_overlay(masks, fill=opacity)
-    alpha = over[..., 3:].astype(np.float32) / 255
+def laid_over(rgb: np.ndarray, over: np.ndarray, opacity: float = 1.0) -> np.ndarray:
+    """`rgb` uint8 [H, W, 3] with uint8 [H, W, 4] laid over it."""
+    alpha = over[..., 3:].astype(np.float32) / 255 * opacity
     return (rgb * (1 - alpha) + over[..., :3] * alpha + 0.5).astype(np.uint8)
 
 

@@ -76,19 +76,19 @@ def test_hiding_and_recolouring_a_prompt(opened, idle):
     session.view.add_prompt("liver")
     idle()
     [chip] = bar.prompts()
-    bar.prompt_toggled.emit(chip.id, False)
+    bar.prompt_toggled.emit(chip, False)
     idle()
     assert on.viewer(opened).view.masks is None
     session.undo.undo()
     [chip] = bar.prompts()
     from PySide6.QtGui import QColor
 
-    bar.prompt_recoloured.emit(chip.id, QColor(1, 2, 3))
+    bar.prompt_recoloured.emit(chip, QColor(1, 2, 3))
     idle()
     edge = on.viewer(opened).view.masks[on.viewer(opened).view.masks[..., 3] == 255]
     assert {tuple(colour) for colour in edge[:, :3]} == {(1, 2, 3)}
     [chip] = bar.prompts()
-    bar.prompt_removed.emit(chip.id)
+    bar.prompt_removed.emit(chip)
     assert session.view_state.prompts == ()
     idle()
 
@@ -118,8 +118,7 @@ def test_masks_of_a_run_without_semantics(window, tiny_clip, tmp_path, idle):
     idle()
     assert not window.menus.actions["layer.features"].isEnabled()
     bar = on.prompts(window).bar
-    number = bar.add_prompt("liver")
-    bar.prompt_added.emit(number, "liver")
+    bar.prompt_added.emit(bar.add_prompt("liver"))
     assert "without semantics" in bar.prompts()[0].error
     assert window.session.view_state.prompts == ()
 
@@ -142,16 +141,20 @@ def test_similarities_are_seen_and_the_threshold_dragged_over_them(qtbot, opened
     type_prompt(qtbot, opened, "liver")
     type_prompt(qtbot, opened, "gallbladder")
     idle()
-    histogram = bar.histogram()
+    histogram = bar.histogram
     assert histogram.isVisible()
     assert histogram.count() == 2
-    before = [float(answer.split("%")[0]) for answer in bar.answers()]
+
+    def answers():
+        return [row.answer() for row in bar.prompts()]
+
+    before = [float(answer.split("%")[0]) for answer in answers()]
     qtbot.mousePress(histogram, Qt.MouseButton.LeftButton, pos=QPoint(round(4 + 0.95 * (histogram.width() - 8)), 20))
     qtbot.mouseRelease(histogram, Qt.MouseButton.LeftButton)
     assert session.view_state.threshold == bar.threshold() == pytest.approx(0.95, abs=0.01)
     idle()
-    assert all(float(answer.split("%")[0]) < area for answer, area in zip(bar.answers(), before, strict=True))
-    assert "confidence" in bar.answers()[0]
+    assert all(float(answer.split("%")[0]) < area for answer, area in zip(answers(), before, strict=True))
+    assert "confidence" in answers()[0]
     screenshot(opened, "prompt-histogram")
 
 
@@ -186,8 +189,8 @@ def test_a_negative_prompt(qtbot, opened, idle):
     assert session.view_state.negative_texts == ("hook",)
     rest = on.viewer(opened).view.masks[..., 3] > 0
     assert rest.sum() < everything.sum()
-    number = next(chip.id for chip in bar.prompts() if chip.negative)
-    bar.prompt_negated.emit(number, False)
+    negated = next(chip for chip in bar.prompts() if chip.negative)
+    bar.prompt_negated.emit(negated, False)
     idle()
     assert [prompt.text for prompt in session.view_state.visible_prompts] == ["tool", "hook"]
     session.undo.undo()
