@@ -6,7 +6,7 @@ import math
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QPainter, QPalette
-from PySide6.QtWidgets import QComboBox, QFormLayout, QLabel, QLineEdit, QSizePolicy, QWidget
+from PySide6.QtWidgets import QComboBox, QFormLayout, QLineEdit, QSizePolicy, QWidget
 
 from degense.engine.colour_maps import COLOUR_MAPS, colour_table
 from degense.widgets import forms
@@ -64,8 +64,7 @@ class ColourBar(QWidget):
         super().__init__(parent)
         self.setAccessibleName("Colour bar")
         self._title, self._unit = "", ""
-        self._heading = QLabel(self)
-        self._heading.setWordWrap(True)
+        self._heading = forms.label()
         self._gradient = _Gradient(self)
         self._mode_box = forms.choice("Range of the colours", _MODE_TITLES.items(), lambda: self.range_mode_changed.emit(self.range_mode()))
         self._map_box = forms.choice("Colour map", [(name, name) for name in COLOUR_MAPS], self._map_chosen)

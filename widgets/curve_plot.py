@@ -11,7 +11,7 @@ from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPalette, QPen, QPolygo
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from degense.widgets.forms import PaintedWidget
-from degense.widgets.theme import class_colour
+from degense.widgets.theme import class_colour, faded
 from degense.widgets.ticks import linear_ticks, log_ticks, pieces, short
 
 #: Larger values (and, on a logarithmic axis, smaller ones than its inverse) are gaps: the axis could not be computed.
@@ -167,8 +167,7 @@ class CurvePlot(PaintedWidget):
 
     def _paint_axes(self, painter: QPainter, area: QRectF, limits: tuple, y_ticks: list[tuple[float, str]], quiet: QColor) -> None:
         metrics = painter.fontMetrics()
-        grid = QColor(self.palette().color(QPalette.ColorRole.Mid))
-        grid.setAlpha(110)
+        grid = faded(self.palette().color(QPalette.ColorRole.Mid), 110)
         for value, text in y_ticks:
             y = self._to_y(value, area, limits)
             painter.setPen(grid)
@@ -208,13 +207,11 @@ class CurvePlot(PaintedWidget):
     def _paint_band(self, painter: QPainter, series: _Series, area: QRectF, limits: tuple) -> None:
         assert series.band is not None
         low, high = series.band
-        shade = QColor(series.colour)
-        shade.setAlpha(45)
         for run in pieces(np.asarray(low) + high):
             there = [QPointF(self._to_x(series.x[i], area, limits), self._to_y(high[i], area, limits)) for i in run]
             back = [QPointF(self._to_x(series.x[i], area, limits), self._to_y(low[i], area, limits)) for i in run[::-1]]
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(shade)
+            painter.setBrush(faded(series.colour, 45))
             painter.drawPolygon(QPolygonF(there + back))
             painter.setBrush(Qt.BrushStyle.NoBrush)
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import numpy as np
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, QSize, Qt
 from PySide6.QtGui import QColor, QHelpEvent, QKeyEvent, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPalette, QPen
 from PySide6.QtWidgets import QSizePolicy, QSlider, QToolTip, QWidget
 
 from degense.widgets.keys import ARROWS, keep_keys
+from degense.widgets.theme import faded
 from degense.widgets.ticks import pieces
 
 _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
@@ -32,13 +33,18 @@ class FrameTrack(QSlider):
 
     def set_frames(self, count: int) -> None:
         self._test, self._labelled, self._played = set(), set(), None
-        self.blockSignals(True)
-        self.setRange(0, max(count - 1, 0))
-        self.setValue(0)
-        self.blockSignals(False)
-        self.clear_strips()
+        with QSignalBlocker(self):
+            self.setRange(0, max(count - 1, 0))
+        self.show_frame(0)
+        self.set_strips({})
+
+    def show_frame(self, frame: int) -> None:
+        """Move the slider without telling anyone."""
+        with QSignalBlocker(self):
+            self.setValue(frame)
 
     def set_marks(self, test: Iterable[int], labelled: Iterable[int]) -> None:
+        """Mark held-out frames (below the line, hollow) and frames with annotations (filled)."""
         self._test, self._labelled = set(test), set(labelled)
         self.update()
 
@@ -47,18 +53,15 @@ class FrameTrack(QSlider):
         self._played = played
         self.update()
 
-    def set_strip(self, name: str, values: np.ndarray, colour: QColor) -> None:
-        self._strips[name] = (values, colour)
-        self.updateGeometry()
-        self.update()
+    def set_strips(self, strips: Mapping[str, tuple[np.ndarray, QColor]]) -> None:
+        """Lay curves over time, values [count], such as the area of a mask, above the line, each in its colour.
 
-    def remove_strip(self, name: str) -> None:
-        self._strips.pop(name, None)
-        self.updateGeometry()
-        self.update()
-
-    def clear_strips(self) -> None:
-        self._strips.clear()
+        NaN leaves a gap. Each curve has its own scale from 0.
+        """
+        for name, (values, _) in strips.items():
+            if len(values) != self.maximum() + 1:
+                raise ValueError(f"the curve {name!r} has {len(values)} values for {self.maximum() + 1} frames")
+        self._strips = dict(strips)
         self.updateGeometry()
         self.update()
 
@@ -110,10 +113,8 @@ class FrameTrack(QSlider):
     def _paint_played(self, painter: QPainter, middle: float, ink: QColor) -> None:
         """A bracket around the frames that are played."""
         assert self._played is not None
-        wash = QColor(self.palette().color(QPalette.ColorRole.Accent))
-        wash.setAlpha(50)
         left, right = (self._x(frame) for frame in self._played)
-        painter.fillRect(QRectF(left, middle - _LINE / 2, right - left, _LINE), wash)
+        painter.fillRect(QRectF(left, middle - _LINE / 2, right - left, _LINE), faded(self.palette().color(QPalette.ColorRole.Accent), 50))
         painter.setPen(QPen(ink, 1.6))
         painter.setBrush(Qt.BrushStyle.NoBrush)
         for x, inwards in ((left, 3), (right, -3)):
@@ -137,9 +138,7 @@ class FrameTrack(QSlider):
             area = QPainterPath(line)
             area.lineTo(points[-1].x(), height)
             area.lineTo(points[0].x(), height)
-            wash = QColor(colour)
-            wash.setAlpha(40)
-            painter.fillPath(area, wash)
+            painter.fillPath(area, faded(colour, 40))
             painter.strokePath(line, QPen(colour, 1.3))
 
     def _paint_marks(self, painter: QPainter, y: float, text: QColor) -> None:

@@ -60,6 +60,11 @@ def class_colour(index: int) -> QColor:
     return QColor(CLASS_COLOURS[index % len(CLASS_COLOURS)])
 
 
+def faded(colour: QColor, alpha: int) -> QColor:
+    """The colour with an opacity from 0 to 255."""
+    return QColor(colour.red(), colour.green(), colour.blue(), alpha)
+
+
 def is_dark(palette: QPalette) -> bool:
     """True when text is lighter than what it lies on."""
     return palette.color(QPalette.ColorRole.WindowText).lightness() > palette.color(QPalette.ColorRole.Window).lightness()

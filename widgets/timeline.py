@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable
 
-import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QKeyEvent
-from PySide6.QtWidgets import QLabel, QWidget
+from PySide6.QtGui import QKeyEvent
+from PySide6.QtWidgets import QWidget
 
 from degense.widgets import forms
 from degense.widgets.frame_track import FrameTrack
@@ -39,6 +37,11 @@ class Timeline(QWidget):
     """Slider over the frames with playback in real time.
 
     Frames that cannot be drawn in time are left out, and the rate that is reached is shown.
+
+    Attributes
+    ----------
+    track : FrameTrack
+        The slider, with its marks and curves.
     """
 
     frame_changed = Signal(int)
@@ -64,12 +67,12 @@ class Timeline(QWidget):
         self._emit_timer = QTimer(self, singleShot=True, interval=0)
         self._emit_timer.timeout.connect(lambda: self.frame_changed.emit(self.frame()))
 
-        self._track = FrameTrack(self)
-        self._track.valueChanged.connect(self._scrubbed)
+        self.track = FrameTrack(self)
+        self.track.valueChanged.connect(self._scrubbed)
         self._play_button = GlyphButton("play", "Play", self)
         self._play_button.clicked.connect(self.toggle_play)
-        moves = [("first", "First frame", self._to_first), ("previous", "Previous frame", lambda: self.step(-1))]
-        moves += [("next", "Next frame", lambda: self.step(1)), ("last", "Last frame", self._to_last)]
+        moves = [("first", "First frame", lambda: self.step(-self._count)), ("previous", "Previous frame", lambda: self.step(-1))]
+        moves += [("next", "Next frame", lambda: self.step(1)), ("last", "Last frame", lambda: self.step(self._count))]
         self._move_buttons = []
         for glyph, name, action in moves:
             button = GlyphButton(glyph, name, self)
@@ -81,11 +84,8 @@ class Timeline(QWidget):
         self._speed_box.setToolTip("Playback speed")
         self._loop_box = forms.choice("At the end", _LOOP_TITLES.items(), lambda: self.loop_mode_changed.emit(self.loop_mode()))
         self._loop_box.setToolTip("What happens at the end")
-        self._readout = QLabel(self)
-        self._readout.setAccessibleName("Frame and time")
-        self._rate = QLabel(self)
-        self._rate.setObjectName("secondary")
-        self._rate.setAccessibleName("Frames a second, reached and wanted")
+        self._readout = forms.label(name="Frame and time", wrap=False)
+        self._rate = forms.label(name="Frames a second, reached and wanted", secondary=True, wrap=False)
         self._arrange()
         self.set_speed(1.0)
         self.set_loop_mode("loop")
@@ -95,7 +95,7 @@ class Timeline(QWidget):
         first, previous, following, last = self._move_buttons
         buttons = (first, previous, self._play_button, following, last)
         row = forms.row(*buttons, 8, self._speed_box, 4, self._loop_box, 0, self._rate, 12, self._readout, spacing=2)
-        forms.column(self._track, row, spacing=4, parent=self).setContentsMargins(6, 4, 6, 4)
+        forms.column(self.track, row, spacing=4, parent=self).setContentsMargins(6, 4, 6, 4)
 
     # The frames
 
@@ -106,9 +106,9 @@ class Timeline(QWidget):
         self.pause()
         self._count, self._fps = count, fps
         self._played = None
-        self._track.set_frames(count)
+        self.track.set_frames(count)
         self._emit_timer.stop()
-        for widget in (self._track, self._play_button, *self._move_buttons, self._speed_box, self._loop_box):
+        for widget in (self.track, self._play_button, *self._move_buttons, self._speed_box, self._loop_box):
             widget.setEnabled(count > 0)
         self._show_readout()
 
@@ -119,13 +119,11 @@ class Timeline(QWidget):
         return self._fps
 
     def frame(self) -> int:
-        return self._track.value()
+        return self.track.value()
 
     def set_frame(self, frame: int) -> None:
         """Show another frame without telling anyone; out of range is clipped."""
-        self._track.blockSignals(True)
-        self._track.setValue(frame)
-        self._track.blockSignals(False)
+        self.track.show_frame(frame)
         self._phase = float(self.frame())
         self._show_readout()
 
@@ -133,7 +131,7 @@ class Timeline(QWidget):
         """Play only from `first` to `last` (None: from the start, to the end); everything can still be scrubbed."""
         first, last = first or 0, self._count - 1 if last is None else min(last, self._count - 1)
         self._played = (first, last) if 0 <= first < last and (first, last) != (0, self._count - 1) else None
-        self._track.set_played(self._played)
+        self.track.set_played(self._played)
 
     def played(self) -> tuple[int, int]:
         """First and last frame that are played."""
@@ -142,26 +140,7 @@ class Timeline(QWidget):
     def step(self, frames: int) -> None:
         """Go on by some frames, as the user does; playback pauses."""
         self.pause()
-        self._track.setValue(self.frame() + frames)
-
-    def set_marks(self, test: Iterable[int] = (), labelled: Iterable[int] = ()) -> None:
-        """Mark held-out frames (below the line, hollow) and frames with annotations (filled)."""
-        self._track.set_marks(test, labelled)
-
-    def set_strip(self, name: str, values: np.ndarray, colour: QColor) -> None:
-        """Lay a curve over time, [count], such as the area of a mask, above the line.
-
-        NaN leaves a gap. Each curve has its own scale from 0.
-        """
-        if len(values) != self._count:
-            raise ValueError(f"the curve {name!r} has {len(values)} values for {self._count} frames")
-        self._track.set_strip(name, np.asarray(values, float), colour)
-
-    def remove_strip(self, name: str) -> None:
-        self._track.remove_strip(name)
-
-    def clear_strips(self) -> None:
-        self._track.clear_strips()
+        self.track.setValue(self.frame() + frames)
 
     # Playback
 
@@ -173,7 +152,7 @@ class Timeline(QWidget):
             return
         first, last = self.played()
         if not first <= self.frame() <= last or (self.loop_mode() == "once" and self.frame() == last):
-            self._track.setValue(first)
+            self.track.setValue(first)
         self._playing = True
         self._phase = float(self.frame())
         self._ticked = self._clock()
@@ -228,9 +207,7 @@ class Timeline(QWidget):
         frame = first + step
         waiting = self._asked is not None and now - self._asked < PATIENCE
         if frame != self.frame() and not waiting:
-            self._track.blockSignals(True)
-            self._track.setValue(frame)
-            self._track.blockSignals(False)
+            self.track.show_frame(frame)
             self._show_readout()
             self._asked = now
             self.frame_changed.emit(frame)
@@ -242,12 +219,6 @@ class Timeline(QWidget):
         self._phase = float(frame)
         self._show_readout()
         self._emit_timer.start()
-
-    def _to_first(self) -> None:
-        self.step(-self._count)
-
-    def _to_last(self) -> None:
-        self.step(self._count)
 
     def _show_playing(self) -> None:
         self._play_button.set_glyph(*(("pause", "Pause") if self._playing else ("play", "Play")))

@@ -110,6 +110,9 @@ class Session:
         source = self.scene or self.clip
         return source.name if source else ""
 
+    def has_scene(self) -> bool:
+        return self.scene is not None
+
     @property
     def frames(self) -> int:
         return self.scene.frames if self.scene else len(self.clip) if self.clip else 0

@@ -130,6 +130,7 @@ class Shell(QMainWindow):
 
         def broken(message: str) -> None:
             self.set_busy()
+            self.refresh()
             self.show_error(message)
             if failed is not None:
                 failed(message)

@@ -213,22 +213,19 @@ def test_choices_are_told_when_the_user_makes_them(timeline, qtbot):
 def test_marks_and_strips_are_painted(timeline):
     bar = track(timeline)
     low, plain = bar.height(), timeline.grab().toImage()
-    timeline.set_marks(test=[1, 9, 17], labelled=[0, 20])
+    bar.set_marks(test=[1, 9, 17], labelled=[0, 20])
     marked = timeline.grab().toImage()
     assert marked != plain
     values = np.linspace(0, 5, 40)
     values[10:14] = np.nan
-    timeline.set_strip("liver", values, QColor("#e69f00"))
+    bar.set_strips({"liver": (values, QColor("#e69f00"))})
     assert bar.sizeHint().height() > low - 5
     assert timeline.grab().toImage() != marked
-    timeline.set_strip("nothing", np.full(40, np.nan), QColor("red"))
+    bar.set_strips({"nothing": (np.full(40, np.nan), QColor("red"))})
     timeline.grab()
     with pytest.raises(ValueError, match="3 values for 40 frames"):
-        timeline.set_strip("liver", np.zeros(3), QColor("red"))
-    timeline.remove_strip("liver")
-    timeline.remove_strip("nothing")
-    timeline.remove_strip("never there")
-    timeline.clear_strips()
+        bar.set_strips({"liver": (np.zeros(3), QColor("red"))})
+    bar.set_strips({})
 
 
 def test_no_frames_and_one_frame(timeline, heard, qtbot):

@@ -66,20 +66,14 @@ def splat_at(x: float, y: float, camera: Camera, means: np.ndarray, quats: np.nd
 
     Each splat's alpha is its opacity times the largest value of its 3D Gaussian along the pixel's ray; alphas are blended front to back.
     """
+    from scipy.spatial.transform import Rotation
+
     near = (means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]) > 0.0
     if not near.any():
         return -1
     eye = -camera.viewmat[:3, :3].T @ camera.viewmat[:3, 3]
     ray = np.array([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0]) @ camera.viewmat[:3, :3]
-    w, i, j, k = (quats / np.maximum(np.linalg.norm(quats, axis=1, keepdims=True), 1e-12)).T
-    axes = np.stack(
-        [
-            np.stack([1 - 2 * (j * j + k * k), 2 * (i * j + w * k), 2 * (i * k - w * j)], -1),
-            np.stack([2 * (i * j - w * k), 1 - 2 * (i * i + k * k), 2 * (j * k + w * i)], -1),
-            np.stack([2 * (i * k + w * j), 2 * (j * k - w * i), 1 - 2 * (i * i + j * j)], -1),
-        ],
-        1,
-    )
+    axes = Rotation.from_quat(quats[:, [1, 2, 3, 0]]).inv().as_matrix()
     spread = np.maximum(scales, 1e-9)
     origin = np.einsum("nij,nj->ni", axes, eye - means) / spread
     direction = (axes @ ray) / spread

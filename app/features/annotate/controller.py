@@ -146,7 +146,7 @@ class Annotator(QObject):
         """Mark test frames and labelled frames in the timeline."""
         clip = self.session.clip
         if (time := self.shell.service(TimeControl)) is not None:
-            time.timeline.set_marks(clip.test_frames if clip else (), sorted(labelled.union(clip.labelled_frames if clip else ())))
+            time.timeline.track.set_marks(clip.test_frames if clip else (), sorted(labelled.union(clip.labelled_frames if clip else ())))
 
     # The frame
 

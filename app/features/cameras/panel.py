@@ -15,16 +15,7 @@ _NAME, _FRAME, _SECONDS = range(3)
 
 
 class CameraList(QWidget):
-    """Rows of name, frame and seconds to the next row; name and seconds are edited in place.
-
-    Signals
-    -------
-    add_requested(), remove_requested(row), move_requested(row, step), update_requested(row)
-    chosen(row)
-        The user wants to see it from there.
-    renamed(row, name), timed(row, seconds)
-    flight_requested(), movie_requested()
-    """
+    """Rows of name, frame and seconds to the next row; name and seconds are edited in place. Signals give the row first."""
 
     add_requested = Signal()
     remove_requested = Signal(int)

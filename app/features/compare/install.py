@@ -14,11 +14,8 @@ def install(shell: Shell) -> None:
         return
     for channel in ("second", "second-view"):
         shell.worker.add_channel(channel, 40)
-    comparison, menu = RunComparison(viewer), ("Inspect",)
+    comparison, menu, has_scene = RunComparison(viewer), ("Inspect",), shell.session.has_scene
     shell.provide(comparison)
-
-    def has_scene() -> bool:
-        return shell.session.scene is not None
 
     shell.add_actions(
         Action("inspect.second-run", "Compare with run…", comparison.ask, menu, (), has_scene, group=2, help="side by side second run"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,15 @@ class Exporter(QObject):
         self.viewer, self.shell, self.session = viewer, viewer.shell, viewer.session
 
     def ask_for_frame(self) -> None:
-        name = f"{self.session.name}-{self.session.view_state.layer}-{self.session.frame:06d}.png"
-        if (path := self.shell.ask_save("Export frame", name, "PNG (*.png)")) is not None:
-            self.save_frame(path)
+        self._ask("Export frame", "", self.save_frame)
+
+    def ask_for_screenshot(self) -> None:
+        self._ask("Export 3D view", "3d-", self.save_screenshot)
+
+    def _ask(self, title: str, kind: str, save: Callable[[Path], None]) -> None:
+        name = f"{self.session.name}-{kind}{self.session.view_state.layer}-{self.session.frame:06d}.png"
+        if (path := self.shell.ask_save(title, name, "PNG (*.png)")) is not None:
+            save(path)
 
     def save_frame(self, path: Path) -> None:
         """The frame as it is shown, with its colour bar, as PNG."""
@@ -39,11 +46,6 @@ class Exporter(QObject):
             self.shell.say(f"Saved {path}")
 
         self.shell.attempt(save)
-
-    def ask_for_screenshot(self) -> None:
-        name = f"{self.session.name}-3d-{self.session.view_state.layer}-{self.session.frame:06d}.png"
-        if (path := self.shell.ask_save("Export 3D view", name, "PNG (*.png)")) is not None:
-            self.save_screenshot(path)
 
     def save_screenshot(self, path: Path) -> None:
         """The 3D view as it is seen, with its colour bar, as PNG."""

@@ -18,9 +18,6 @@ def install(shell: Shell) -> None:
     exporter, menu = Exporter(viewer), ("File", "Export")
     shell.provide(exporter)
 
-    def has_scene() -> bool:
-        return session.scene is not None
-
     shell.add_actions(
         Action("export.picture", "Frame as shown…", exporter.ask_for_frame, menu, ("Ctrl+E",), lambda: session.frames > 0, group=1),
         Action(
@@ -29,12 +26,12 @@ def install(shell: Shell) -> None:
             exporter.ask_for_screenshot,
             menu,
             ("Ctrl+Shift+E",),
-            lambda: has_scene() and viewer.splats is not None,
+            lambda: session.has_scene() and viewer.splats is not None,
             group=1,
             help="screenshot",
         ),
         *(
-            Action(f"export.{name}", f"{entry.title}…", partial(exporter.ask, name), menu, (), has_scene, group=1)
+            Action(f"export.{name}", f"{entry.title}…", partial(exporter.ask, name), menu, (), session.has_scene, group=1)
             for name, entry in FORMATS.items()
         ),
         Action("export.stop", "Stop exporting", exporter.cancel, menu, (), lambda: shell.worker.busy("export"), group=2),

@@ -51,12 +51,9 @@ class Findings(QObject):
             return
         from degense.engine.layers.ranking import rank
 
-        def failed(message: str) -> None:
-            self.list.set_note(message)
-
         request = layer_request(view_state, 0)
         self.shell.docks.bring(self.dock)
-        self.worker.submit("rank", lambda: rank(scene, layer, request), self._take, failed, self._take)
+        self.worker.submit("rank", lambda: rank(scene, layer, request), self._take, self.list.set_note, self._take)
 
     def _take(self, ranking: Ranking) -> None:
         self.ranking = ranking

@@ -14,16 +14,7 @@ KINDS = (("frames", "Worst frames"), ("places", "Worst places"))
 
 
 class RankingList(QWidget):
-    """Rows of frame, place and value.
-
-    Signals
-    -------
-    search_requested()
-    kind_changed(kind)
-        `frames` or `places`.
-    chosen(row)
-        The user wants to see the finding of this row.
-    """
+    """Rows of frame, place and value; `chosen` gives the row to see, `kind_changed` one of `KINDS`."""
 
     search_requested = Signal()
     kind_changed = Signal(str)

@@ -27,10 +27,7 @@ def install(shell: Shell) -> None:
 
 
 def _add_probe_actions(shell: Shell, probe: Probe) -> None:
-    session, menu = shell.session, ("Inspect",)
-
-    def has_scene() -> bool:
-        return session.scene is not None
+    session, menu, has_scene = shell.session, ("Inspect",), shell.session.has_scene
 
     def has_mask() -> bool:
         return has_scene() and bool(session.view_state.visible_prompts)

@@ -15,7 +15,6 @@ from degense.app.features.inspect.probe_maps import ProbeMaps, probe_maps
 from degense.app.features.inspect.probe_panel import ProbePanel
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer, write_png
-from degense.app.features.viewer.view_rendering import View
 from degense.app.session.targets import Found, Region, Spot, Target, material
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
@@ -52,7 +51,7 @@ class Probe(QObject):
         viewer.panel.clicked.connect(self._clicked)
         self.panel.unpin_requested.connect(self.unpin)
         self.panel.frame_clicked.connect(session.go_to)
-        viewer.shown.connect(self._drawn)
+        viewer.shown.connect(lambda view: self._look_up())
         viewer.splats_added.connect(lambda splats: splats.picked.connect(self._picked))
         session.opened.connect(self._opened)
         session.probe_changed.connect(self._probe_changed)
@@ -73,10 +72,9 @@ class Probe(QObject):
 
     def _hovered(self, x: int, y: int) -> None:
         self._cursor = (x, y) if x >= 0 else None
-        self._draw_maps()
-        self._show_values()
+        self._look_up()
 
-    def _drawn(self, view: View) -> None:
+    def _look_up(self) -> None:
         self._draw_maps()
         self._show_values()
 

@@ -78,9 +78,7 @@ class ProbeMaps:
 
     def why(self, x: int, y: int) -> list[tuple[str, float]]:
         """The classes of the scene and its vocabulary that a pixel is most similar to, with their cosines, the best first."""
-        if self.latent is None or self.directions is None:
-            return []
-        return self.directions.best(self.latent[y, x])
+        return [] if self.latent is None or self.directions is None else self.directions.best(self.latent[y, x])
 
 
 def probe_maps(scene: Scene, frame: int) -> Generator[ProbeMaps, None, ProbeMaps]:

@@ -20,7 +20,7 @@ def install(shell: Shell) -> None:
             controls.focus,
             ("Edit",),
             ("/",),
-            lambda: shell.session.scene is not None,
+            shell.session.has_scene,
             group=1,
             help="search mask",
         )

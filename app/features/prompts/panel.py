@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from PySide6.QtCore import QStringListModel, Qt, Signal
+from PySide6.QtCore import QSignalBlocker, QStringListModel, Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QCheckBox, QCompleter, QLabel, QLineEdit, QSlider, QWidget
 
@@ -125,9 +125,8 @@ class PromptBar(QWidget):
         return self._decoder_box.currentData() or ""
 
     def set_threshold(self, threshold: float) -> None:
-        self._slider.blockSignals(True)
-        self._slider.setValue(round(threshold * _STEPS))
-        self._slider.blockSignals(False)
+        with QSignalBlocker(self._slider):
+            self._slider.setValue(round(threshold * _STEPS))
         self._threshold_text.setText(f"{self.threshold():.3f}")
         self.histogram.set_threshold(self.threshold())
 

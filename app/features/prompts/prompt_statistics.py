@@ -99,8 +99,8 @@ class PromptStatistics(QObject):
         scene, view_state, time = self.session.scene, self.session.view_state, self.shell.service(TimeControl)
         if time is None:
             return
-        timeline = time.timeline
-        timeline.clear_strips()
-        if scene is not None and scene.has_semantics and timeline.count() == scene.frames:
+        strips = {}
+        if scene is not None and scene.has_semantics and time.timeline.count() == scene.frames:
             for prompt in view_state.visible_prompts:
-                timeline.set_strip(prompt.text, self.areas.curve(prompt.text, view_state, scene.frames), QColor(*prompt.colour))
+                strips[prompt.text] = self.areas.curve(prompt.text, view_state, scene.frames), QColor(*prompt.colour)
+        time.timeline.track.set_strips(strips)

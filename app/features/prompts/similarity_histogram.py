@@ -10,6 +10,7 @@ from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPalette, QPen, QPolygo
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from degense.widgets.forms import PaintedWidget
+from degense.widgets.theme import faded
 
 
 class SimilarityHistogram(PaintedWidget):
@@ -64,10 +65,8 @@ class SimilarityHistogram(PaintedWidget):
                 QPointF(area.left() + x * area.width(), area.bottom() - h / tallest * area.height())
                 for x, h in zip(middles, heights, strict=True)
             ]
-            wash = QColor(colour)
-            wash.setAlpha(60)
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(wash)
+            painter.setBrush(faded(colour, 60))
             painter.drawPolygon(QPolygonF([QPointF(line[0].x(), area.bottom()), *line, QPointF(line[-1].x(), area.bottom())]))
             painter.setPen(QPen(colour, 1.4))
             painter.drawPolyline(QPolygonF(line))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
@@ -66,14 +65,12 @@ class ClipQuery(QObject):
         scene, prompts = self.session.scene, self.session.view_state.prompt_set
         assert scene is not None
 
-        def progress(step: tuple[float, str]) -> None:
-            self.shell.set_busy(f"Writing masks into {folder.name}", step[0])
-
-        def steps() -> Generator[tuple[float, str], None, dict[str, np.ndarray]]:
-            return write_clip_masks(scene, prompts, range(scene.frames), folder)
-
-        self._begin()
-        self.worker.submit(CHANNEL, steps, lambda areas: self._end(f"{folder}: masks of {scene.frames} frames"), self._failed, progress)
+        self.shell.run_task(
+            CHANNEL,
+            f"Writing masks into {folder.name}",
+            lambda: write_clip_masks(scene, prompts, range(scene.frames), folder),
+            lambda areas: self._end(f"{folder}: masks of {scene.frames} frames"),
+        )
         self.shell.refresh()
 
     def stop(self) -> None:

@@ -33,9 +33,6 @@ COMPARES: tuple[tuple[Compare, str], ...] = (
 def add_actions(viewer: Viewer) -> None:
     session, view, state = viewer.session, viewer.session.view, lambda: viewer.session.view_state
 
-    def has_scene() -> bool:
-        return session.scene is not None
-
     def can_show(layer: str) -> bool:
         if session.scene is None:
             return False
@@ -46,20 +43,14 @@ def add_actions(viewer: Viewer) -> None:
     def can_compare() -> bool:
         return session.scene is not None and session.scene.clip is not None
 
-    def is_shown(layer: str) -> bool:
-        return has_scene() and state().layer == layer
-
-    def is_compared(name: str) -> bool:
-        return state().compare == name
-
     def layer_action(name: str, title: str) -> Action:
         keys = (LAYER_KEYS[name],) if name in LAYER_KEYS else ()
-        can, shown = partial(can_show, name), partial(is_shown, name)
-        return Action(f"layer.{name}", title, partial(view.set_layer, name), ("View", "Layer"), keys, can, shown)
+        run, can = partial(view.set_layer, name), partial(can_show, name)
+        return Action(f"layer.{name}", title, run, ("View", "Layer"), keys, can, lambda: session.has_scene() and state().layer == name)
 
     def compare_action(name: Compare, title: str) -> Action:
-        run, compared = partial(view.set_compare, name), partial(is_compared, name)
-        return Action(f"compare.{name}", title, run, ("View", "Compare"), (), can_compare, compared, help="recorded frame")
+        run, menu = partial(view.set_compare, name), ("View", "Compare")
+        return Action(f"compare.{name}", title, run, menu, (), can_compare, lambda: state().compare == name, help="recorded frame")
 
     viewer.shell.add_actions(
         *(layer_action(*entry) for entry in LAYER_TITLES.items()),
@@ -72,9 +63,6 @@ def add_actions(viewer: Viewer) -> None:
 def _add_view_actions(viewer: Viewer) -> None:
     session, view, menu = viewer.session, viewer.session.view, ("View",)
 
-    def has_scene() -> bool:
-        return session.scene is not None
-
     def more_opacity(step: float) -> None:
         view.set_overlay_opacity(session.view_state.overlay_opacity + step)
 
@@ -85,7 +73,7 @@ def _add_view_actions(viewer: Viewer) -> None:
             viewer.toggle_free_camera,
             menu,
             ("V",),
-            lambda: has_scene() and viewer.splats is not None,
+            lambda: session.has_scene() and viewer.splats is not None,
             lambda: session.camera_mode == "free",
             group=1,
             help="3D camera surgeon's view",
@@ -97,12 +85,12 @@ def _add_view_actions(viewer: Viewer) -> None:
             lambda: view.set_masks_shown(not session.view_state.masks_shown),
             menu,
             ("M",),
-            has_scene,
+            session.has_scene,
             lambda: session.view_state.masks_shown,
             group=2,
         ),
-        Action("masks.more", "More opaque masks", partial(more_opacity, 0.1), menu, ("Shift+Up",), has_scene, group=2),
-        Action("masks.less", "Less opaque masks", partial(more_opacity, -0.1), menu, ("Shift+Down",), has_scene, group=2),
+        Action("masks.more", "More opaque masks", partial(more_opacity, 0.1), menu, ("Shift+Up",), session.has_scene, group=2),
+        Action("masks.less", "Less opaque masks", partial(more_opacity, -0.1), menu, ("Shift+Down",), session.has_scene, group=2),
         Action("help.layers", "What the layers show", partial(_show_layer_help, viewer), ("Help",), ("F1",), help="formula units"),
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QButtonGroup, QCheckBox, QGridLayout, QLabel, QRadioButton, QSlider, QWidget
 
 from degense.widgets import forms
@@ -87,20 +87,13 @@ class LayerList(QWidget):
         self._buttons[name].setToolTip(self._tips[name] if on or not reason else f"{self._tips[name]}\n\nNot available: {reason}")
 
     def set_opacity(self, opacity: float) -> None:
-        self._slider.blockSignals(True)
-        self._slider.setValue(round(100 * opacity))
-        self._slider.blockSignals(False)
+        with QSignalBlocker(self._slider):
+            self._slider.setValue(round(100 * opacity))
         self._percent.setText(f"{self._slider.value()} %")
-
-    def opacity(self) -> float:
-        return self._slider.value() / 100
 
     def set_masks_shown(self, on: bool) -> None:
         self._masks.setChecked(on)
 
-    def masks_shown(self) -> bool:
-        return self._masks.isChecked()
-
     def _opacity_moved(self) -> None:
         self._percent.setText(f"{self._slider.value()} %")
-        self.opacity_changed.emit(self.opacity())
+        self.opacity_changed.emit(self._slider.value() / 100)

@@ -207,7 +207,7 @@ def test_area_over_time_lies_under_the_timeline_and_is_saved(qtbot, opened, idle
     idle()
     mask = decode_frame(session.scene, PromptSet(("gallbladder",)), 4).masks[0]
     assert curve[4] == pytest.approx(mask.mean())
-    assert track._track._strips["gallbladder"][0] is not None
+    assert track.track._strips["gallbladder"][0] is not None
     screenshot(opened, "prompt-area")
     session.save()
     on.documents(opened).open_path(run)
