@@ -33,15 +33,20 @@ Layout = TypeVar("Layout", bound=QBoxLayout)
 Item = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
 
 
-class PaintedWidget(QWidget):
-    """A widget that paints itself in `_paint`."""
+class Painted:
+    """For widgets that paint themselves in `_paint`; the first of their bases."""
 
     def paintEvent(self, event: QPaintEvent) -> None:
+        assert isinstance(self, QWidget)
         with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
             self._paint(painter)
 
     def _paint(self, painter: QPainter) -> None:
         raise NotImplementedError
+
+
+class PaintedWidget(Painted, QWidget):
+    """A plain widget that paints itself."""
 
 
 def row(*items: Item, spacing: int = 6, parent: QWidget | None = None) -> QHBoxLayout:

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, QSize, Qt
-from PySide6.QtGui import QColor, QHelpEvent, QKeyEvent, QMouseEvent, QPainter, QPainterPath, QPaintEvent, QPalette, QPen
+from PySide6.QtGui import QColor, QHelpEvent, QKeyEvent, QMouseEvent, QPainter, QPainterPath, QPalette, QPen
 from PySide6.QtWidgets import QSizePolicy, QSlider, QToolTip, QWidget
 
+from degense.widgets.forms import Painted
 from degense.widgets.keys import ARROWS, keep_keys
 from degense.widgets.theme import faded
 from degense.widgets.ticks import pieces
@@ -16,7 +17,7 @@ from degense.widgets.ticks import pieces
 _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
 
 
-class FrameTrack(QSlider):
+class FrameTrack(Painted, QSlider):
     """A slider over the frames: press anywhere to go there; Shift with the arrows makes steps of ten."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -79,10 +80,6 @@ class FrameTrack(QSlider):
         return round((x - _MARGIN) / max(self.width() - 2 * _MARGIN, 1) * self.maximum())
 
     # Painting
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            self._paint(painter)
 
     def _paint(self, painter: QPainter) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPaintEvent, QPixmap, QResizeEvent
+from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPixmap, QResizeEvent
 from PySide6.QtWidgets import QColorDialog, QFrame, QGridLayout, QLabel, QMenu, QSizePolicy, QToolButton, QWidget
 
 from degense.widgets import forms
@@ -14,7 +14,7 @@ from degense.widgets.theme import CLASS_COLOURS
 RIGHT_MARGIN = 4
 
 
-class _Swatch(QToolButton):
+class _Swatch(forms.Painted, QToolButton):
     """A button that shows a colour."""
 
     def __init__(self, colour: QColor, parent: QWidget) -> None:
@@ -28,10 +28,6 @@ class _Swatch(QToolButton):
         side = max(20, self.fontMetrics().height() + 4)
         return QSize(side, side)
 
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            self._paint(painter)
-
     def _paint(self, painter: QPainter) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         role = self.palette().ColorRole.Accent if self.hasFocus() else self.palette().ColorRole.Mid
@@ -40,7 +36,7 @@ class _Swatch(QToolButton):
         painter.drawRoundedRect(self.rect().adjusted(2, 2, -3, -3), 4, 4)
 
 
-class _ElidedLabel(QLabel):
+class _ElidedLabel(forms.Painted, QLabel):
     """Plain text that is elided where there is no room; the tooltip has all of it."""
 
     def __init__(self, text: str, parent: QWidget) -> None:
@@ -48,10 +44,6 @@ class _ElidedLabel(QLabel):
         self.setTextFormat(Qt.TextFormat.PlainText)
         self.setToolTip(text)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        with QPainter(self) as painter:
-            self._paint(painter)
 
     def _paint(self, painter: QPainter) -> None:
         text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
