@@ -99,7 +99,7 @@ class FrameTrack(Painted, QSlider):
         painter.drawRoundedRect(QRectF(groove.left(), groove.top(), x - groove.left(), 4), 2, 2)
         if self._played is not None:
             self._paint_played(painter, middle, text)
-        self._paint_marks(painter, middle + _LINE / 2 + 1, text)
+        self._paint_marks(painter, middle + _LINE / 2 + 1)
         if self._strips:
             painter.setPen(QPen(text, 1))
             painter.drawLine(QPointF(x, 0), QPointF(x, middle))
@@ -138,7 +138,7 @@ class FrameTrack(Painted, QSlider):
             painter.fillPath(area, faded(colour, 40))
             painter.strokePath(line, QPen(colour, 1.3))
 
-    def _paint_marks(self, painter: QPainter, y: float, text: QColor) -> None:
+    def _paint_marks(self, painter: QPainter, y: float) -> None:
         labelled = self.palette().color(QPalette.ColorRole.Accent)
         quiet = self.palette().color(QPalette.ColorRole.PlaceholderText)
         crowded = (self.width() - 2 * _MARGIN) / max(self.maximum(), 1) < 3

@@ -84,9 +84,6 @@ class RenderPanel(PaintedWidget):
             self.zoom.set_image(rgb.shape[1], rgb.shape[0])
         self.update()
 
-    def has_image(self) -> bool:
-        return self._frame is not None
-
     def set_message(self, text: str) -> None:
         """The text that is shown without a frame."""
         self._message = text

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QWidget
 
 from degense.engine.camera import Camera
 from degense.widgets.forms import PaintedWidget
-from degense.widgets.qt_images import to_array, to_qimage
+from degense.widgets.qt_images import rgb, to_array, to_qimage
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.gaussians import Gaussians
 
@@ -99,8 +99,7 @@ class SnapshotSurface(QObject):
     def _request(self) -> SnapshotRequest | None:
         if self._gaussians is None or self._camera is None:
             return None
-        colour = self._background
-        return SnapshotRequest(self._gaussians, self._colours, self._camera, (colour.red(), colour.green(), colour.blue()))
+        return SnapshotRequest(self._gaussians, self._colours, self._camera, rgb(self._background))
 
     def _ask(self) -> None:
         if self._request() is not None:

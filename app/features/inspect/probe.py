@@ -210,9 +210,9 @@ class Probe(QObject):
 
     def _show_curves(self, curves: Curves) -> None:
         probe, layer = self.panel, get_layer(self.session.view_state.layer).name
+        self._clear_curves()
         self.curves = curves
         probe.set_pinned(curves.where)
-        self._clear_curves(forget=False)
         shown = layer if layer in curves.layers else "displacement"
         mean, low, high = curves.layers[shown]
         name = f"{shown} [{curves.units[shown]}]" if curves.units[shown] else shown
@@ -222,9 +222,8 @@ class Probe(QObject):
         self.similarity.setVisible(bool(curves.similarity))
         self._set_cursor(self.session.frame)
 
-    def _clear_curves(self, forget: bool = True) -> None:
-        if forget:
-            self.curves = None
+    def _clear_curves(self) -> None:
+        self.curves = None
         self.panel.plot.clear()
         self.similarity.clear()
         self.similarity.hide()

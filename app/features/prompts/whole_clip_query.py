@@ -52,7 +52,7 @@ class ClipQuery(QObject):
             self._end("The whole clip: " + "; ".join(_in_words(text, values) for text, values in curves.items()))
 
         self.worker.cancel("areas")  # it would compute the same frames
-        self._begin()
+        self.shell.set_busy("Querying the whole clip", 0.0)
         self.worker.submit(CHANNEL, lambda: areas(scene, view_state, frames), done, self._failed, found)
         self.shell.refresh()
 
@@ -80,9 +80,6 @@ class ClipQuery(QObject):
     def _opened(self) -> None:
         if self.running:
             self.stop()
-
-    def _begin(self) -> None:
-        self.shell.set_busy("Querying the whole clip", 0.0)
 
     def _end(self, text: str) -> None:
         self.shell.set_busy()

@@ -54,7 +54,7 @@ def work():
     QTimer.singleShot(1500, paint)  # the prompt is in the journal then
 
 def paint():
-    if any(window.worker.busy(name) for name in ("open", "view", "range")) or not panel.has_image():
+    if any(window.worker.busy(name) for name in ("open", "view", "range")) or panel._frame is None:
         QTimer.singleShot(100, paint)
         return
     mouse(QEvent.Type.MouseButtonPress)

@@ -120,7 +120,7 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     box = with_clip.findChild(QMessageBox, "error")
     assert "in the queue already" in box.text()
     box.close()
-    qtbot.waitUntil(lambda: monitor._preview.has_image() and monitor._preview.comparison.observed is not None)
+    qtbot.waitUntil(lambda: monitor._preview._frame is not None and monitor._preview.comparison.observed is not None)
     assert len(monitor._plot.series_names()) == len(monitor._scores.series_names()) == 1
     with_clip.session.go_to(5)  # the window goes on working
     screenshot(with_clip, "train")
