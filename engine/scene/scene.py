@@ -62,9 +62,8 @@ class Scene:
         self.has_semantics = basis is not None
         self.name, self.classes, self.reference_frame = run.path.name, tuple(run.info["classes"]), int(run.info["reference_frame"])
         self.cameras = run.cameras
-        self.frames, self.clip_size = len(self.cameras), (self.cameras[0].width, self.cameras[0].height)
         self.states = States(model, run.info["unit"], self.frames, self.reference_frame, observability)
-        self.time, self.splats, self.observability = self.states.time, self.states.splats, self.states.observability
+        self.time, self.splats = self.states.time, self.states.splats
         self.renderer = Renderer(self.name, self.states, basis, self.camera)
         self.render, self.render_rgb = self.renderer.render, self.renderer.render_rgb
         self._asked: dict[str, tuple[np.ndarray, np.ndarray]] = {}
@@ -100,6 +99,18 @@ class Scene:
         if clip is None:
             clip, missing = _find_clip(run)
         return cls(run, model, basis, encoder_of_run, clip, missing, run.load_observability(len(model)))
+
+    @property
+    def frames(self) -> int:
+        return len(self.cameras)
+
+    @property
+    def clip_size(self) -> tuple[int, int]:
+        return self.cameras[0].width, self.cameras[0].height
+
+    @property
+    def observability(self) -> Tensor | None:
+        return self.states.observability
 
     @property
     def unit(self) -> str:
