@@ -43,7 +43,6 @@ class Docks(QObject):
         self._tabs: list[QDockWidget] = []
         self._below: list[QWidget] = []
         self._heights: dict[QDockWidget, int] = {}
-        self._hidden_at_start: list[QDockWidget] = []
         self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         self.views.setObjectName("views")
         centre = QWidget()
@@ -68,7 +67,7 @@ class Docks(QObject):
         height : int
             Share of the right column, pixels; of tabs the first one's counts.
         hidden : bool
-            Whether it is closed when the window starts; the bottom ones always are.
+            Whether it is closed at first; the bottom ones always are.
         """
         dock = QDockWidget(title, self.window)
         dock.setObjectName(title)
@@ -88,8 +87,6 @@ class Docks(QObject):
             self._tabs.append(dock)
         if height:
             self._heights[dock] = height
-        if place == "bottom":
-            self._hidden_at_start.append(dock)
         if hidden or place == "bottom":
             dock.hide()
         self.all.append(dock)
@@ -127,10 +124,8 @@ class Docks(QObject):
         return bytes(self.window.saveState().toBase64().data()).decode("ascii")
 
     def restore(self, state: str) -> None:
-        """Arrange the docks as they were; those at the bottom stay closed until they are needed."""
-        self.window.restoreState(QByteArray.fromBase64(state.encode("ascii")))
-        for dock in self._hidden_at_start:
-            dock.hide()
+        """Arrange the docks as `state` has them."""
+        self.window.restoreState(QByteArray.fromBase64(state.encode("ascii", "ignore")))
 
     def set_busy(self, text: str = "", fraction: float | None = None) -> None:
         """Show that something is being done; an empty text hides it. Without a fraction the bar only moves."""

@@ -51,12 +51,13 @@ class Choice:
     escape: bool = False
 
 
-def ask(parent: QWidget, name: str, text: str, choices: Sequence[Choice], details: str = "") -> None:
-    """Ask a question that does not block the window; `name` is the dialog's object name."""
-    box = QMessageBox(QMessageBox.Icon.Warning, "DeGense", text, QMessageBox.StandardButton.NoButton, parent)
+def ask(parent: QWidget, name: str, text: str, choices: Sequence[Choice], details: str, icon: QMessageBox.Icon) -> None:
+    """Ask a question that does not block the window; `name` is the dialog's object name. One of the choices is the escape."""
+    box = QMessageBox(icon, "DeGense", text, QMessageBox.StandardButton.NoButton, parent)
     box.setObjectName(name)
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     box.setInformativeText(details)
+    escape = next(choice for choice in choices if choice.escape)
     buttons: dict[QAbstractButton, Choice] = {}
     for choice in choices:
         role = QMessageBox.ButtonRole.RejectRole if choice.escape else QMessageBox.ButtonRole.AcceptRole
@@ -66,7 +67,7 @@ def ask(parent: QWidget, name: str, text: str, choices: Sequence[Choice], detail
             box.setDefaultButton(button)
         if choice.escape:
             box.setEscapeButton(button)
-    box.finished.connect(lambda: buttons[box.clickedButton()].act())
+    box.finished.connect(lambda: buttons.get(box.clickedButton(), escape).act())
     box.open()
 
 

@@ -1,4 +1,4 @@
-"""The window without any feature: docks, actions, tasks and the time control, which features use when they install themselves."""
+"""The window without any feature: docks, actions, services and tasks, which features use when they install themselves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from PySide6.QtCore import QByteArray, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
-from PySide6.QtWidgets import QFileDialog, QMainWindow
+from PySide6.QtWidgets import QFileDialog, QMainWindow, QMessageBox
 
 from degense.app.session.session import Session
 from degense.app.shell.actions import ActionRegistry
@@ -55,7 +55,7 @@ class Shell(QMainWindow):
         self.registry = ActionRegistry()
         self.docks = Docks(self)
         self.add_dock, self.add_actions, self.set_busy = self.docks.add, self.registry.add, self.docks.set_busy
-        self.worker.add_channel("export", 70)
+        self.worker.add_channel("export", 70)  # of all features that read or write files
         self.may_close: list[Callable[[Callable[[], object]], bool]] = []
         self._services: list[object] = []
         self.complaint.connect(self.show_error, Qt.ConnectionType.QueuedConnection)
@@ -148,9 +148,9 @@ class Shell(QMainWindow):
     def show_error(self, text: str) -> None:
         show_error(self, text)
 
-    def ask(self, name: str, text: str, *choices: Choice, details: str = "") -> None:
+    def ask(self, name: str, text: str, *choices: Choice, details: str = "", icon: QMessageBox.Icon = QMessageBox.Icon.Warning) -> None:
         """Ask a question; the window goes on meanwhile. See `messages.ask`."""
-        ask(self, name, text, choices, details)
+        ask(self, name, text, choices, details, icon)
 
     def attempt(self, act: Callable[[], object]) -> None:
         """Do it, and show in a dialog why when it cannot be done."""

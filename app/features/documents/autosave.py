@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtWidgets import QApplication
+from PySide6.QtWidgets import QApplication, QMessageBox
 
 from degense.app.session import session_file
 from degense.app.session.session_file import DamagedSession, clip_folder
@@ -127,6 +127,7 @@ class Autosave(QObject):
             Choice("Discard", discard),
             details=f"The program ended before {count} change{'s' if count > 1 else ''} of {self.session.name} could be saved ({areas}). "
             "Restore them, or go on from what was saved last?",
+            icon=QMessageBox.Icon.Information,
         )
 
     def offer_backups(self, error: DamagedSession, again: Callable[[], None]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QMessageBox
 
 from degense.app.features.documents.controller import Documents
 from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob
@@ -56,6 +57,7 @@ class Training(QObject):
         if self.documents is not None:
             self.documents.facts.train_requested.connect(self.ask)
         shell.may_close.append(self.may_close)
+        shell.started.connect(self.dock.hide)  # also where the panel was open last time
         shell.started.connect(self.offer_kept)
         self.queue.changed.connect(self._show_queue)
 
@@ -191,6 +193,7 @@ class Training(QObject):
             f"A training is running. Stop it and close? It saves a checkpoint; at the next start it is offered again{others}.",
             Choice("Stop and save", stop),
             Choice("Keep it running", escape=True),
+            icon=QMessageBox.Icon.NoIcon,
         )
         return False
 

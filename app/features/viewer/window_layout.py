@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any, Literal
 
-from PySide6.QtCore import QByteArray
-
 from degense.app.features.viewer.controller import Viewer
 from degense.app.session.camera_json import camera_from_json, camera_to_json
 from degense.app.session.state import PersistentState
@@ -48,7 +46,7 @@ class WindowLayout(PersistentState):
             self._zoom = "whole" if data.get("picture", "whole") == "whole" else _view(*data["picture"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise RunError(f"{source} does not hold the layout of a window ({error}).") from error
-        self.docks.window.restoreState(QByteArray.fromBase64(docks.encode("ascii", "ignore")))
+        self.docks.restore(docks)
         if self.docks.views.count() == len(views):
             self.docks.views.setSizes(views)
 
