@@ -1,4 +1,4 @@
-"""Drawing Gaussians: `rasterize`, its transpose `backproject`, and its back ends (float64 reference, numba on the CPU, gsplat on CUDA)."""
+"""Drawing Gaussians: `rasterize`, its transpose `backproject`, and its back ends (numba on the CPU, gsplat on CUDA)."""
 
 from degense.engine.raster.backproject import BackProjection, backproject
 from degense.engine.raster.camera_tensors import camera_depths

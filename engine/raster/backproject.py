@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from degense.engine.camera import Camera
-from degense.engine.raster.render import Backend, rasterize
+from degense.engine.raster.render import rasterize
 from degense.engine.splats import Splats
 
 
@@ -27,7 +27,7 @@ def backproject(
     camera: Camera,
     *,
     confidence: Float[Tensor, "height width"] | None = None,
-    backend: Backend = "auto",
+    backend: str = "auto",
     clean: bool = False,
 ) -> BackProjection:
     """Sum values v_p of pixels onto Gaussians, each by its share of the pixel; a `confidence` of None (m_p ≥ 0) counts every pixel once.

@@ -14,22 +14,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Literal
+from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from degense.engine.camera import Camera
+from degense.engine.raster.cuda import rasterize_cuda
 from degense.engine.splats import Splats
 
-Backend = Literal["auto", "cpu", "cuda", "reference"]
+
+def _on_cpu(*arguments: Any, clean: bool) -> tuple[Tensor, Tensor, Tensor]:
+    from degense.engine.raster.cpu import rasterize_cpu
+
+    return rasterize_cpu(*arguments)
+
+
+#: What draws on each kind of device. The benchmarks add a "reference" in float64.
+BACKENDS: dict[str, Callable[..., tuple[Tensor, Tensor, Tensor]]] = {"cpu": _on_cpu, "cuda": rasterize_cuda}
 
 
 @dataclass
 class Render:
-    """One picture; float64 from the reference."""
+    """One picture."""
 
     image: Tensor  # float32 [H, W, C]: blended features, plus what is left of the background
     alpha: Tensor  # float32 [H, W]: coverage in [0, 1]; the image is not divided by it
@@ -43,7 +50,7 @@ def rasterize(
     *,
     background: Tensor | None = None,
     screen_offsets: Tensor | None = None,
-    backend: Backend = "auto",
+    backend: str = "auto",
     clean: bool = False,
 ) -> Render:
     """Draw N Gaussians, nearest first, with C channels of features in place of their own colours and latents.
@@ -66,8 +73,8 @@ def rasterize(
     screen_offsets : float [N, 2] or None
         Added to the projected centres, pixels; zeros that require a gradient tell how the loss pulls on them.
         (CUDA decides before adding them whether a Gaussian is outside the picture.)
-    backend : {"auto", "cpu", "cuda", "reference"}
-        "auto" follows the tensors' device.
+    backend : str
+        One of `BACKENDS`, or "auto", which follows the tensors' device.
     clean : bool
         The caller knows that every number is finite, opacities lie in [0, 1], scales under 1e4 and no quaternion is zero (a baked state):
         CUDA then skips looking for them, which costs a third of a small picture.
@@ -76,7 +83,7 @@ def rasterize(
     -------
     Render
         float32 whatever the inputs' type: half precision and float64 are computed in float32, and gradients come back in the
-        inputs' own type. The reference computes and returns float64.
+        inputs' own type.
 
     Raises
     ------
@@ -84,28 +91,14 @@ def rasterize(
         Wrong shapes, types or devices.
     """
     _check(splats, features, camera, background, screen_offsets)
+    means = splats.means
     if backend == "auto":
-        backend = "cuda" if splats.means.is_cuda else "cpu"
-    return Render(*_back_end(backend, splats.means.device, clean)(splats, features, camera, background, screen_offsets))
-
-
-def _back_end(name: str, device: torch.device, clean: bool) -> Callable[..., tuple[Tensor, Tensor, Tensor]]:
-    """The drawing function of a back end. ValueError when it cannot draw tensors on `device`."""
-    if name not in ("cpu", "cuda", "reference"):
-        raise ValueError(f"backend is {name!r}; use one of 'auto', 'cpu', 'cuda', 'reference'")
-    if device.type != ("cuda" if name == "cuda" else "cpu"):
-        raise ValueError(f"back end {name!r} cannot draw tensors on {device}; move them, or use backend='auto'")
-    if name == "cuda":
-        from degense.engine.raster.cuda import rasterize_cuda
-
-        return partial(rasterize_cuda, clean=clean)
-    if name == "cpu":
-        from degense.engine.raster.cpu import rasterize_cpu
-
-        return rasterize_cpu
-    from degense.engine.raster.reference import rasterize_reference
-
-    return rasterize_reference
+        backend = means.device.type
+    if backend not in BACKENDS:
+        raise ValueError(f"backend is {backend!r}; use one of 'auto', {', '.join(map(repr, BACKENDS))}")
+    if (backend == "cuda") != means.is_cuda:
+        raise ValueError(f"back end {backend!r} cannot draw tensors on {means.device}; move them, or use backend='auto'")
+    return Render(*BACKENDS[backend](splats, features, camera, background, screen_offsets, clean=clean))
 
 
 def _check(splats: Splats, features: Tensor, camera: Camera, background: Tensor | None, screen_offsets: Tensor | None) -> None:

@@ -9,8 +9,8 @@ import torch
 
 from degense.engine.camera import Camera
 from degense.engine.raster import camera_depths
-from degense.engine.raster.reference import project
 from degense.engine.research.bench.raster_scenes import draw_scene, random_scene
+from degense.engine.research.raster_reference import project
 from degense.engine.splats import Splats
 
 

@@ -9,7 +9,8 @@ import torch
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.layers import LAYERS, LayerRequest
-from degense.engine.raster import rasterize
+from degense.engine.raster import Render
+from degense.engine.research.raster_reference import rasterize_reference
 from degense.engine.scene import Scene
 from degense.engine.scene.renderer import CHANNELS
 from degense.engine.scene.states import Cache
@@ -138,7 +139,7 @@ def test_channels_agree_with_the_rasterizer(fresh):
     z = splats.means[:, 2:]  # the camera stands at the origin
     places = (fresh.states.advected_means(5), fresh.states.advected_means(fresh.reference_frame))
     pixels = [torch.from_numpy(camera.project(m.numpy().astype(np.float64))[0]).float() for m in places]
-    drawn = rasterize(splats, torch.cat([splats.colors, z, pixels[1] - pixels[0]], 1), camera, backend="reference")
+    drawn = Render(*rasterize_reference(splats, torch.cat([splats.colors, z, pixels[1] - pixels[0]], 1), camera, None, None))
     image, alpha = drawn.image.numpy(), drawn.alpha.numpy()
     ours = fresh.render(5, what=CHANNELS)
     sure = alpha > 0.55

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from degense.engine.camera import Camera
-from degense.engine.raster.render import Backend, Render, rasterize
+from degense.engine.raster.render import Render, rasterize
 from degense.engine.research.bench.raster_scenes import random_scene
 from degense.engine.splats import Splats
 
@@ -79,7 +79,7 @@ class Comparison:
         )
 
 
-def draw(case: Case, device: str, backend: Backend = "auto") -> tuple[Render, dict[str, Tensor]]:
+def draw(case: Case, device: str, backend: str = "auto") -> tuple[Render, dict[str, Tensor]]:
     """The picture, and gradients of a fixed random loss over image and alpha for the wanted inputs."""
     inputs = {name: tensor.detach().to(device).requires_grad_(name in case.wanted) for name, tensor in case.inputs.items()}
     splats = replace(case.splats.to(device), **{name: inputs[name] for name in INPUTS[:4]})
@@ -93,7 +93,7 @@ def draw(case: Case, device: str, backend: Backend = "auto") -> tuple[Render, di
     return render, {name: tensor.grad for name, tensor in inputs.items() if tensor.grad is not None}
 
 
-def compare(case: Case, device: str, backend: Backend = "auto") -> Comparison:
+def compare(case: Case, device: str, backend: str = "auto") -> Comparison:
     """Draw on a device and by the reference, and measure the distance."""
     render, gradients = draw(case, device, backend)
     truth, true_gradients = draw(case, "cpu", "reference")

@@ -8,8 +8,11 @@ import numpy as np
 import torch
 
 from degense.engine.camera import Camera
-from degense.engine.raster.render import Render, rasterize
+from degense.engine.raster.render import BACKENDS, Render, rasterize
+from degense.engine.research.raster_reference import rasterize_reference
 from degense.engine.splats import Splats
+
+BACKENDS["reference"] = rasterize_reference
 
 
 def random_scene(

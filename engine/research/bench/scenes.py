@@ -9,8 +9,8 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.events import Event, TrainingProgress
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress
-from degense.engine.raster.reference import rotation_matrices
 from degense.engine.research.bench.run import BenchOptions
+from degense.engine.research.raster_reference import rotation_matrices
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
 

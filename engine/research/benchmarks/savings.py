@@ -19,10 +19,10 @@ from degense.engine.metrics.image import psnr
 from degense.engine.progress import Progress
 from degense.engine.raster import rasterize
 from degense.engine.raster.limits import MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
-from degense.engine.raster.reference import project
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure_in_turn
+from degense.engine.research.raster_reference import project
 from degense.engine.scene import Scene
 from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.prompts import PromptVectors

@@ -12,12 +12,12 @@ from torch import Tensor
 
 from degense.engine.camera import Camera
 from degense.engine.progress import Progress, silent
-from degense.engine.raster.reference import rasterize_reference
 from degense.engine.research.bench.child import call_in_child, peak_memory
 from degense.engine.research.bench.raster_check import GRADIENT_TOLERANCE, OUTLIER_TOLERANCE, Case, compare, hostile_cases
 from degense.engine.research.bench.raster_scenes import draw_scene, random_scene
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Table
+from degense.engine.research.raster_reference import rasterize_reference
 from degense.engine.research.stress.outcome import COLUMNS, StressFinding, non_finite, row, verdict
 from degense.engine.splats import Splats
 

@@ -9,9 +9,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from degense.engine.raster.reference import rasterize_reference
 from degense.engine.research.bench.raster_check import GRADIENT_TOLERANCE, Case, compare, draw
 from degense.engine.research.bench.raster_scenes import draw_scene, random_scene
+from degense.engine.research.raster_reference import rasterize_reference
 from degense.engine.research.stress.outcome import sound
 from degense.engine.research.stress.scenes import draw_large, small_finding, stress_cases
 from degense.engine.splats import Splats

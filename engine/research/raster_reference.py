@@ -1,4 +1,7 @@
-"""The oracle: every Gaussian against every pixel in float64 torch. Slow, plain, differentiable by autograd alone."""
+"""The oracle: every Gaussian against every pixel in float64 torch. Slow, plain, differentiable by autograd alone.
+
+`rasterize(…, backend="reference")` draws with it once `bench.raster_scenes` is imported.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +34,12 @@ def rasterize_reference(
     background: Tensor | None,
     screen_offsets: Tensor | None,
     *,
+    clean: bool = False,
     window: tuple[int, int, int, int] | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Image float64 [H, W, C], alpha float64 [H, W], radii int32 [N]; arguments as for `engine.raster.rasterize`, any float type.
+
+    `clean` makes no difference.
 
     With a `window` (left, top, width, height; pixels) only that part of the picture is drawn, exactly as it is in the whole.
     """
