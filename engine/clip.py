@@ -25,10 +25,16 @@ class Truth:
     cautery : bool [T, H, W]
         Pixels whose tissue has changed its appearance in place: charred tissue, which is static, or bled tissue, which moves as it would
         without the blood. Any motion shown there beyond `displacement` is spurious.
+    tracks : float32 [K, T, 3] or None
+        Where points of tissue are in each frame; scene units, world axes; NaN where that is not known.
+    visible : bool [K, T] or None
+        Whether each of them is seen in each frame.
     """
 
     displacement: np.ndarray
     cautery: np.ndarray
+    tracks: np.ndarray | None = None
+    visible: np.ndarray | None = None
 
 
 @dataclass

@@ -7,17 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from degense.engine.errors import DegenseError
-
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
-#: Gaussians that a spot is followed by, and how far (pixels) their centres may lie from it.
-FOLLOWED, REACH = 32, 12.0
 #: Corners of an outline, at most; a hand draws some hundreds.
 MOST_CORNERS = 100_000
-#: How far (share of the depth) a Gaussian may lie from the visible surface and still be part of it.
-THICKNESS = 0.1
 
 
 @dataclass(frozen=True)
@@ -86,31 +80,13 @@ def target_from_json(data: Any) -> Target | None:
 def material(scene: Scene, place: Spot | Region) -> tuple[np.ndarray, np.ndarray]:
     """Indices [k] and weights [k] (sum 1) of the Gaussians that make the visible surface at a place.
 
-    Gaussians keep their identity in time, so following them follows the tissue, not the pixel. The weights are opacities; at a
-    spot they also fall off with the distance from it. DegenseError when nothing is reconstructed there.
+    DegenseError when nothing is reconstructed there.
     """
-    width, height = scene.clip_size
-    splats = scene.splats(place.frame)
-    pixels, depth = scene.camera(place.frame).project(splats.means.cpu().numpy().astype(np.float64))
-    surface = scene.render(place.frame, what=("depth",))["depth"]  # NaN where nothing is drawn: then nothing is near
-    opacities = splats.opacities.cpu().numpy().astype(np.float64)
+    from degense.engine.scene.material import material_at, material_inside
+
     if isinstance(place, Spot):
-        distance = np.hypot(pixels[:, 0] - place.x, pixels[:, 1] - place.y)
-        here = surface[int(place.y), int(place.x)]
-        near = np.flatnonzero((distance < REACH) & (np.abs(depth - here) < THICKNESS * here))
-        weights = opacities[near] * np.exp(-((distance[near] / (REACH / 3)) ** 2) / 2)
-        best = np.argsort(weights)[-FOLLOWED:]
-        near, weights = near[best], weights[best]
-    else:
-        column, row = np.floor(pixels).astype(np.int64).T
-        seen = (depth > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        column, row = np.where(seen, column, 0), np.where(seen, row, 0)
-        inside = seen & inside_of(place.outline, width, height)[row, column]
-        near = np.flatnonzero(inside & (np.abs(depth - surface[row, column]) < THICKNESS * depth))
-        weights = opacities[near]
-    if weights.sum() < 1e-6:
-        raise DegenseError("Nothing is reconstructed here; choose a place on tissue.")
-    return near, weights / weights.sum()
+        return material_at(scene, place.frame, place.x, place.y)
+    return material_inside(scene, place.frame, inside_of(place.outline, *scene.clip_size))
 
 
 def inside_of(outline: tuple[tuple[float, float], ...], width: int, height: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Whether the threshold of a mask is well chosen, and whether a similarity is a probability."""
+"""Whether the threshold of a mask is well chosen, and whether a similarity, or the confidence shown beside a mask, is a probability."""
 
 from __future__ import annotations
 
@@ -94,3 +94,30 @@ class Calibration:
                 bins.append({"similarity": float(s / n), "share": float(t / n), "pairs": int(n)})
                 error.add(abs(s - t) / n, n)
         return {"reliability": bins, "error": error.value}
+
+
+class ConfidenceCalibration:
+    """Whether the confidence that the window shows beside a mask is the share of the mask that is right.
+
+    One pair for each non-empty mask: its confidence, and the share of its pixels, of those that count, that truly have the class.
+    `error` is the mean absolute difference of the two, `excess` the mean by which the confidence is higher.
+    """
+
+    def __init__(self) -> None:
+        self._confidence, self._right, self._error = Mean(), Mean(), Mean()
+
+    def add(self, confidence: float, mask: np.ndarray, index: int, truth: np.ndarray, valid: np.ndarray) -> None:
+        """One mask bool [H, W] of the class `index`, the true label map uint8 [H, W], and the pixels that count, bool [H, W]."""
+        counted = mask & valid & (truth != UNLABELLED)
+        if counted.any():
+            right = float((truth[counted] == index).mean())
+            self._confidence.add(confidence)
+            self._right.add(right)
+            self._error.add(abs(confidence - right))
+
+    def result(self) -> dict[str, float | None]:
+        """`masks`, how many; means of `confidence` and `precision`; `error`, `excess`. None where no mask counts."""
+        confidence, right = self._confidence.value, self._right.value
+        excess = confidence - right if confidence is not None and right is not None else None
+        found = {"confidence": confidence, "precision": right, "error": self._error.value, "excess": excess}
+        return {"masks": int(self._error.weight), **found}

@@ -12,10 +12,12 @@ import torch
 from degense.engine.clip import Clip
 from degense.engine.errors import ClipError
 from degense.engine.layers import LAYERS, LayerRequest
+from degense.engine.layers.registry import MOVED
 from degense.engine.metrics.averages import Mean
 from degense.engine.metrics.image import ImageScores
-from degense.engine.metrics.motion import MotionScores
+from degense.engine.metrics.motion import MotionScores, scene_depth
 from degense.engine.metrics.semantics import score_flicker, score_masks
+from degense.engine.metrics.tracks import scene_tracks, score_tracks, still_tracks
 from degense.engine.progress import Progress, silent
 from degense.engine.scene import Scene
 from degense.engine.scene.clip_query import encode_prompts
@@ -31,10 +33,11 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     --------
     Images and masks: held-out frames, (i − 1) % 8 == 0, never trained on; all frames when the clip is too short to hold any out (then
     `held_out` is False). Masks count only frames that have a label map; a clip whose only label map was trained on is scored on that one
-    and says so (`mask_frames_trained`). Motion: every frame, where the clip brings exact truth. `miou` per decoder as in `MaskScores`;
-    `calibration` as in `Calibration`; `flicker` as in `Flicker`, between held-out frames and the frame before each.
-    Displacement in the clip's unit. `uncertain_share`: share of valid pixels, all frames but the reference, whose displacement is marked
-    as a guess; None for a run without support.
+    and says so (`mask_frames_trained`). `miou` per decoder as in `MaskScores`, of the masks that the window shows when all classes are
+    prompts; `miou_closed` of closed-set label maps, as in `score_masks`; `calibration` as in `Calibration`; `flicker` as in `Flicker`,
+    between held-out frames and the frame before each. Motion: every frame and every displayed pixel, where the clip brings exact truth,
+    in the clip's unit, as in `MotionScores`; point tracks, where it brings any, as in `score_tracks`. `uncertain_share`: share of valid
+    pixels, all frames but the reference, whose displacement is marked as a guess; None for a run without support.
 
     Returns
     -------
@@ -83,16 +86,24 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
 
 def _score_motion(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any]:
     """`uncertain_share`, and motion scores where the clip brings exact truth."""
-    truth, displacement, share, motion = clip.truth(), LAYERS["displacement"], Mean(), MotionScores()
+    truth, displacement, share, motion = clip.truth(), LAYERS["displacement"], Mean(), MotionScores(scene_depth(clip))
     for i in range(len(clip)):
         progress(i / len(clip), "comparing motion")
-        uncertain = displacement.uncertain(scene, LayerRequest(i))
+        request = LayerRequest(i)
+        uncertain = displacement.uncertain(scene, request)
         if uncertain is not None and (valid := clip.valid(i)).any():
             share.add(float(uncertain[valid].mean()), float(valid.sum()))
         if truth is not None:
-            predicted = scene.render(i, None, ("displacement",))["displacement"]
-            motion.add(predicted, truth.displacement[i], truth.cautery[i], uncertain)
-    return {"uncertain_share": share.value} | (motion.result() if truth is not None else {})
+            observability = scene.render(i, None, MOVED)["observability"] if uncertain is not None else None
+            motion.add(displacement.pixels(scene, request), truth.displacement[i], truth.cautery[i], uncertain, observability)
+    found = {"uncertain_share": share.value} | (motion.result() if truth is not None else {})
+    if truth is None or truth.tracks is None or truth.visible is None:
+        return found
+    predicted = {
+        "tracks": scene_tracks(scene, truth.tracks, truth.visible, clip.cameras[0]),
+        "tracks_nothing_moves": still_tracks(truth.tracks),
+    }
+    return found | {name: score_tracks(points, truth.tracks, truth.visible, clip.cameras) for name, points in predicted.items()}
 
 
 def _render_fps(scene: Scene) -> float:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from degense.engine.clip import Clip
-from degense.engine.metrics.calibration import Calibration
+from degense.engine.clip import UNLABELLED, Clip
+from degense.engine.metrics.calibration import Calibration, ConfidenceCalibration
 from degense.engine.metrics.flicker import Flicker
 from degense.engine.metrics.masks import MaskScores
 from degense.engine.motion import consistent, flow_between, sample
 from degense.engine.progress import Progress
 from degense.engine.scene import Scene
 from degense.engine.scene.clip_query import encode_prompts
-from degense.engine.semantics.prompts import DECODERS, DEFAULT_THRESHOLD, PromptSet, PromptVectors
+from degense.engine.semantics.prompts import DECODERS, DEFAULT_DECODER, DEFAULT_THRESHOLD, PromptSet, PromptVectors
 
 NOT_SCORED = ("background", "black background")
+CLOSED = ("argmax", "rnse+argmax")  # closed-set label maps, of the similarities of pixels and of regions
 MOST_PAIRS = 16  # of frames that flicker is measured on
 LEAST_SIDE = 16  # pixels, that optical flow needs
 
@@ -25,31 +27,50 @@ def score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress)
     """`miou`, `masks` and `calibration` of one latent, by every decoder and both kinds of similarity.
 
     On those of `frames` that have a label map, or on all that have one where none of `frames` does (`mask_frames`).
+    `miou` and `masks` are of what the window shows: each class a prompt, masks may overlap and leave pixels to no class. `miou_closed`
+    and `masks_closed` are of closed-set label maps as the literature scores them: each pixel takes its most similar class, by the
+    similarity of a pixel ("argmax") and of its region ("rnse+argmax"). `confidence`: of the number shown beside a mask.
     """
     labelled = set(clip.labelled_frames)
     scored = [i for i in frames if i in labelled] or sorted(labelled)
     asked = _asked(scene, clip)
-    vectors = scene.vectors(clip.classes)
-    scores = {decoder: MaskScores(clip.classes, NOT_SCORED) for decoder in DECODERS}
+    scores, closed = ({name: MaskScores(clip.classes, NOT_SCORED) for name in names} for names in (DECODERS, CLOSED))
     calibrations = {name: Calibration(clip.classes, NOT_SCORED) for name in ("threshold", "rnse")}
+    confidence = ConfidenceCalibration()
     for done, i in enumerate(scored):
         progress(done / len(scored), "comparing masks")
         query, labels, valid = scene.query(i), clip.labels(i), clip.valid(i)
         assert labels is not None
+        shown = {decoder: query.decode(of_decoder).masks for decoder, of_decoder in asked.items()}
         for decoder, score in scores.items():
-            score.add_masks(query.decode(asked[decoder]).masks, labels, valid)
-        for name, calibration in calibrations.items():
-            for index in calibration.scored:
-                similarity = query.refined(vectors[index]) if name == "rnse" else query.similarity(vectors[index])
-                calibration.add(index, similarity, labels, valid)
-    results = {decoder: score.result() for decoder, score in scores.items()}
+            score.add_masks(shown[decoder], labels, valid)
+        included = asked[DEFAULT_DECODER].included
+        pixels, regions = ([similarity(rows) for rows in included] for similarity in (query.similarity, query.refined))
+        for name, similarities in zip(("threshold", "rnse"), (pixels, regions), strict=True):
+            for index in calibrations[name].scored:
+                calibrations[name].add(index, similarities[index], labels, valid)
+        for name, similarities in zip(CLOSED, (pixels, regions), strict=True):
+            closed[name].add(closed_set(similarities), labels, valid)
+        for index in calibrations["rnse"].scored:
+            mask = shown[DEFAULT_DECODER][index]
+            confidence.add(query.confidence(included[index], mask, asked[DEFAULT_DECODER].classes), mask, index, labels, valid)
+    results, closed_results = ({name: score.result() for name, score in kind.items()} for kind in (scores, closed))
     return {
         "miou": {decoder: values["miou"] for decoder, values in results.items()},
+        "miou_closed": {name: values["miou"] for name, values in closed_results.items()},
         "masks": results,
+        "masks_closed": closed_results,
         "mask_frames": scored,
         "mask_frames_trained": [i for i in scored if i not in clip.test_frames],
         "calibration": {name: calibration.result(DEFAULT_THRESHOLD) for name, calibration in calibrations.items()},
+        "confidence": confidence.result(),
     }
+
+
+def closed_set(similarities: Sequence[np.ndarray]) -> np.ndarray:
+    """The most similar class of each pixel, uint8 [H, W], of one similarity float32 [H, W] a class; `UNLABELLED` where nothing is drawn."""
+    stacked = np.stack(similarities)
+    return np.where((stacked != 0).any(0), stacked.argmax(0), UNLABELLED).astype(np.uint8)
 
 
 def _asked(scene: Scene, clip: Clip) -> dict[str, PromptVectors]:

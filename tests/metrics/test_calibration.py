@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from degense.engine.metrics.calibration import STEPS, Calibration
+from degense.engine.clip import UNLABELLED
+from degense.engine.metrics.calibration import STEPS, Calibration, ConfidenceCalibration
 from degense.engine.metrics.masks import MaskScores
 from degense.engine.research.report.method_scores import t_interval
 
@@ -71,3 +72,20 @@ def test_intervals_match_the_printed_table():
     mean, half = t_interval([1.0, 2.0, 3.0])
     assert (mean, half) == (pytest.approx(2.0), pytest.approx(4.303 / 3**0.5, rel=1e-3))
     assert t_interval([0.5]) == (0.5, None)
+
+
+def test_confidence_against_the_share_of_the_mask_that_is_right():
+    truth = np.array([[0, 0, 1, 1, UNLABELLED]], np.uint8)
+    valid = np.array([[True, True, True, False, True]])
+    confidence = ConfidenceCalibration()
+    confidence.add(0.9, np.array([[True, True, True, True, True]]), 0, truth, valid)  # two of three that count
+    confidence.add(0.5, np.array([[False, False, True, False, False]]), 1, truth, valid)  # all
+    confidence.add(0.7, np.zeros((1, 5), bool), 1, truth, valid)  # shows nothing
+    assert confidence.result() == {
+        "masks": 2,
+        "confidence": pytest.approx(0.7),
+        "precision": pytest.approx(5 / 6),
+        "error": pytest.approx((0.9 - 2 / 3 + 0.5) / 2),
+        "excess": pytest.approx(0.7 - 5 / 6),
+    }
+    assert ConfidenceCalibration().result() == {"masks": 0, "confidence": None, "precision": None, "error": None, "excess": None}

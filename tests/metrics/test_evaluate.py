@@ -9,6 +9,7 @@ import pytest
 from degense.engine.errors import ClipError
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.metrics.masks import MaskScores
+from degense.engine.metrics.semantics import closed_set
 from degense.engine.semantics.prompts import DECODERS
 from tests.fakes import MemoryClip
 
@@ -42,6 +43,8 @@ def test_every_promised_key_is_there_and_can_be_written(scores):
         assert np.isfinite(scores[name]), name
     assert set(scores["miou"]) == set(DECODERS)
     assert all(0 <= value <= 1 for value in scores["miou"].values())
+    assert set(scores["miou_closed"]) == set(scores["masks_closed"]) == {"argmax", "rnse+argmax"}
+    assert scores["confidence"]["masks"] > 0
     for name in ("render_fps", "query_ms", "query_new_frame_ms", "train_seconds"):
         assert scores[name] > 0
 
@@ -63,6 +66,32 @@ def test_numbers_are_those_of_the_run(scores, scene, clip):
         moved.append(np.stack([predicted[known], right[known]]))
     assert scores["displacement_error"] == pytest.approx(np.concatenate(wrong).mean(), rel=1e-4)
     assert scores["displacement_correlation"] == pytest.approx(np.corrcoef(np.concatenate(moved, 1))[0, 1], abs=1e-4)
+
+
+def test_guesses_are_scored_both_ways_and_by_the_observability_beside_them(scores, clip):
+    depth = clip.depth(0)
+    assert scores["displacement_scale"] == pytest.approx(np.median(depth[depth > 0]))
+    for name in ("displacement_error", "displacement_correlation", "recovered_share", "false_motion", "displacement_coverage"):
+        assert np.isfinite(scores[name]), name
+        assert f"{name}_revealed" in scores
+    assert scores["displacement_coverage_revealed"] < scores["displacement_coverage"]
+    bins = scores["displacement_error_by_observability"]
+    assert sum(found["share"] for found in bins.values()) == pytest.approx(1)
+    low = [found for name, found in bins.items() if name in ("0-0.25", "0.25-0.5") and found["error"] is not None]
+    guessed = sum(found["error"] * found["share"] for found in low) / sum(found["share"] for found in low)
+    assert scores["displacement_error_uncertain"] == pytest.approx(guessed)
+
+
+def test_closed_set_maps_give_every_drawn_pixel_its_likeliest_class():
+    maps = np.array([[[0.2, 0.0, -0.1, 0.3]], [[0.1, 0.0, -0.3, 0.4]]], np.float32)
+    assert closed_set(list(maps)).tolist() == [[0, 255, 0, 1]]
+
+
+def test_closed_set_scores_are_those_of_the_maps(scores, scene, clip):
+    vectors, by_hand = scene.vectors(clip.classes), MaskScores(clip.classes, ("background",))
+    maps = np.stack([scene.query(1).refined(vector) for vector in vectors])
+    by_hand.add(np.where((maps != 0).any(0), maps.argmax(0), 255).astype(np.uint8), clip.labels(1), clip.valid(1))
+    assert scores["miou_closed"]["rnse+argmax"] == pytest.approx(by_hand.result()["miou"])
 
 
 def test_pictures_and_masks_come_from_held_out_frames_only(scene, clip, monkeypatch):

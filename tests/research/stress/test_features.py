@@ -150,7 +150,7 @@ def test_supervision_is_kept_only_while_there_is_room(monkeypatch):
 
 
 def test_scores_of_nothing_are_none_and_never_nan():
-    images, masks, motion = ImageScores(), MaskScores(("liver", "gallbladder", "absent")), MotionScores()
+    images, masks, motion = ImageScores(), MaskScores(("liver", "gallbladder", "absent")), MotionScores(None)
     picture, nothing = np.zeros((16, 16, 3), np.uint8), np.zeros((16, 16), bool)
     images.add(picture, picture, nothing)
     masks.add(np.full((16, 16), UNLABELLED, np.uint8), np.full((16, 16), UNLABELLED, np.uint8), nothing)
@@ -158,7 +158,7 @@ def test_scores_of_nothing_are_none_and_never_nan():
     assert images.result()["psnr_mask"] is None
     assert images.result()["psnr_full"] == 100
     assert masks.result()["miou"] is None
-    assert all(value in (None, 0.0) for value in motion.result().values())
+    assert all(value in (None, 0.0, {}) for value in motion.result().values())
     labels = np.zeros((16, 16), np.uint8)
     masks.add(labels, labels)
     assert masks.result()["miou"] == 1

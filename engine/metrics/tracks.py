@@ -1,0 +1,88 @@
+"""How well points of tissue are followed through the clip, against exact tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from degense.engine.camera import Camera
+from degense.engine.errors import DegenseError
+from degense.engine.scene import Scene
+from degense.engine.scene.material import material_at
+
+NEAR = 0.01  # of the picture's width: a point farther from its true pixel position is lost (3.2 pixels of 320)
+
+
+def score_tracks(predicted: np.ndarray, tracks: np.ndarray, visible: np.ndarray, cameras: Sequence[Camera]) -> dict[str, Any]:
+    """Score predicted tracks [K, T, 3] of points, NaN where there are none.
+
+    Protocol
+    --------
+    `tracks` [K, T, 3] are true positions in the clip's unit and world, `visible` bool [K, T] says where a point is seen, `cameras` are the
+    clip's. Points seen at frame 0 are followed from their true position there: errors are of motion alone. Every later frame
+    in which such a point is seen counts.
+
+    - `error`, `error_median`: ‖predicted − true‖ over those pairs of point and frame, in the clip's unit; `error_pixels` and
+      `error_pixels_median`: distance of their projections. Pairs without a prediction are left out; `coverage` is the share of the others.
+    - `within`: share of the pairs whose projection lies within `NEAR` of the width of the true one; without a prediction it does not.
+    - `survival`: mean over points of the share of their pairs before the first that is not within.
+
+    A score without pairs is None.
+    """
+    counted = visible & np.isfinite(tracks).all(-1) & visible[:, :1]
+    counted[:, 0] = False
+    known = counted & np.isfinite(predicted).all(-1)
+    apart = np.full(counted.shape, np.inf)
+    for frame, camera in enumerate(cameras):
+        here = known[:, frame]
+        ends = [camera.project(points[here, frame].astype(np.float64))[0] for points in (predicted, tracks)]
+        apart[here, frame] = np.linalg.norm(ends[0] - ends[1], axis=-1)
+    errors, within = np.linalg.norm(predicted - tracks, axis=-1), apart <= NEAR * cameras[0].width
+    alive = np.logical_and.accumulate(within | ~counted, axis=1) & counted
+    followed = counted.any(1)
+    return {
+        "points": int(np.count_nonzero(followed)),
+        "coverage": _mean(known[counted]),
+        "error": _mean(errors[known]),
+        "error_median": _median(errors[known]),
+        "error_pixels": _mean(apart[known]),
+        "error_pixels_median": _median(apart[known]),
+        "within": _mean(within[counted]),
+        "survival": _mean(alive.sum(1)[followed] / counted.sum(1)[followed]),
+    }
+
+
+def still_tracks(tracks: np.ndarray) -> np.ndarray:
+    """The answer "nothing moves" [K, T, 3]: every point stays where it is at frame 0."""
+    return np.broadcast_to(tracks[:, :1], tracks.shape)
+
+
+def scene_tracks(scene: Scene, tracks: np.ndarray, visible: np.ndarray, camera: Camera) -> np.ndarray:
+    """Tracks [K, T, 3] of the points that are seen at frame 0, as a scene has them; NaN for all others and where nothing is reconstructed.
+
+    A point moves as the Gaussians by which the window follows it (`material_at`); `camera` is the clip's of frame 0.
+    """
+    found = {}
+    pixels = camera.project(tracks[:, 0].astype(np.float64))[0]
+    inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(-1)
+    for point in np.flatnonzero(visible[:, 0] & inside):
+        with suppress(DegenseError):
+            found[point] = material_at(scene, 0, *pixels[point])
+    predicted = np.full(tracks.shape, np.nan)
+    start = scene.states.advected_means(0).cpu().numpy()
+    for frame in range(tracks.shape[1]):
+        moved = scene.states.advected_means(frame).cpu().numpy() - start
+        for point, (indices, weights) in found.items():
+            predicted[point, frame] = tracks[point, 0] + weights @ moved[indices]
+    return predicted
+
+
+def _mean(values: np.ndarray) -> float | None:
+    return float(values.mean()) if values.size else None
+
+
+def _median(values: np.ndarray) -> float | None:
+    return float(np.median(values)) if values.size else None

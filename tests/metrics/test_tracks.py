@@ -1,0 +1,81 @@
+"""Track scores by hand, and tracks of a tiny real run."""
+
+import numpy as np
+import pytest
+
+from degense.engine.camera import Camera
+from degense.engine.clip import Truth
+from degense.engine.metrics.evaluate import evaluate
+from degense.engine.metrics.tracks import scene_tracks, score_tracks, still_tracks
+from tests.metrics.test_evaluate import without
+
+CAMERA = Camera(100, 80, 100.0, 100.0, 50.0, 40.0)  # at depth 10 a unit is 10 pixels
+
+
+def three_points():
+    """One stands still, one goes 0.05 a frame to the right (half a pixel), one is not seen at frame 0; four frames."""
+    tracks = np.zeros((3, 4, 3))
+    tracks[..., 2] = 10.0
+    tracks[1, :, 0] = 1 + 0.05 * np.arange(4)
+    visible = np.ones((3, 4), bool)
+    visible[2, 0] = False
+    return tracks, visible
+
+
+def test_scores_by_hand():
+    tracks, visible = three_points()
+    scores = score_tracks(still_tracks(tracks), tracks, visible, [CAMERA] * 4)
+    # Point 1 is off by 0.05, 0.1, 0.15: 0.5, 1.0, 1.5 pixels, of which one pixel is near enough.
+    assert scores == {
+        "points": 2,
+        "coverage": 1.0,
+        "error": pytest.approx(0.05),
+        "error_median": pytest.approx(0.025),
+        "error_pixels": pytest.approx(0.5),
+        "error_pixels_median": pytest.approx(0.25),
+        "within": pytest.approx(5 / 6),
+        "survival": pytest.approx((1 + 2 / 3) / 2),
+    }
+    perfect = score_tracks(tracks, tracks, visible, [CAMERA] * 4)
+    assert (perfect["error"], perfect["error_pixels"], perfect["within"], perfect["survival"]) == (0, 0, 1, 1)
+
+
+def test_a_lost_point_does_not_come_back_and_hidden_frames_do_not_count():
+    tracks, visible = three_points()
+    predicted = tracks.copy()
+    predicted[1, 1, 0] += 1  # ten pixels, once
+    visible[0, 2] = False
+    predicted[0, 2] += 9
+    scores = score_tracks(predicted, tracks, visible, [CAMERA] * 4)
+    assert scores["within"] == pytest.approx(4 / 5)
+    assert scores["survival"] == pytest.approx((1 + 0) / 2)
+    assert scores["error"] == pytest.approx(1 / 5)
+
+
+def test_without_a_prediction_a_point_is_lost():
+    tracks, visible = three_points()
+    predicted = tracks.copy()
+    predicted[1] = np.nan
+    scores = score_tracks(predicted, tracks, visible, [CAMERA] * 4)
+    assert (scores["coverage"], scores["error"], scores["within"], scores["survival"]) == (0.5, 0, 0.5, 0.5)
+    nothing = score_tracks(predicted, tracks, np.zeros_like(visible), [CAMERA] * 4)
+    assert set(nothing.values()) == {0, None}
+
+
+def test_a_run_follows_points_as_the_window_does(scene, clip):
+    truth = clip.truth()
+    pixels = np.array([(20, 24), (40, 30), (32, 12)])
+    depth = np.array([clip.depth(0)[y, x] for x, y in pixels], float)
+    start = clip.cameras[0].unproject(pixels + 0.5, depth)
+    tracks = np.repeat(start[:, None], len(clip), 1).astype(np.float32)
+    visible = np.ones(tracks.shape[:2], bool)
+    tracks[2] = -50.0  # outside the picture
+    found = scene_tracks(scene, tracks, visible, clip.cameras[0])
+    np.testing.assert_array_equal(found[:2, 0], tracks[:2, 0])
+    assert np.isnan(found[2]).all()
+    assert np.isfinite(found[:2]).all()
+    scores = evaluate(scene, without(clip, truth=lambda self: Truth(truth.displacement, truth.cautery, tracks, visible)))
+    still = score_tracks(still_tracks(tracks), tracks, visible, clip.cameras)
+    assert scores["tracks"] == score_tracks(found, tracks, visible, clip.cameras)
+    assert scores["tracks_nothing_moves"] == still
+    assert still["error"] == 0
