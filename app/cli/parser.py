@@ -97,6 +97,7 @@ def _scores(command: Command) -> None:
     sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     sub.add_argument("--clip", type=Path, metavar="CLIP", help="where the clip is, when it has moved")
     sub.add_argument("--json", type=Path, metavar="FILE", help="write the scores there too")
+    sub.add_argument("--lpips", action="store_true", help="score LPIPS too; downloads its network when it is missing (extra lpips)")
     sub.add_argument("--report", type=Path, metavar="FOLDER", help="write report.json, report.md and report.html there, with pictures")
     _clip_options(sub)
 

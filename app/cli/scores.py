@@ -23,8 +23,11 @@ NOT_PRINTED = {"iou_frames", "curve", "reliability"}
 def evaluate(options: argparse.Namespace) -> None:
     from degense.engine.data.readers import open_clip
     from degense.engine.metrics.evaluate import evaluate as score
+    from degense.engine.metrics.image import fetch_lpips
     from degense.engine.scene import Scene
 
+    if options.lpips:
+        fetch_lpips()
     scene = Scene.open(options.run_folder)
     clip = open_clip(options.clip, clip_options(options)) if options.clip else scene.clip
     if clip is None:

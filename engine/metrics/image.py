@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from skimage.metrics import structural_similarity
 
+from degense.engine.errors import DegenseError
 from degense.engine.metrics.averages import Mean
 
 IDENTICAL = 100.0  # dB: pictures without any difference score this, because infinity cannot be averaged or stored
@@ -57,7 +58,7 @@ def ssim(render: np.ndarray, truth: np.ndarray, valid: np.ndarray | None = None)
 def lpips(render: np.ndarray, truth: np.ndarray) -> float | None:
     """Learned perceptual distance (Zhang et al., 2018), AlexNet, on whole pictures; smaller is better.
 
-    None unless the `lpips` package and torchvision's AlexNet weights are on this machine already: nothing is downloaded.
+    None unless the `lpips` package and torchvision's AlexNet weights are on this machine already: nothing is downloaded (`fetch_lpips`).
     """
     network = _lpips_network()
     if network is None:
@@ -100,10 +101,30 @@ def _decibels(mse: float) -> float:
     return float(min(IDENTICAL, -10 * np.log10(max(mse, 1e-30))))
 
 
+def fetch_lpips() -> None:
+    """Make `lpips` answer: fetches AlexNet's weights, 244 MB, if they are not on this machine yet.
+
+    No package ships them: `lpips` has its own linear layers, and takes the network from torchvision, which downloads it.
+
+    Raises
+    ------
+    DegenseError
+        Without the packages, and when the weights cannot be downloaded.
+    """
+    _lpips_network.cache_clear()
+    try:
+        import lpips as package
+
+        package.LPIPS(net="alex", verbose=False)
+    except (ImportError, RuntimeError) as error:  # torchvision of another torch raises RuntimeError
+        raise DegenseError(f"LPIPS needs the packages lpips and torchvision: pip install 'degense[lpips]' ({error}).") from error
+    except OSError as error:
+        raise DegenseError(f"LPIPS needs AlexNet's weights, which could not be downloaded ({error}).") from error
+
+
 @cache
 def _lpips_network() -> torch.nn.Module | None:
-    checkpoints = Path(torch.hub.get_dir()) / "checkpoints"
-    if importlib.util.find_spec("lpips") is None or not any(checkpoints.glob("alexnet-*.pth")):
+    if importlib.util.find_spec("lpips") is None or not any((Path(torch.hub.get_dir()) / "checkpoints").glob("alexnet-*.pth")):
         return None
     import lpips as package
 

@@ -2,11 +2,13 @@
 
 import sys
 import types
+from urllib.error import URLError
 
 import numpy as np
 import pytest
 import torch
 
+from degense.engine.errors import DegenseError
 from degense.engine.metrics import image
 from degense.engine.metrics.image import ImageScores, psnr, psnr_masked_product, ssim
 
@@ -95,11 +97,18 @@ def test_lpips_needs_what_is_on_the_machine(monkeypatch, tmp_path):
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
     image._lpips_network.cache_clear()
     assert image.lpips(render, truth) is None
+    monkeypatch.setitem(sys.modules, "lpips", None)
+    with pytest.raises(DegenseError, match=r"needs the packages lpips and torchvision: pip install 'degense\[lpips\]'"):
+        image.fetch_lpips()
 
     class Network(torch.nn.Module):
         def __init__(self, net, verbose):
             super().__init__()
             assert (net, verbose) == ("alex", False)
+            if offline:
+                raise URLError("no route to host")
+            (tmp_path / "checkpoints").mkdir(exist_ok=True)  # as torchvision, which downloads what is missing
+            (tmp_path / "checkpoints" / "alexnet-owt-7be5be79.pth").write_bytes(b"")
 
         def forward(self, a, b):
             assert a.shape == (1, 3, 24, 31)
@@ -110,8 +119,11 @@ def test_lpips_needs_what_is_on_the_machine(monkeypatch, tmp_path):
     package.LPIPS = Network
     package.__spec__ = __import__("importlib.machinery").machinery.ModuleSpec("lpips", None)
     monkeypatch.setitem(sys.modules, "lpips", package)
-    (tmp_path / "checkpoints").mkdir()
-    (tmp_path / "checkpoints" / "alexnet-owt-7be5be79.pth").write_bytes(b"")
-    image._lpips_network.cache_clear()
+    offline = True
+    assert image.lpips(render, truth) is None  # nothing is downloaded unless it is asked for
+    with pytest.raises(DegenseError, match=r"weights, which could not be downloaded .*no route"):
+        image.fetch_lpips()
+    offline = False
+    image.fetch_lpips()
     np.testing.assert_allclose(image.lpips(render, truth), np.abs(render / 255 - truth / 255).mean() * 2, rtol=1e-5)
     image._lpips_network.cache_clear()
