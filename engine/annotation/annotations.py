@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +12,7 @@ from degense.engine.annotation.edits import LabelEdit, Piece, State, Status
 from degense.engine.annotation.packed import Proposal, pack, unpack
 from degense.engine.annotation.painting import PixelRegion, region_of
 from degense.engine.clip import UNLABELLED
+from degense.engine.latest import Latest
 
 #: Maps that stay decoded.
 KEPT = 8
@@ -52,7 +52,7 @@ class Annotations:
         self.classes, self.shape, self.count = tuple(classes), shape, count
         self.original = original
         self.records: dict[int, Record] = {}
-        self._decoded: OrderedDict[int, np.ndarray] = OrderedDict()
+        self._decoded = Latest(KEPT)
 
     # -- looking ---------------------------------------------------------------------------------------------------------------------------
     def record(self, frame: int) -> Record:
@@ -60,10 +60,7 @@ class Annotations:
 
     def labels(self, frame: int) -> np.ndarray:
         """The frame's own map, else the one it came with, else nothing labelled; read-only."""
-        if frame not in self._decoded:
-            self._keep(frame, self._read(frame))
-        self._decoded.move_to_end(frame)
-        return self._decoded[frame]
+        return self._decoded.get(frame, lambda: self._read(frame))
 
     def shown(self, frame: int) -> np.ndarray:
         """The proposal that waits for an answer, else `labels`; read-only."""
@@ -96,16 +93,14 @@ class Annotations:
 
     def _read(self, frame: int) -> np.ndarray:
         labels = self.record(frame).labels
-        if isinstance(labels, bytes):
-            return unpack(labels, self.shape)
-        found = labels() if labels is not None else self.original(frame)
-        return np.full(self.shape, UNLABELLED, np.uint8) if found is None else found
+        found = unpack(labels, self.shape) if isinstance(labels, bytes) else labels() if labels is not None else self.original(frame)
+        found = np.full(self.shape, UNLABELLED, np.uint8) if found is None else found
+        found.flags.writeable = False
+        return found
 
     def _keep(self, frame: int, labels: np.ndarray) -> None:
         labels.flags.writeable = False
-        self._decoded[frame] = labels
-        while len(self._decoded) > KEPT:
-            self._decoded.popitem(last=False)
+        self._decoded.keep(frame, labels)
 
     # -- editing ---------------------------------------------------------------------------------------------------------------------------
     def stroke(self, frame: int, name: str) -> Stroke:
@@ -155,7 +150,7 @@ class Annotations:
         labels = self.record(piece.frame).labels
         if not piece.labelled:
             labels = None
-            self._decoded.pop(piece.frame, None)
+            self._decoded.forget(piece.frame)
         elif piece.height:
             whole = self.labels(piece.frame).copy()
             box = slice(piece.top, piece.top + piece.height), slice(piece.left, piece.left + piece.width)
@@ -187,7 +182,7 @@ class Annotations:
         for frame, record in news.items():
             self.records[frame] = record
             if pixels:
-                self._decoded.pop(frame, None)
+                self._decoded.forget(frame)
         return LabelEdit(name, before, tuple(self.piece(frame, whole) for frame in news))
 
 

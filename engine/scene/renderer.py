@@ -10,8 +10,9 @@ from torch import Tensor
 
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError
+from degense.engine.latest import Latest
 from degense.engine.raster import camera_depths, rasterize
-from degense.engine.scene.states import Cache, States
+from degense.engine.scene.states import States
 from degense.engine.semantics import Basis
 from degense.engine.semantics.masks import FrameSemantics, query_of
 from degense.engine.splats import Splats
@@ -28,11 +29,11 @@ class Renderer:
 
     def __init__(self, name: str, states: States, basis: Basis | None, camera_at: Callable[[float], Camera]):
         self.name, self.states, self.basis, self.camera_at = name, states, basis, camera_at
-        self._cache = Cache(FRAME_BYTES)
+        self._cache = Latest(FRAME_BYTES)
 
     def forget(self) -> None:
         """Forget drawn frames and their semantics; baked states stay."""
-        self._cache = Cache(FRAME_BYTES)
+        self._cache = Latest(FRAME_BYTES)
 
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
         """Draw one instant, all wanted channels in one pass.

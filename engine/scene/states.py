@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable, Hashable
 from functools import cached_property
-from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -14,34 +11,11 @@ from torch import Tensor
 from degense.engine.camera import Camera
 from degense.engine.field import SceneModel
 from degense.engine.field.live import LiveField
+from degense.engine.latest import Latest
 from degense.engine.motion import displacement
 from degense.engine.splats import Splats
 
-Value = TypeVar("Value")
 STATE_BYTES = 1 << 30
-
-
-class Cache:
-    """Least recently used values, bounded by their bytes."""
-
-    def __init__(self, limit: int):
-        self.limit, self.size = limit, 0
-        self._held: OrderedDict[Hashable, tuple[int, Any]] = OrderedDict()
-
-    def __contains__(self, key: Hashable) -> bool:
-        return key in self._held
-
-    def get(self, key: Hashable, make: Callable[[], Value], weigh: Callable[[Value], int]) -> Value:
-        """The value of `key`, made if there is none; `weigh` says how many bytes it has."""
-        if key in self._held:
-            self._held.move_to_end(key)
-            return self._held[key][1]
-        value = make()
-        self._held[key] = (weigh(value), value)
-        self.size += self._held[key][0]
-        while self.size > self.limit and len(self._held) > 1:
-            self.size -= self._held.popitem(last=False)[1][0]
-        return value
 
 
 class States:
@@ -61,7 +35,7 @@ class States:
     def __init__(self, model: SceneModel, unit: float, frames: int, reference_frame: int, observability: Tensor | None):
         self.model, self.unit, self.frames, self.reference_frame = model, unit, frames, reference_frame
         self.observability = observability.to(model.bounds.device) if observability is not None else None
-        self._cache = Cache(STATE_BYTES)
+        self._cache = Latest(STATE_BYTES)
 
     def time(self, frame: float) -> float:
         """The field's time of a frame, in [-1, 1]."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -15,6 +14,7 @@ from torch import Tensor
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.errors import ClipError
+from degense.engine.latest import Latest
 
 Item = TypeVar("Item")
 CACHE_BYTES = 3 << 29
@@ -55,9 +55,8 @@ class TrainingFrames:
         self.scale = min(1.0, (max_pixels / (width * height)) ** 0.5)
         self.unit = 1.0 / _typical_depth(clip)
         self.cameras: list[Camera] = [camera.scaled(self.scale).with_unit(self.unit) for camera in clip.cameras]
-        self._cache: OrderedDict[int, Frame] = OrderedDict()
         pixels = self.cameras[0].width * self.cameras[0].height
-        self._capacity = max(2, CACHE_BYTES // (pixels * 8))
+        self._cache = Latest(max(2, CACHE_BYTES // (pixels * 8)))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -84,16 +83,12 @@ class TrainingFrames:
         return depth
 
     def __getitem__(self, index: int) -> Frame:
-        if index in self._cache:
-            self._cache.move_to_end(index)
-            return self._cache[index]
+        return self._cache.get(index, lambda: self._made(index))
+
+    def _made(self, index: int) -> Frame:
         image, valid = self.image(index), self.valid(index)
         depth = self.depth(index) if self.clip.depth_measured else np.zeros(valid.shape, np.float32)
-        frame = Frame(*(torch.from_numpy(np.ascontiguousarray(array)).to(self.device) for array in (image, valid, depth)))
-        self._cache[index] = frame
-        if len(self._cache) > self._capacity:
-            self._cache.popitem(last=False)
-        return frame
+        return Frame(*(torch.from_numpy(np.ascontiguousarray(array)).to(self.device) for array in (image, valid, depth)))
 
 
 class FrameOrder:

@@ -8,12 +8,12 @@ import torch
 
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, PromptError
+from degense.engine.latest import Latest
 from degense.engine.layers import LAYERS, LayerRequest
 from degense.engine.raster import Render
 from degense.engine.research.raster_reference import rasterize_reference
 from degense.engine.scene import Scene
 from degense.engine.scene.renderer import CHANNELS
-from degense.engine.scene.states import Cache
 
 
 @pytest.fixture
@@ -190,7 +190,7 @@ def test_pictures_of_the_surgeons_view_are_kept_and_others_are_not(fresh):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_cache_holds_the_latest_within_its_bytes(seed):
     random = np.random.default_rng(seed)
-    cache, order, sizes, made = Cache(100), [], {}, []
+    cache, order, sizes, made = Latest(100), [], {}, []
 
     def make(key):
         made.append(key)
@@ -212,7 +212,7 @@ def test_a_cache_holds_the_latest_within_its_bytes(seed):
 
 
 def test_the_newest_value_is_kept_even_when_it_is_too_large():
-    cache = Cache(10)
+    cache = Latest(10)
     cache.get("a", lambda: 1, lambda _: 5)
     cache.get("b", lambda: 2, lambda _: 50)
     assert list(cache._held) == ["b"]

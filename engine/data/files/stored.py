@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,6 +16,7 @@ from degense.engine.data.files.depth_files import DepthFiles
 from degense.engine.data.files.labels import IndexMaps, LabelMaps
 from degense.engine.data.files.masks import MaskFiles
 from degense.engine.data.files.numpy_files import TruthFile
+from degense.engine.latest import Latest
 
 
 class Pictures(Protocol):
@@ -32,34 +31,14 @@ class Pictures(Protocol):
         """RGB, uint8 [H, W, 3]."""
 
 
-class ArrayCache:
-    """Least-recently-used arrays up to `limit` bytes together, given out as copies; safe to use from several threads."""
-
-    def __init__(self, limit: int = 256 * 2**20):
-        self.limit = limit
-        self.bytes = 0
-        self._arrays: OrderedDict[Hashable, np.ndarray] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def get(self, key: Hashable, load: Callable[[], np.ndarray]) -> np.ndarray:
-        """A copy of the array kept under `key`; `load()` is called (outside the lock) when there is none."""
-        with self._lock:
-            if key in self._arrays:
-                self._arrays.move_to_end(key)
-                return self._arrays[key].copy()
-        array = load()
-        with self._lock:
-            if key not in self._arrays and array.nbytes <= self.limit:
-                self._arrays[key] = array.copy()
-                self.bytes += array.nbytes
-                while self.bytes > self.limit:
-                    self.bytes -= self._arrays.popitem(last=False)[1].nbytes
-        return array
+CACHE_BYTES = 256 << 20
 
 
 @dataclass(kw_only=True)
 class StoredClip(Clip):
     """A clip on disk. Frames, validity and depth are read when asked for; the ones used last stay in memory, up to 256 MB together.
+
+    Copies are given out.
 
     `inside`, bool [H, W], is the optical field of view.
     """
@@ -71,25 +50,25 @@ class StoredClip(Clip):
     label_maps: LabelMaps | None = None
     stroke_maps: LabelMaps | None = None
     truth_file: TruthFile | None = None
-    cache: ArrayCache = field(default_factory=ArrayCache, repr=False)
+    cache: Latest = field(default_factory=lambda: Latest(CACHE_BYTES), repr=False)
 
     def frame(self, index: int) -> np.ndarray:
         i = self._checked(index)
-        return self.cache.get(("frame", i), lambda: self.pictures.read(i))
+        return self._cached("frame", i, lambda: self.pictures.read(i))
 
     def valid(self, index: int) -> np.ndarray:
         i = self._checked(index)
         if self.masks is None:
             return self.inside.copy()
         masks = self.masks
-        return self.cache.get(("valid", i), lambda: masks.keep(i) & self.inside)
+        return self._cached("valid", i, lambda: masks.keep(i) & self.inside)
 
     def depth(self, index: int) -> np.ndarray:
         i = self._checked(index)
         distances = self.distances
         if isinstance(distances, DepthFiles):
-            return self.cache.get(("depth", i), lambda: distances.read(i))
-        return self.cache.get(("depth", i), lambda: distances.depth(self.frame(i), self.valid(i), self.inside))
+            return self._cached("depth", i, lambda: distances.read(i))
+        return self._cached("depth", i, lambda: distances.depth(self.frame(i), self.valid(i), self.inside))
 
     @property
     def depth_measured(self) -> bool:
@@ -102,7 +81,7 @@ class StoredClip(Clip):
     def labels(self, index: int) -> np.ndarray | None:
         i = self._checked(index)
         maps = self.label_maps
-        return self.cache.get(("labels", i), lambda: maps.read(i)) if maps and i in maps.files else None
+        return self._cached("labels", i, lambda: maps.read(i)) if maps and i in maps.files else None
 
     @property
     def stroked_frames(self) -> list[int]:
@@ -114,6 +93,9 @@ class StoredClip(Clip):
 
     def truth(self) -> Truth | None:
         return self.truth_file.read() if self.truth_file else None
+
+    def _cached(self, kind: str, index: int, load: Callable[[], np.ndarray]) -> np.ndarray:
+        return self.cache.get((kind, index), load, lambda array: array.nbytes).copy()
 
     def _checked(self, index: int) -> int:
         if not 0 <= index < len(self):

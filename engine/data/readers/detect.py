@@ -11,13 +11,14 @@ from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.files.labels import index_maps
 from degense.engine.data.files.numbered import list_files, shown
-from degense.engine.data.files.stored import ArrayCache, StoredClip
+from degense.engine.data.files.stored import CACHE_BYTES, StoredClip
 from degense.engine.data.readers.cholecseg8k import FRAME, cholec_frames, open_cholecseg8k
 from degense.engine.data.readers.endovis18 import FRAMES, open_endovis18
 from degense.engine.data.readers.frame_folder import open_endonerf, open_frames
 from degense.engine.data.readers.identity import frame_names
 from degense.engine.data.readers.video import SUFFIXES, open_video
 from degense.engine.errors import ClipError
+from degense.engine.latest import Latest
 
 DEEPEST = 4  # folders down: a data set, a release, a video, a clip
 MOST = 10_000
@@ -132,4 +133,4 @@ def with_labels(clip: Clip, folder: Path) -> Clip:
         raise ClipError(f"{shown(folder)} holds no labels/ with PNG files; choose the folder above it.")
     words = f"{len(maps.files)} of {len(clip)} frames, {len(maps.classes)} classes, from {shown(folder)}"
     provenance = {**clip.provenance, "labels": words, "strokes": words}
-    return replace(clip, classes=maps.classes, label_maps=maps, stroke_maps=maps, provenance=provenance, cache=ArrayCache())
+    return replace(clip, classes=maps.classes, label_maps=maps, stroke_maps=maps, provenance=provenance, cache=Latest(CACHE_BYTES))

@@ -8,6 +8,7 @@ import pytest
 
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.readers import ClipOptions, describe, detect, open_clip
+from degense.engine.latest import Latest
 from tests.data.readers.makers import HEIGHT, WIDTH, save, tissue, tool, write_camera, write_endonerf, write_frames, write_poses
 
 
@@ -146,13 +147,11 @@ def test_frames_are_the_callers_own(tmp_path):
 
 
 def test_the_cache_keeps_what_fits():
-    from degense.engine.data.files.stored import ArrayCache
-
-    cache = ArrayCache(limit=3000)
+    cache = Latest(3000)
     loads = []
 
     def get(key, size=1000):
-        return cache.get(key, lambda: loads.append(key) or np.zeros(size, np.uint8))
+        return cache.get(key, lambda: loads.append(key) or np.zeros(size, np.uint8), lambda array: array.nbytes)
 
     for key in "abcab":
         get(key)
@@ -161,10 +160,12 @@ def test_the_cache_keeps_what_fits():
     get("a")
     get("c")
     assert loads == ["a", "b", "c", "d", "c"]
+    assert cache.size <= 3000
     get("huge", 5000)
-    get("huge", 5000)
-    assert loads[-2:] == ["huge", "huge"]
-    assert cache.bytes <= 3000
+    assert cache.size == 5000
+    get("a")
+    assert loads[-2:] == ["huge", "a"]
+    assert cache.size == 1000
 
 
 def test_a_picture_with_alpha_and_a_grey_one_are_frames_too(tmp_path):
