@@ -93,7 +93,10 @@ def _volume(file: IO[bytes], path: Path, shape: tuple[int, int], count: int) -> 
     start = float(header["vox_offset"])
     if not len(binary) + 4 <= start <= len(binary) + 4 + LARGEST_COMMENT:
         raise ClipError(f"{shown(path)} says that its numbers begin at byte {start:g}, which makes no sense.")
-    about = _comment(file.read(int(start) - len(binary)), header)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of comments whose sizes are no multiples of 16
+        whole = Nifti1Header.from_fileobj(io.BytesIO(binary + file.read(int(start) - len(binary))), header.endianness, check=False)
+    about = _comment(whole)
     slope, shift = header.get_slope_inter()
     volume = np.empty((count, *shape), np.uint8)
     for plane in volume:
@@ -109,17 +112,9 @@ def _volume(file: IO[bytes], path: Path, shape: tuple[int, int], count: int) -> 
     return volume, about
 
 
-def _comment(data: bytes, header: Nifti1Header) -> Any:
-    """The JSON that `write` left between the header and the volume, an empty dict where there is none."""
-    from nibabel.nifti1 import Nifti1Extensions
-    from nibabel.volumeutils import endian_codes
-
-    if len(data) < 4 or data[0] == 0:
-        return {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of sizes that are no multiples of 16
-        found = Nifti1Extensions.from_fileobj(io.BytesIO(data[4:]), len(data) - 4, endian_codes["native"] != header.endianness)
-    for extension in found:
+def _comment(header: Nifti1Header) -> Any:
+    """The JSON that `write` left in the header, an empty dict where there is none."""
+    for extension in header.extensions:
         if extension.get_code() == 6:
             try:
                 return json.loads(extension.content)

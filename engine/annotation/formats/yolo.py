@@ -6,7 +6,6 @@ A polygon has no holes: parts with holes are cut into pieces without, so that wh
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -19,8 +18,6 @@ from degense.engine.annotation.painting import PixelRegion, polygon
 from degense.engine.data.files.numbered import list_files, regular_file, shown
 from degense.engine.errors import ClipError
 from degense.engine.files import write_text
-
-_ENTRY = re.compile(r"^\s+(?:(\d+)\s*:|-)\s*(.+?)\s*$")
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:
@@ -86,31 +83,14 @@ def _without_holes(part: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def _names(text: str, path: Path) -> list[str]:
-    """The entries of `names:` in a data.yaml, as mapping or list, block or flow; other keys are not looked at."""
-    found: dict[int, str] = {}
-    lines = iter(text.splitlines())
-    for line in lines:
-        if not line.startswith("names:"):
-            continue
-        flow = line.removeprefix("names:").strip()
-        if flow.startswith("[") and flow.endswith("]"):
-            return [_unquoted(name) for name in flow[1:-1].split(",") if name.strip()]
-        for entry in lines:
-            match = _ENTRY.match(entry)
-            if match is None:
-                break
-            found[int(match[1]) if match[1] else len(found)] = _unquoted(match[2])
-        break
-    if not found or sorted(found) != list(range(len(found))):
+    """The classes under `names:` of a data.yaml, a list or a mapping from 0, 1, 2, …."""
+    import yaml
+
+    try:
+        names = yaml.load(text, yaml.BaseLoader)["names"]  # strings, lists and mappings, nothing else
+        listed = list(names) if isinstance(names, list) else [names[str(index)] for index in range(len(names))]
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
+        listed = []
+    if not listed or not all(isinstance(name, str) for name in listed):
         raise ClipError(f"{shown(path)} does not list its classes under names: as 0, 1, 2, ….")
-    return [found[index] for index in range(len(found))]
-
-
-def _unquoted(text: str) -> str:
-    text = text.strip()
-    if text.startswith('"'):
-        try:
-            return str(json.loads(text))
-        except ValueError:
-            return text.strip('"')
-    return text.strip("'")
+    return listed

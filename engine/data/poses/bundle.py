@@ -11,7 +11,7 @@ over all frames, so that points that deform count little. λ is far below the we
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array, eye_array
+from scipy.sparse import coo_array, csc_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
@@ -51,11 +51,13 @@ def refine(viewmats: np.ndarray, tracks: list[Track], camera: Camera, loose: flo
     for scale in scales + [TIGHT] * EXTRA:
         parts = [_residuals(viewmats, track, ray, camera) for track, ray in zip(tracks, rays, strict=True)]
         weights = _weights(tracks, [part[0] for part in parts], scale)
-        system = _System(len(viewmats))
-        for track, (residual, by_key, by_frame), weight in zip(tracks, parts, weights, strict=True):
-            system.add(track.key, track.frame, residual, by_key, by_frame, weight)
-        system.smooth(viewmats, SMOOTH * camera.fx)
-        viewmats = _moved(viewmats, system.solve(DAMPING * camera.fx**2))
+        matrix, gradient = _normal_equations(len(viewmats), tracks, parts, weights)
+        if len(viewmats) > 2:
+            bends, bend = _bends(viewmats)
+            matrix += (SMOOTH * camera.fx) ** 2 * bends.T @ bends
+            gradient += (SMOOTH * camera.fx) ** 2 * bends.T @ bend
+        matrix += DAMPING * camera.fx**2 * eye_array(matrix.shape[0], format="csc")
+        viewmats = _moved(viewmats, np.vstack([np.zeros(6), spsolve(matrix[6:, 6:], -gradient[6:]).reshape(-1, 6)]))
     return viewmats
 
 
@@ -100,50 +102,31 @@ def _weights(tracks: list[Track], residuals: list[np.ndarray], scale: float) -> 
     return [fit * (sums[t.key] / np.maximum(counts[t.key], 1))[t.index] for t, fit in zip(tracks, fits, strict=True)]
 
 
-class _System:
-    """Normal equations of all poses, 6 unknowns each: rotation, translation."""
+def _normal_equations(
+    count: int, tracks: list[Track], parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]], weights: list[np.ndarray]
+) -> tuple[csc_array, np.ndarray]:
+    """JᵀJ [6 T, 6 T] and Jᵀr [6 T] of the weighted residuals of all tracks; 6 unknowns a pose: rotation, translation."""
+    gradient = np.zeros((count, 6))
+    blocks, rows, columns = [], [], []
+    for track, (residual, by_key, by_frame), weight in zip(tracks, parts, weights, strict=True):
+        root = np.sqrt(weight)[:, None]
+        jacobian = (root[..., None] * np.concatenate([by_key, by_frame], 2)).reshape(-1, 12)
+        gradient[[track.key, track.frame]] += (jacobian.T @ (root * residual).ravel()).reshape(2, 6)
+        unknowns = (6 * np.array([[track.key], [track.frame]]) + np.arange(6)).ravel()
+        blocks.append((jacobian.T @ jacobian).ravel())
+        rows.append(unknowns.repeat(12))
+        columns.append(np.tile(unknowns, 12))
+    places = np.concatenate(rows), np.concatenate(columns)
+    return coo_array((np.concatenate(blocks), places), shape=(6 * count,) * 2).tocsc(), gradient.ravel()
 
-    def __init__(self, count: int):
-        self.count = count
-        self.gradient = np.zeros((count, 6))
-        self.blocks: list[tuple[int, int, np.ndarray]] = []
 
-    def add(self, a: int, b: int, residual: np.ndarray, by_a: np.ndarray, by_b: np.ndarray, weight: np.ndarray) -> None:
-        rows = np.sqrt(weight)[:, None, None]
-        left, right = (rows * by_a).reshape(-1, 6), (rows * by_b).reshape(-1, 6)
-        error = (np.sqrt(weight)[:, None] * residual).reshape(-1)
-        self.gradient[a] += left.T @ error
-        self.gradient[b] += right.T @ error
-        cross = left.T @ right
-        self.blocks += [(a, a, left.T @ left), (b, b, right.T @ right), (a, b, cross), (b, a, cross.T)]
-
-    def smooth(self, viewmats: np.ndarray, weight: float) -> None:
-        """Penalise second differences of rotation and translation; lengths are near 1, so both weigh alike."""
-        rotations = Rotation.from_matrix(viewmats[:, :3, :3])
-        square = weight**2 * np.eye(6)
-        for i in range(1, self.count - 1):
-            bend = np.concatenate(
-                [
-                    (rotations[i - 1] * rotations[i].inv()).as_rotvec() + (rotations[i + 1] * rotations[i].inv()).as_rotvec(),
-                    viewmats[i - 1, :3, 3] - 2 * viewmats[i, :3, 3] + viewmats[i + 1, :3, 3],
-                ]
-            )
-            around = ((i - 1, 1.0), (i, -2.0), (i + 1, 1.0))
-            for j, factor in around:
-                self.gradient[j] += factor * weight**2 * bend
-                self.blocks += [(j, k, factor * other * square) for k, other in around]
-
-    def solve(self, damping: float) -> np.ndarray:
-        """The step [count, 6]; 0 for the first pose."""
-        grid = np.arange(6)
-        rows = np.concatenate([np.repeat(6 * i + grid, 6) for i, _, _ in self.blocks])
-        columns = np.concatenate([np.tile(6 * j + grid, 6) for _, j, _ in self.blocks])
-        values = np.concatenate([block.ravel() for _, _, block in self.blocks])
-        matrix = coo_array((values, (rows, columns)), shape=(6 * self.count,) * 2).tocsc()
-        matrix += damping * eye_array(6 * self.count, format="csc")
-        step = np.zeros((self.count, 6))
-        step[1:] = spsolve(matrix[6:, 6:], -self.gradient[1:].ravel()).reshape(-1, 6)
-        return step
+def _bends(viewmats: np.ndarray) -> tuple[csc_array, np.ndarray]:
+    """Second differences of the poses [6 (T − 2)], and their derivatives; lengths are near 1, so rotations and translations weigh alike."""
+    count, rotations = len(viewmats), Rotation.from_matrix(viewmats[:, :3, :3])
+    before, here, after = rotations[:-2], rotations[1:-1].inv(), rotations[2:]
+    turns = (before * here).as_rotvec() + (after * here).as_rotvec()
+    second = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count))
+    return kron(second, eye_array(6), format="csc"), np.concatenate([turns, np.diff(viewmats[:, :3, 3], 2, axis=0)], 1).ravel()
 
 
 def _moved(viewmats: np.ndarray, step: np.ndarray) -> np.ndarray:
