@@ -1,16 +1,31 @@
-"""The teacher that reads features which another program computed, in the layouts of the peers."""
+"""The teacher that reads features which another program computed, in the layouts of the peers.
+
+The files are of unknown origin: no pickle, and sizes and types are known before anything is allocated.
+
+================================  =========================================================================  ==========================
+file                              holds                                                                      written by
+================================  =========================================================================  ==========================
+`FRAME_s.npy` and `FRAME_f.npy`   segment of each pixel [L, H, W], −1 = none, and their vectors [N, D]       LangSplat, SurgTPGS
+`FRAME_agg.npy`                   [1, D, h, w] or [1, h, w, D]                                               SurgTPGS++
+`FRAME_fmap_CxHxW.pt`             torch tensor [D, h, w]                                                     feature-3dgs, FE-4DGS
+`FRAME.npy`                       [D, h, w] or [h, w, D]                                                     anybody
+================================  =========================================================================  ==========================
+"""
 
 from __future__ import annotations
 
+import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from degense.engine.clip import Clip
-from degense.engine.data.files.numbered import shown
+from degense.engine.data.files.numbered import list_files, shown
+from degense.engine.data.files.numpy_files import open_npy
 from degense.engine.data.files.stored import StoredClip
 from degense.engine.errors import ClipError
-from degense.engine.semantics.teachers.feature_files import Segments, feature_files
+from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.teachers.teacher import Targets, enlarged
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
@@ -18,6 +33,12 @@ from degense.engine.semantics.text.text_vectors import TextVectors
 #: Folders beside a clip in which peers leave features.
 PLACES = ("language_features_agg", "language_features_fine", "language_features", "sam_embeddings", "features")
 TEXT_VECTORS = "text_vectors.safetensors"
+MOST_BYTES = 2 << 30  # of one file
+MOST_LEVELS = 16
+TORCH_ENDING = "_fmap_CxHxW"
+
+#: Vectors float32 [k, D], finite, of any length; and which of them each cell has, int [h, w], −1 = none.
+Features = tuple[np.ndarray, np.ndarray]
 
 
 class PrecomputedTeacher:
@@ -48,11 +69,10 @@ class PrecomputedTeacher:
         if not self.frames:
             raise ClipError(f"{shown(folder)} holds features of held-out frames only (1, 9, 17, …); compute them for others too.")
         self._files = {i: found[i] for i in self.frames}
-        kinds = {file.kind for file in self._files.values()}
-        if len(kinds) > 1:
-            raise ClipError(f"{shown(folder)} mixes {' and '.join(sorted(kinds))}; keep one kind of features in a folder.")
+        if len({file.segments for file in self._files.values()}) > 1:
+            raise ClipError(f"{shown(folder)} mixes dense features and segment features; keep one kind of features in a folder.")
         first = self._files[self.frames[0]]
-        self.pixelwise = first.kind == Segments.kind
+        self.pixelwise = first.segments
         self._clip, self._level = clip, level
         first.read(self.encoder.dimension, level)  # raises before the training begins
         used = f"{len(self.frames)} of {len(clip.train_frames)} training frames"
@@ -63,12 +83,11 @@ class PrecomputedTeacher:
         if frame not in self._files:
             return None
         file = self._files[frame]
-        read = file.read(self.encoder.dimension, self._level)
-        _check_proportions(read.index, self._clip.size, file.path)
-        index = enlarged(read.index, self._clip.size)
-        length = np.linalg.norm(read.vectors, axis=1)
-        index = np.where(self._clip.valid(frame) & (length > 0)[index] & (index >= 0), index, -1)
-        return (read.vectors / np.maximum(length, 1e-12)[:, None]).astype(np.float32), index.astype(np.int32)
+        vectors, cells = file.read(self.encoder.dimension, self._level)
+        _check_proportions(cells, self._clip.size, file.path)
+        index = enlarged(cells, self._clip.size)
+        index = np.where(self._clip.valid(frame) & vectors.any(1)[index] & (index >= 0), index, -1)
+        return unit_rows(vectors).astype(np.float32), index.astype(np.int32)
 
 
 def find_features(clip: Clip) -> Path:
@@ -86,6 +105,134 @@ def frame_names(clip: Clip) -> list[str]:
     if isinstance(clip, StoredClip) and len(clip.pictures.files) == len(clip):
         return [file.stem for file in clip.pictures.files]
     return [f"{i:06d}" for i in range(len(clip))]
+
+
+@dataclass(frozen=True)
+class FeatureFile:
+    """The features of one frame: a map with one vector a cell, or segment maps with the file of their vectors."""
+
+    path: Path
+    vectors: Path | None = None
+
+    @property
+    def segments(self) -> bool:
+        return self.vectors is not None
+
+    def words(self, level: int) -> str:
+        """What it is, for the user."""
+        if self.segments:
+            return f"segment features (_s.npy and _f.npy, level {level})"
+        return f"dense features ({'_agg' if self.path.stem.endswith('_agg') else ''}{self.path.suffix})"
+
+    def read(self, dimension: int, level: int) -> Features:
+        """ClipError, naming the file, unless it holds sound vectors of that dimension, and has that level."""
+        if self.vectors is not None:
+            return _of_segments(open_npy(self.path), self.path, open_npy(self.vectors), self.vectors, dimension, level)
+        if self.path.suffix.lower() == ".pt":
+            return _of_cells(_torch_map(self.path), dimension, self.path)
+        array = open_npy(self.path)
+        _check_bytes(array.size * 4, self.path)
+        return _of_cells(array, dimension, self.path)
+
+
+def feature_files(folder: Path) -> dict[str, FeatureFile]:
+    """The feature files of a folder by the name of their frame.
+
+    Raises
+    ------
+    ClipError
+        For links out of the folder, and for segments without vectors or the reverse.
+    """
+    files: dict[str, FeatureFile] = {}
+    arrays = {file.stem: file for file in list_files(folder, folder, (".npy",))}
+    for stem, path in arrays.items():
+        if stem.endswith("_s"):
+            other = arrays.get(stem[:-2] + "_f")
+            if other is None:
+                raise ClipError(f"{shown(path)} names segments, but {stem[:-2]}_f.npy with their vectors is missing.")
+            files[stem[:-2]] = FeatureFile(path, other)
+        elif stem.endswith("_f"):
+            if stem[:-2] + "_s" not in arrays:
+                raise ClipError(f"{shown(path)} holds vectors, but {stem[:-2]}_s.npy with their segments is missing.")
+        else:
+            files[stem.removesuffix("_agg")] = FeatureFile(path)
+    return files | {path.stem.removesuffix(TORCH_ENDING): FeatureFile(path) for path in list_files(folder, folder, (".pt",))}
+
+
+def _of_segments(maps: np.ndarray, path: Path, vectors: np.ndarray, vectors_path: Path, dimension: int, level: int) -> Features:
+    if maps.ndim != 3 or not 1 <= len(maps) <= MOST_LEVELS or maps.size == 0:
+        raise ClipError(f"{shown(path)} has the shape {list(maps.shape)}, but segment maps are [levels, height, width].")
+    if not 0 <= level < len(maps):
+        raise ClipError(f"{shown(path)} has the levels 0 to {len(maps) - 1}, not {level}; choose one of them with ?level=.")
+    if vectors.ndim != 2 or vectors.dtype.kind != "f":
+        held = f"{vectors.dtype} values of the shape {list(vectors.shape)}"
+        raise ClipError(f"{shown(vectors_path)} holds {held}, but vectors are [segments, {dimension}] of floats.")
+    _check_dimension(vectors.shape[1], dimension, vectors_path)
+    _check_bytes(vectors.size * 4 + maps[level].size * 8, vectors_path)
+    chosen = np.asarray(maps[level], np.float64)
+    if not (np.isfinite(chosen).all() and (chosen == np.round(chosen)).all() and chosen.min() >= -1 and chosen.max() < len(vectors)):
+        raise ClipError(f"{shown(path)} must name segments −1 (none) to {len(vectors) - 1}, the rows of {vectors_path.name}.")
+    return _finite(np.asarray(vectors, np.float32), vectors_path), chosen.astype(np.int32)
+
+
+def _torch_map(path: Path) -> np.ndarray:
+    """A saved torch tensor. Only tensors are read: a file that would run code is refused."""
+    import torch
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check_bytes(sum(entry.file_size for entry in archive.infolist()), path)
+        loaded = torch.load(path, map_location="cpu", weights_only=True)
+    except ClipError:
+        raise
+    except Exception as error:  # whatever torch meets in a hostile file
+        raise ClipError(f"{shown(path)} is not a saved torch tensor, or holds more than tensors; save the feature map alone.") from error
+    if not isinstance(loaded, torch.Tensor) or not loaded.is_floating_point() or loaded.layout != torch.strided:
+        raise ClipError(f"{shown(path)} holds no tensor of floats; save the feature map [D, h, w] alone.")
+    _check_bytes(loaded.numel() * 4, path)  # a stored tensor may repeat its memory
+    return loaded.detach().float().numpy()
+
+
+def _of_cells(array: np.ndarray, dimension: int, path: Path) -> Features:
+    """Features of an array [D, h, w] or [h, w, D], with or without a leading 1."""
+    shape = array.shape
+    if array.ndim == 4 and shape[0] == 1:
+        array = array[0]
+    if array.ndim != 3 or array.size == 0 or array.dtype.kind != "f":
+        held = f"{array.dtype} values of the shape {list(shape)}"
+        raise ClipError(f"{shown(path)} holds {held}, but a feature map is [D, h, w] or [h, w, D] of floats.")
+    first, last = array.shape[0] == dimension, array.shape[2] == dimension
+    if first and last:
+        raise ClipError(f"{shown(path)} has the shape {list(shape)}: vectors may lie along its first or last axis; save it with w ≠ D.")
+    if not first and not last:
+        _check_dimension(array.shape[0], dimension, path)
+    if first:
+        array = np.moveaxis(array, 0, -1)
+    rows, columns = array.shape[:2]
+    vectors = np.ascontiguousarray(array, np.float32).reshape(-1, dimension)
+    return _finite(vectors, path), np.arange(rows * columns).reshape(rows, columns)
+
+
+def _check_dimension(found: int, dimension: int, path: Path) -> None:
+    if found != dimension:
+        raise ClipError(
+            f"{shown(path)} has vectors of {found} numbers, but the text vectors beside it have {dimension}; both must be of one encoder."
+        )
+
+
+def _check_bytes(size: int, path: Path) -> None:
+    if size > MOST_BYTES:
+        raise ClipError(
+            f"{shown(path)} would take {size / 2**30:.1f} GB of memory, more than {MOST_BYTES >> 30}; save smaller feature maps."
+        )
+
+
+def _finite(vectors: np.ndarray, path: Path) -> np.ndarray:
+    if not np.isfinite(vectors).all():
+        raise ClipError(f"{shown(path)} holds values that are not numbers; compute it again.")
+    if not vectors.any():
+        raise ClipError(f"{shown(path)} holds nothing but zeros; compute it again.")
+    return vectors
 
 
 def _check_proportions(index: np.ndarray, size: tuple[int, int], path: Path) -> None:

@@ -9,7 +9,7 @@ import torch
 
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import ClipError, DegenseError
-from degense.engine.semantics.teachers import PrecomputedTeacher, feature_files, teacher_by_name, teacher_choices
+from degense.engine.semantics.teachers import PrecomputedTeacher, precomputed, teacher_by_name, teacher_choices
 from degense.engine.semantics.teachers.precomputed import TEXT_VECTORS
 from degense.engine.semantics.text.text_vectors import write_vectors
 from tests.data.readers.makers import save, tissue
@@ -159,7 +159,7 @@ def test_a_torch_file_that_would_run_code_is_refused(folder, tmp_path, monkeypat
     torch.save(torch.ones(1).half().expand(DIMENSION, 20_000, 30_000), path)  # a few bytes that unfold to 45 GB
     with pytest.raises(ClipError, match="would take"):
         PrecomputedTeacher(clip, folder)
-    monkeypatch.setattr(feature_files, "MOST_BYTES", 1 << 20)
+    monkeypatch.setattr(precomputed, "MOST_BYTES", 1 << 20)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("bomb", bytes(2 << 20))
     with pytest.raises(ClipError, match=r"would take"):
