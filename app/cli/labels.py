@@ -22,7 +22,7 @@ from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 
 if TYPE_CHECKING:
-    from degense.engine.annotation.packed import Proposal
+    from degense.engine.annotation.edits import Proposal
     from degense.engine.clip import Clip
     from degense.engine.scene import Scene
 

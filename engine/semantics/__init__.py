@@ -3,7 +3,6 @@
 from degense.engine.semantics.basis import Basis, fit_basis
 from degense.engine.semantics.text.embedded import EmbeddedEncoder
 from degense.engine.semantics.text.encoder import TextEncoder
-from degense.engine.semantics.text.run_encoder import open_encoder, save_encoder
-from degense.engine.semantics.text.text_vectors import TextVectors
+from degense.engine.semantics.text.text_vectors import TextVectors, open_encoder, save_encoder
 
 __all__ = ["Basis", "EmbeddedEncoder", "TextEncoder", "TextVectors", "fit_basis", "open_encoder", "save_encoder"]

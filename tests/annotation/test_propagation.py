@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from degense.engine.annotation.propagation.field_votes import FieldVotes
-from degense.engine.annotation.propagation.flow_votes import nearness, spans
 from degense.engine.annotation.propagation.propagate import expected_iou, propagate, without_islands
+from degense.engine.annotation.propagation.votes import FieldVotes, nearness, spans
 from degense.engine.camera import Camera
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.readers import open_clip

@@ -25,7 +25,7 @@ from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 
 if TYPE_CHECKING:
-    from degense.engine.annotation.packed import Proposal
+    from degense.engine.annotation.edits import Proposal
 
 
 class Annotator(QObject):

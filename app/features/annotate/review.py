@@ -13,7 +13,7 @@ from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 
 if TYPE_CHECKING:
-    from degense.engine.annotation.packed import Proposal
+    from degense.engine.annotation.edits import Proposal
 
 
 class PropagationReview(QObject):

@@ -17,10 +17,8 @@ from collections.abc import Generator, Mapping, Sequence
 import cv2
 import numpy as np
 
-from degense.engine.annotation.packed import Proposal, pack
-from degense.engine.annotation.propagation.appearance import AppearanceVotes
-from degense.engine.annotation.propagation.field_votes import FieldVotes
-from degense.engine.annotation.propagation.flow_votes import FlowVotes
+from degense.engine.annotation.edits import Proposal, pack
+from degense.engine.annotation.propagation.votes import AppearanceVotes, FieldVotes, FlowVotes
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.errors import DegenseError
 from degense.engine.scene import Scene

@@ -1,7 +1,8 @@
-"""The clip that all readers make: frames from somewhere, and whatever else lies beside them."""
+"""The clip that all readers make: frames from somewhere, and whatever else lies beside them; its description and its fingerprint."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,8 @@ from degense.engine.data.files.masks import MaskFiles
 from degense.engine.data.files.numpy_files import TruthFile
 from degense.engine.latest import Latest
 
+CACHE_BYTES = 256 << 20
+
 
 class Pictures(Protocol):
     """Where a clip's frames come from: files that hold one each, or one for all; their size is (width, height)."""
@@ -29,9 +32,6 @@ class Pictures(Protocol):
 
     def read(self, index: int) -> np.ndarray:
         """RGB, uint8 [H, W, 3]."""
-
-
-CACHE_BYTES = 256 << 20
 
 
 @dataclass(kw_only=True)
@@ -149,3 +149,52 @@ def colour_map_words(maps: LabelMaps, count: int, source: str, gap: str) -> str:
 def counted(files: Sequence[Path], size: tuple[int, int]) -> str:
     """`provenance["frames"]` of a folder of pictures."""
     return f"{len(files)} pictures of {size[0]} × {size[1]}, {files[0].name} to {files[-1].name}"
+
+
+DESCRIBED = ("frames", "poses", "focal", "masks", "depth", "labels", "strokes")
+PIECE = 2**20
+
+
+def describe(clip: Clip) -> str:
+    """The lines a user sees: name, length and size, then where each thing comes from."""
+    width, height = clip.size
+    lines = [f"{clip.name}: {len(clip)} frames, {width} × {height}"]
+    lines += [f"  {key:<7} {clip.provenance[key]}" for key in DESCRIBED if key in clip.provenance]
+    if clip.classes:
+        lines.append(f"  classes {', '.join(clip.classes)}")
+    return "\n".join(lines)
+
+
+def frame_names(clip: Clip) -> tuple[str, ...]:
+    """What label files of the frames are called: the stems of the pictures, numbers where the frames are no files of their own."""
+    if isinstance(clip, StoredClip) and len(clip.pictures.files) == len(clip) > 1:
+        return tuple(file.stem for file in clip.pictures.files)
+    return tuple(f"{index:06d}" for index in range(len(clip)))
+
+
+def fingerprint(clip: Clip) -> str:
+    """A name for a clip's frames that survives moving the folder: sha256, 64 hexadecimal digits.
+
+    It covers the number and size of the frames, the names and byte sizes of their files, and the bytes of a few of them (of a large file:
+    a piece at its start, middle and end). Masks, depth and labels are not covered: adding a label map leaves the clip the same.
+    A clip that lies in no files is told by the pixels of a few frames.
+    """
+    digest = hashlib.sha256(f"{len(clip)} {clip.size[0]}x{clip.size[1]}\n".encode())
+    if not isinstance(clip, StoredClip):
+        for i in sampled(len(clip), 4):
+            digest.update(clip.frame(i).tobytes())
+        return digest.hexdigest()
+    files = clip.pictures.files
+    for file in files:
+        digest.update(f"{file.name}\0{file.stat().st_size}\n".encode("utf-8", "surrogateescape"))
+    for i in sampled(len(files), 4):
+        _add_pieces(files[i], digest)
+    return digest.hexdigest()
+
+
+def _add_pieces(path: Path, digest: hashlib._Hash) -> None:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        for offset in (0,) if size <= 3 * PIECE else (0, size // 2, size - PIECE):
+            file.seek(offset)
+            digest.update(file.read(3 * PIECE if size <= 3 * PIECE else PIECE))

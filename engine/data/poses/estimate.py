@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.data.poses.bundle import projected, refine
-from degense.engine.data.poses.tracks import Lost, Track, close_loops, follow_tissue
-from degense.engine.data.poses.views import SIDE, Views
+from degense.engine.data.poses.tracks import SIDE, Lost, Track, Views, close_loops, follow_tissue
 from degense.engine.progress import Progress, silent
 
 NOTICED = 1.5  # pixels of a reduced frame: tracks whose median motion is smaller are not used to judge the poses

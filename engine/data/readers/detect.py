@@ -11,11 +11,10 @@ from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.files.labels import index_maps
 from degense.engine.data.files.numbered import list_files, shown
-from degense.engine.data.files.stored import CACHE_BYTES, StoredClip
+from degense.engine.data.files.stored import CACHE_BYTES, StoredClip, frame_names
 from degense.engine.data.readers.cholecseg8k import FRAME, cholec_frames, open_cholecseg8k
 from degense.engine.data.readers.endovis18 import FRAMES, open_endovis18
 from degense.engine.data.readers.frame_folder import open_endonerf, open_frames
-from degense.engine.data.readers.identity import frame_names
 from degense.engine.data.readers.video import SUFFIXES, open_video
 from degense.engine.errors import ClipError
 from degense.engine.latest import Latest

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import cv2
 import numpy as np
 
-from degense.engine.annotation.packed import Proposal
+from degense.engine.annotation.edits import Proposal
 from degense.engine.annotation.propagation.propagate import propagate
 from degense.engine.clip import Clip
 from degense.engine.data.readers import open_clip

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.data.poses import find_cameras
-from degense.engine.data.poses.views import PIXELS
+from degense.engine.data.poses.tracks import PIXELS
 from degense.engine.data.readers import ClipOptions, open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.metrics.evaluate import evaluate

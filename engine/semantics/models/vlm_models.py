@@ -5,12 +5,15 @@ publishes it (`open_clip_config.json`), weights in safetensors. Where a folder h
 Not read: other models of open_clip (timm's and Hugging Face's towers, ResNets, SigLIP, CoCa), CAT-Seg's `model_final*.pth` (a detectron2
 checkpoint) and SurgVLP's `SurgVLP.pth`, pickles of other programs. Features that such a model computed can be read from files
 (`precomputed`).
+
+A wording is asked for in several sentences: a CLIP is trained on captions, and averaging removes what one of them adds.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +23,43 @@ from torch import Tensor
 
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
+from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import is_open_clip, model_config, model_digest, saved_by_transformers
 from degense.engine.semantics.models.open_clip import read_open_clip
-from degense.engine.semantics.models.templates import PLAIN
+
+Embed = Callable[[Sequence[str]], np.ndarray]
+#: The one of CLIPSeg, and of runs whose encoder's name has no digest of templates.
+PLAIN = "a photo of a {}"
+#: Names are things and stuff ("grasper", "fat"), so not all of these have an article. Other templates are another encoder.
+TEMPLATES = (
+    PLAIN,
+    "a photo of {}",
+    "a close-up photo of the {}",
+    "a laparoscopic image of {}",
+    "an endoscopic image of the {}",
+    "{} seen through an endoscope",
+    "{} during minimally invasive surgery",
+    "a frame of a surgical video that shows the {}",
+)
+
+
+def template_encoders(model: str, embed: Embed) -> dict[str, Embed]:
+    """Text encoders of a CLIP, words → unit vectors float [n, D], by name: in `TEMPLATES` first, then as earlier runs used it.
+
+    A word has the normalised mean of its unit vectors in all templates, of which the name has a digest. `embed` turns sentences into
+    vectors float [n, D] of any length but zero.
+    """
+    digest = hashlib.sha256("\n".join(TEMPLATES).encode()).hexdigest()[:8]
+    return {f"{model}+templates-{digest}": _mean_over(TEMPLATES, embed), model: _mean_over((PLAIN,), embed)}
+
+
+def _mean_over(templates: Sequence[str], embed: Embed) -> Embed:
+    def encode(words: Sequence[str]) -> np.ndarray:
+        vectors = unit_rows(embed([template.format(word) for word in words for template in templates]))
+        return unit_rows(vectors.reshape(len(words), len(templates), -1).mean(1))
+
+    return encode
+
 
 #: Mean and deviation of the pictures that CLIP was trained on, where the model's own folder does not say.
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)

@@ -20,8 +20,7 @@ from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.errors import ClipError
 from degense.engine.motion import consistent, follow, sample
 from degense.engine.progress import Progress, silent
-from degense.engine.semantics.teachers.appearance import Appearance
-from degense.engine.semantics.teachers.regions import Regions
+from degense.engine.semantics.teachers.regions import Appearance, Regions
 from degense.engine.semantics.teachers.target_cache import clip_settings, digest
 from degense.engine.semantics.teachers.teacher import Targets, soft_targets
 from degense.engine.semantics.text.encoder import TextEncoder

@@ -14,9 +14,8 @@ from degense.engine.errors import ClipError
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import find_model
-from degense.engine.semantics.models.templates import PLAIN, template_encoders
 from degense.engine.semantics.models.tiles import tiled
-from degense.engine.semantics.models.vlm_models import DenseModel
+from degense.engine.semantics.models.vlm_models import PLAIN, DenseModel, template_encoders
 from degense.engine.semantics.teachers.target_cache import clip_settings
 from degense.engine.semantics.teachers.teacher import Targets, enlarged, soft_targets
 from degense.engine.semantics.text.embedded import EmbeddedEncoder

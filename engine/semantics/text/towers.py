@@ -14,8 +14,7 @@ import torch
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import find_model, model_config, model_digest, saved_by_transformers
-from degense.engine.semantics.models.templates import Embed, template_encoders
-from degense.engine.semantics.models.vlm_models import DenseModel
+from degense.engine.semantics.models.vlm_models import DenseModel, Embed, template_encoders
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
 from degense.engine.vocabulary.concepts import surgical_vocabulary

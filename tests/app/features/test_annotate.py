@@ -10,8 +10,8 @@ from PySide6.QtWidgets import QPushButton
 from degense.app.features.annotate.label_sets import label_format
 from degense.app.session.store import JOURNAL
 from degense.engine.annotation.annotations import Record
+from degense.engine.annotation.edits import Proposal
 from degense.engine.annotation.folder import NAME
-from degense.engine.annotation.packed import Proposal
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.readers import open_clip
 from degense.engine.scene.clip_query import decode_frame

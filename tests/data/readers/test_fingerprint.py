@@ -35,7 +35,7 @@ def test_names_and_count_matter(tmp_path):
 
 
 def test_large_files_are_sampled_at_their_end_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["degense.engine.data.readers.identity"], "PIECE", 2000)
+    monkeypatch.setattr(sys.modules["degense.engine.data.files.stored"], "PIECE", 2000)
     path = tmp_path / "clip.avi"
     write_video(path, np.random.default_rng(4), 12, codec="MJPG")
     assert path.stat().st_size > 8000

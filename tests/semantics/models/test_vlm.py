@@ -10,8 +10,7 @@ import torch
 
 from degense.engine.errors import ClipError, DegenseError
 from degense.engine.semantics.models.model_folder import find_model
-from degense.engine.semantics.models.templates import TEMPLATES
-from degense.engine.semantics.models.vlm_models import DenseModel
+from degense.engine.semantics.models.vlm_models import TEMPLATES, DenseModel
 from degense.engine.semantics.teachers import teacher_by_name, teacher_choices, with_cached_targets
 from degense.engine.semantics.teachers.vlm import VlmTeacher
 from degense.engine.semantics.text.towers import encoder_at

@@ -10,8 +10,7 @@ from safetensors.torch import save_file as save_tensors
 
 from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.semantics import EmbeddedEncoder, TextVectors, open_encoder, save_encoder
-from degense.engine.semantics.text.run_encoder import VECTORS_FILE
-from degense.engine.semantics.text.text_vectors import read_vectors
+from degense.engine.semantics.text.text_vectors import VECTORS_FILE, read_vectors
 
 NAMES = ("liver", "Grasper", "l_hook", "background", "widget")
 

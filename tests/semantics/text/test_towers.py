@@ -12,7 +12,7 @@ import transformers
 
 from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.semantics import open_encoder, save_encoder
-from degense.engine.semantics.models import templates
+from degense.engine.semantics.models import vlm_models
 from degense.engine.semantics.text.towers import encoder_at
 from tests.semantics.models.tiny_models import write_model
 
@@ -68,11 +68,11 @@ def captions(folder: Path, *sentences: str) -> np.ndarray:
 
 
 def test_a_clip_is_asked_in_several_captions(places):
-    said = captions(places["clip"], *(template.format("spleen") for template in templates.TEMPLATES)).mean(0)
+    said = captions(places["clip"], *(template.format("spleen") for template in vlm_models.TEMPLATES)).mean(0)
     found = encoder_at(str(places["clip"])).encode(["the spleen"])[0]
     np.testing.assert_allclose(found, said / np.linalg.norm(said), atol=1e-5)
-    assert len(templates.TEMPLATES) > 1
-    assert all(template.count("{}") == 1 for template in templates.TEMPLATES)
+    assert len(vlm_models.TEMPLATES) > 1
+    assert all(template.count("{}") == 1 for template in vlm_models.TEMPLATES)
 
 
 def test_a_run_is_answered_in_the_captions_it_was_made_with_and_refuses_others(places, tmp_path, monkeypatch):
@@ -84,7 +84,7 @@ def test_a_run_is_answered_in_the_captions_it_was_made_with_and_refuses_others(p
     expected = captions(places["clip"], "a photo of a liver", "a photo of a L hook", "a photo of a ripe banana")
     np.testing.assert_allclose(earlier.encode(["foie", "hook", '"ripe banana"']), expected, atol=1e-5)
     assert open_encoder(encoder.name, [], tmp_path, encoder).name == encoder.name
-    monkeypatch.setattr(templates, "TEMPLATES", templates.TEMPLATES[:-1])
+    monkeypatch.setattr(vlm_models, "TEMPLATES", vlm_models.TEMPLATES[:-1])
     with pytest.raises(RunError, match=r"features of the text encoder 'clip-.*\+templates-.*', so 'clip-.*' cannot answer"):
         open_encoder(encoder.name, [], tmp_path, encoder_at(str(places["clip"])))
 
