@@ -42,7 +42,7 @@ def info(options: argparse.Namespace) -> None:
 
 def datasets(options: argparse.Namespace) -> None:
     """One line a clip, as it is looked at; a clip that cannot be opened is told like the others."""
-    from degense.engine.data.readers.datasets import list_clips
+    from degense.engine.data.readers.detect import list_clips
 
     entries = []
     for entry in list_clips(options.folder):

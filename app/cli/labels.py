@@ -13,10 +13,10 @@ import numpy as np
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.annotate.label_sets import label_format, names_of, open_annotations, write_labels
 from degense.app.session.session_file import clip_folder
-from degense.engine.annotation.classes import LabelClass, merged, named_classes
+from degense.engine.annotation.edits import LabelClass, merged, named_classes
 from degense.engine.annotation.folder import NAME, save
 from degense.engine.annotation.formats import MapSet
-from degense.engine.annotation.formats.indexed_png import read_label_png
+from degense.engine.annotation.formats.pictures import read_label_png
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from degense.engine.annotation.classes import LabelClass, check_classes
-from degense.engine.annotation.edits import LabelEdit, Piece, Proposal, State, Status, pack, unpack
+from degense.engine.annotation.edits import LabelClass, LabelEdit, Piece, Proposal, State, Status, check_classes, pack, unpack
 from degense.engine.annotation.painting import PixelRegion, region_of
 from degense.engine.clip import UNLABELLED
 from degense.engine.latest import Latest

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from degense.engine.annotation.classes import LabelClass
+from degense.engine.annotation.edits import LabelClass
 from degense.engine.clip import UNLABELLED
 
 FILL, STRIPE, CONTOUR = 90, 170, 255  # opacity of the inside, of hatching, of the outline

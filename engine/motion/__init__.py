@@ -1,6 +1,6 @@
 """Motion seen in images, motion of the model, and the difference between them."""
 
 from degense.engine.motion.flow import chain, confidence, consistent, flow_between, follow, sample, steps_between
-from degense.engine.motion.warp import displacement, spurious
+from degense.engine.motion.observed import displacement, spurious
 
 __all__ = ["chain", "confidence", "consistent", "displacement", "flow_between", "follow", "sample", "spurious", "steps_between"]

@@ -11,8 +11,7 @@ import numpy as np
 from degense.engine.clip import Clip
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.basis import unit_rows
-from degense.engine.semantics.teachers.labels import LabelTeacher
-from degense.engine.semantics.teachers.teacher import Targets, Teacher
+from degense.engine.semantics.teachers.teacher import LabelTeacher, Targets, Teacher
 from degense.engine.semantics.text.encoder import TextEncoder
 
 CELLS = (6, 5)  # regions that can be mistaken as a whole: cells of this jittered grid, cut by the borders of the classes

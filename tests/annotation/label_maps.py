@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from degense.engine.annotation.classes import LabelClass, named_classes
+from degense.engine.annotation.edits import LabelClass, named_classes
 from degense.engine.annotation.formats import MapSet
 from degense.engine.clip import UNLABELLED
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from degense.engine.annotation.annotations import Annotations
-from degense.engine.annotation.classes import LabelClass, check_classes, named_classes
-from degense.engine.annotation.edits import Piece, Proposal, pack, unpack
+from degense.engine.annotation.edits import LabelClass, Piece, Proposal, check_classes, named_classes, pack, unpack
 from degense.engine.annotation.painting import brush, region_of
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError

@@ -11,8 +11,7 @@ import pytest
 from degense.engine import files
 from degense.engine.annotation import folder as folder_module
 from degense.engine.annotation.annotations import Annotations
-from degense.engine.annotation.classes import named_classes
-from degense.engine.annotation.edits import Proposal, pack
+from degense.engine.annotation.edits import Proposal, named_classes, pack
 from degense.engine.annotation.folder import INDEX, load, save
 from degense.engine.annotation.painting import brush
 from degense.engine.clip import UNLABELLED

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
-from degense.engine.annotation.classes import LabelClass, named_classes
+from degense.engine.annotation.edits import LabelClass, named_classes
 from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
-from degense.engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
 from degense.engine.annotation.formats.map_set import mask_of_runs
+from degense.engine.annotation.formats.pictures import CHOLECSEG8K, ENDOVIS18
 from degense.engine.annotation.formats.yolo import outlines
 from degense.engine.annotation.painting import polygon
 from degense.engine.clip import UNLABELLED

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.edits import named_classes
 from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
 from degense.engine.errors import ClipError
 from tests.annotation.label_maps import COCO_ONE, NAMES, SHAPE, maps_of, three_classes

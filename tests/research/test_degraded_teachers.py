@@ -6,7 +6,7 @@ import pytest
 from degense.engine.errors import DegenseError
 from degense.engine.research.degraded_teachers import VLM_LIKE, Degradation, DegradedTeacher, confusable
 from degense.engine.semantics.teachers import LabelTeacher, teacher_by_name
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.encoder import EmbeddedEncoder
 from tests.fakes import MemoryClip, MovingWall
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from degense.engine.annotation.annotations import Annotations
-from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.edits import named_classes
 from degense.engine.annotation.folder import NAME, load
 from degense.engine.annotation.formats import LABEL_FORMATS, LabelFormat, MapSet
 from degense.engine.data.readers import frame_names

@@ -19,8 +19,7 @@ from degense.app.session.journal import Journal
 from degense.app.session.state import PersistentState, Signal
 from degense.app.session.store import JOURNAL
 from degense.engine.annotation.annotations import Annotations, Stroke
-from degense.engine.annotation.classes import LabelClass, check_classes, default_colour, merged
-from degense.engine.annotation.edits import LabelEdit, Piece, Proposal, State, Status
+from degense.engine.annotation.edits import LabelClass, LabelEdit, Piece, Proposal, State, Status, check_classes, default_colour, merged
 from degense.engine.annotation.folder import INDEX, NAME, save
 from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import DegenseError, RunError

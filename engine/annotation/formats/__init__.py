@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from degense.engine.annotation.formats import coco, cvat, indexed_png, nifti, yolo
-from degense.engine.annotation.formats.colour_masks import CHOLECSEG8K, ENDOVIS18
+from degense.engine.annotation.formats import coco, cvat, nifti, pictures, yolo
 from degense.engine.annotation.formats.map_set import MapSet
+from degense.engine.annotation.formats.pictures import CHOLECSEG8K, ENDOVIS18
 
 __all__ = ["LABEL_FORMATS", "LabelFormat", "MapSet"]
 
@@ -28,7 +28,7 @@ class LabelFormat:
 
 
 LABEL_FORMATS = {
-    "masks-png": LabelFormat("label maps (indexed PNG)", "", indexed_png.write, indexed_png.read),
+    "masks-png": LabelFormat("label maps (indexed PNG)", "", pictures.write, pictures.read),
     "coco": LabelFormat("COCO (JSON, run lengths)", ".json", coco.write, coco.read),
     "cvat": LabelFormat("CVAT for images 1.1 (XML)", ".xml", cvat.write, cvat.read),
     "yolo": LabelFormat("YOLO segments", "", yolo.write, yolo.read),

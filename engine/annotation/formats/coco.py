@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pycocotools.mask as coco_mask
 
-from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.edits import named_classes
 from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, checked_classes, drawn, frame_of, mask_of_runs, read_text
 from degense.engine.annotation.painting import polygon, region_of
 from degense.engine.data.files.numbered import shown

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from degense.engine.annotation.classes import LabelClass, default_colour
+from degense.engine.annotation.edits import LabelClass, default_colour
 from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, checked_classes, drawn, frame_of, mask_of_runs, read_text
 from degense.engine.annotation.painting import PixelRegion, polygon, region_of
 from degense.engine.data.files.numbered import shown

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pycocotools.mask as coco_mask
 
-from degense.engine.annotation.classes import LabelClass, check_classes
+from degense.engine.annotation.edits import LabelClass, check_classes
 from degense.engine.annotation.painting import PixelRegion
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import last_number, shown

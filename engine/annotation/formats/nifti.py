@@ -18,7 +18,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from degense.engine.annotation.classes import LabelClass, check_classes, named_classes
+from degense.engine.annotation.edits import LabelClass, check_classes, named_classes
 from degense.engine.annotation.formats.map_set import MapSet, check_picture_size
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from degense.engine.annotation.classes import named_classes
+from degense.engine.annotation.edits import named_classes
 from degense.engine.annotation.formats.map_set import MapSet, checked_classes, drawn, frame_of, read_text
 from degense.engine.annotation.painting import PixelRegion, polygon
 from degense.engine.data.files.numbered import list_files, regular_file, shown

@@ -19,10 +19,9 @@ from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.depth import DepthPrior
 from degense.engine.data.files.cameras import ClipCameras, guessed_cameras, json_cameras, json_unit, llff_cameras
 from degense.engine.data.files.depth_files import DepthFiles
-from degense.engine.data.files.field_of_view import border_words, brightest, field_of_view
 from degense.engine.data.files.images import ImageFiles, check_sizes
 from degense.engine.data.files.labels import index_maps, read_classes
-from degense.engine.data.files.masks import MaskFiles, decide, read_mask
+from degense.engine.data.files.masks import MaskFiles, border_words, brightest, decide, field_of_view, read_mask
 from degense.engine.data.files.numbered import list_files, pair, regular_file, shown
 from degense.engine.data.files.numpy_files import TruthFile, open_npy
 from degense.engine.data.files.stored import StoredClip, counted, map_words, sampled

@@ -18,8 +18,8 @@ import numpy as np
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.files.cameras import guessed_cameras
-from degense.engine.data.files.field_of_view import border_words, field_of_view
 from degense.engine.data.files.images import MAX_PIXELS
+from degense.engine.data.files.masks import border_words, field_of_view
 from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.stored import clip_with_prior, sampled
 from degense.engine.errors import ClipError

@@ -14,7 +14,7 @@ from degense.engine.data.synthetic.scene import PhantomScene
 from degense.engine.raster import Render, rasterize
 from degense.engine.semantics.basis import fit_basis
 from degense.engine.semantics.masks.query import FrameSemantics, query_of
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.encoder import EmbeddedEncoder
 from degense.engine.splats import Splats
 
 #: Of the hand-made scene: widths of its instruments, pixels; two tissues, an organ, and the instruments.

@@ -22,7 +22,7 @@ from degense.engine.semantics.basis import Basis, fit_basis
 from degense.engine.semantics.masks import FrameSemantics, superpixels
 from degense.engine.semantics.masks.superpixels_torch import superpixels_on_device
 from degense.engine.semantics.prompts import DECODERS, PromptVectors
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.encoder import EmbeddedEncoder
 
 TOOLS = ("grasper", "L-hook electrocautery")
 TIMES = (0.3, 0.45, 0.6)  # of the phantom's story: grasped, burning, burnt

@@ -8,13 +8,11 @@ from pathlib import Path
 
 from degense.engine.clip import Clip
 from degense.engine.errors import DegenseError
-from degense.engine.semantics.teachers.labels import LabelTeacher
 from degense.engine.semantics.teachers.precomputed import PrecomputedTeacher, find_features
 from degense.engine.semantics.teachers.strokes import StrokeTeacher
 from degense.engine.semantics.teachers.target_cache import CostlyTeacher
-from degense.engine.semantics.teachers.teacher import Teacher
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
-from degense.engine.semantics.text.encoder import TextEncoder
+from degense.engine.semantics.teachers.teacher import LabelTeacher, Teacher
+from degense.engine.semantics.text.encoder import EmbeddedEncoder, TextEncoder
 
 NO_MODEL = "a model must be named: the folder of a CLIP or CLIPSeg as transformers or open_clip saves it (vlm:FOLDER)"
 

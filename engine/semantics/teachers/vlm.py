@@ -14,12 +14,10 @@ from degense.engine.errors import ClipError
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import find_model
-from degense.engine.semantics.models.tiles import tiled
-from degense.engine.semantics.models.vlm_models import PLAIN, DenseModel, template_encoders
+from degense.engine.semantics.models.vlm_models import PLAIN, DenseModel, template_encoders, tiled
 from degense.engine.semantics.teachers.target_cache import clip_settings
 from degense.engine.semantics.teachers.teacher import Targets, enlarged, soft_targets
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
-from degense.engine.semantics.text.encoder import TextEncoder
+from degense.engine.semantics.text.encoder import EmbeddedEncoder, TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
 from degense.engine.vocabulary.concepts import surgical_vocabulary
 

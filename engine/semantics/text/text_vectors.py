@@ -12,8 +12,7 @@ from safetensors.numpy import save_file
 
 from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.files import replacing
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
-from degense.engine.semantics.text.encoder import ClassNames, TextEncoder
+from degense.engine.semantics.text.encoder import ClassNames, EmbeddedEncoder, TextEncoder
 from degense.engine.vocabulary.concepts import surgical_vocabulary
 
 MOST_NAMES, MOST_DIMENSIONS, LONGEST_NAME = 10_000, 65_536, 200

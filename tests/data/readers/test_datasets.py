@@ -6,7 +6,7 @@ import pytest
 
 from degense.app.cli.main import main
 from degense.engine.data.readers import open_clip
-from degense.engine.data.readers.datasets import list_clips
+from degense.engine.data.readers.detect import list_clips
 from degense.engine.errors import ClipError
 from tests.data.readers import test_cholecseg8k, test_endovis18
 from tests.data.readers.makers import save

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from degense.engine.data.files.field_of_view import field_of_view
+from degense.engine.data.files.masks import field_of_view
 from degense.engine.data.readers import ClipOptions, open_clip
 from tests.data.readers.makers import HEIGHT, WIDTH, disc, save, tissue, tool, write_frames
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from degense.engine.semantics.models.tiles import tiled
+from degense.engine.semantics.models.vlm_models import tiled
 
 
 def mean_colours(pictures):

@@ -9,7 +9,7 @@ from degense.engine.camera import Camera
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.errors import ClipError
 from degense.engine.semantics.teachers import LabelTeacher
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.encoder import EmbeddedEncoder
 
 CLASSES = ("background", "liver", "foo")
 

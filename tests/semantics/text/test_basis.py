@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from degense.engine.semantics.basis import LEAST_KEPT, Basis, fit_basis
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.encoder import EmbeddedEncoder
 
 CLASSES = ["liver", "gallbladder", "fat", "grasper", "L-hook electrocautery", "background"]
 

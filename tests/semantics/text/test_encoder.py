@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from degense.engine.errors import PromptError
-from degense.engine.semantics.text.embedded import EmbeddedEncoder
+from degense.engine.semantics.text.encoder import EmbeddedEncoder
 from degense.engine.vocabulary.concepts import surgical_vocabulary
 
 PHANTOM = [
@@ -119,7 +119,7 @@ def test_a_misspelt_class_name_is_literal_but_a_prompt_may_be_misspelt():
 
 
 def test_vectors_do_not_depend_on_the_process():
-    code = "from degense.engine.semantics.text.embedded import EmbeddedEncoder as E; import hashlib; "
+    code = "from degense.engine.semantics.text.encoder import EmbeddedEncoder as E; import hashlib; "
     code += "print(hashlib.sha256(E(['foo','liver']).encode(['foo','liver','tool']).tobytes()).hexdigest())"
     digests = {
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": s}).stdout

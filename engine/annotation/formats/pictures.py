@@ -1,23 +1,66 @@
-"""Colour masks of public data sets: one RGB picture a frame, whose colours a published table names."""
+"""Label maps as one picture a frame.
+
+Indexed PNG in the colours of the classes, `labels/NAME.png` beside `classes.json`, as clips have them; and the colour masks of public data
+sets, whose colours a published table names.
+"""
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
+from PIL import Image
 
-from degense.engine.annotation.classes import LabelClass
+from degense.engine.annotation.edits import LabelClass, named_classes
 from degense.engine.annotation.formats.map_set import MapSet, frame_of
 from degense.engine.clip import UNLABELLED
-from degense.engine.data.files.images import check_sizes
-from degense.engine.data.files.labels import ColourCodes, ColourMaps
+from degense.engine.data.files.images import check_sizes, checked, picture_size, read_index
+from degense.engine.data.files.labels import ColourCodes, ColourMaps, index_maps
 from degense.engine.data.files.numbered import list_files, shown
 from degense.engine.data.readers import cholecseg8k, endovis18
 from degense.engine.errors import ClipError, DegenseError
-from degense.engine.files import replacing
+from degense.engine.files import replacing, write_text
+
+
+def label_png(labels: np.ndarray, classes: Sequence[LabelClass]) -> bytes:
+    """The bytes of a PNG file of a label map, uint8 [H, W]; unlabelled pixels look black."""
+    palette = np.zeros((UNLABELLED + 1, 3), np.uint8)
+    for index, kind in enumerate(classes):
+        palette[index] = kind.colour
+    image = Image.fromarray(labels).convert("L")
+    image.putpalette(palette.tobytes())
+    out = io.BytesIO()
+    image.save(out, "PNG", compress_level=1)
+    return out.getvalue()
+
+
+def read_label_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """A label map uint8 [H, W] of that shape, from an indexed or grey PNG. ClipError otherwise; the size is checked before decoding."""
+    size, found = (shape[1], shape[0]), picture_size(path)
+    if found != size:
+        raise ClipError(f"{shown(path)} is {found[0]} × {found[1]} pixels, but the frames are {size[0]} × {size[1]}; scale it first.")
+    return checked(read_index(path), path, size)
+
+
+def write(maps: MapSet, out: Path) -> Iterator[int]:
+    """Write into the folder `out`; yields the frames that are done."""
+    for frame in maps.frames:
+        with replacing(out / "labels" / f"{maps.names[frame]}.png") as temporary:
+            temporary.write_bytes(label_png(maps.read(frame), maps.classes))
+        yield frame
+    write_text(out / "classes.json", json.dumps({"classes": [kind.name for kind in maps.classes]}))
+
+
+def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
+    """The maps of a folder. ClipError when they do not fit the clip."""
+    found = index_maps(path, [Path(name) for name in names], (shape[1], shape[0]))
+    if found is None:
+        raise ClipError(f"{shown(path)} holds no labels/ with PNG files; choose the folder above it.")
+    return MapSet(named_classes(found.classes), shape, tuple(names), tuple(sorted(found.files)), found.read)
 
 
 @dataclass(frozen=True)
@@ -47,11 +90,8 @@ class ColourTable:
             assert index is not None
             colours[value] = self.classes[index].colour
         for frame in maps.frames:
-            done, data = cv2.imencode(".png", colours[maps.read(frame)][..., ::-1])
-            if not done:
-                raise DegenseError(f"frame {frame} cannot be written as PNG")
             with replacing(out / f"{maps.names[frame]}{self.ending}.png") as temporary:
-                temporary.write_bytes(data.tobytes())
+                Image.fromarray(colours[maps.read(frame)]).save(temporary)
             yield frame
 
     def read(self, path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
