@@ -114,15 +114,16 @@ def compare(
         as_system(method, config)
     opened = clip()
     comparison = SystemComparison.open(opened, out, config, teacher)
-    scores = comparison.run(chosen, seeds, progress, stop)
+    baselines = comparison.baselines(lambda fraction, words: progress(0.02 * fraction, words))
+    scores = comparison.run(chosen, seeds, lambda fraction, words: progress(0.02 + 0.98 * fraction, words), stop)
     pictures = comparison.pictures(scores, seeds[0])
     facts = _clip_facts(opened, scores[0].runs[0]) | {
         "teacher": comparison.teacher,
         "budget": f"preset {config.preset}, {config.iterations:,} steps, at most {config.max_gaussians:,} Gaussians, the same for all",
         "seeds": ", ".join(map(str, seeds)),
     }
-    paths = write_scores(out, f"Systems on {opened.name}", facts, scores, opened.classes, pictures)
-    return "\n".join([tables_of(scores)[0].markdown(), "", *map(str, paths)])
+    paths = write_scores(out, f"Systems on {opened.name}", facts, scores, opened.classes, pictures, baselines)
+    return "\n".join([tables_of(scores, baselines)[0].markdown(), "", *map(str, paths)])
 
 
 def report_run(scene: Scene, clip: Clip, scores: dict[str, Any], folder: Path) -> str:

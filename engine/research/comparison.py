@@ -14,6 +14,7 @@ from degense.engine.errors import Cancelled, DegenseError
 from degense.engine.events import Event, Step, TrainingProgress
 from degense.engine.metrics.evaluate import evaluate
 from degense.engine.progress import Progress, silent
+from degense.engine.research.baselines import score_baselines
 from degense.engine.research.report import MethodScores, ReportPicture, pictures_of
 from degense.engine.research.report.pictures import truths_of
 from degense.engine.research.systems import as_system, words_of
@@ -36,7 +37,7 @@ class SystemComparison:
     ----------
     clip : Clip
     out : Path
-        Holds `comparison.json` (the settings), `runs/` and `scores/`, each by method and seed.
+        Holds `comparison.json` (the settings), `baselines.json`, `runs/` and `scores/`, each by method and seed.
     config : TrainConfig
         The budget of all.
     teacher : str
@@ -126,6 +127,13 @@ class SystemComparison:
                 raise Cancelled
         scene = Scene.open(folder, device=self.config.device if self.config.device != "auto" else None, clip=clip)
         return evaluate(scene, clip, scoring)
+
+    def baselines(self, progress: Progress = silent) -> dict[str, dict[str, Any]]:
+        """Scores of what needs no scene, kept beside those of the methods."""
+        path = self.out / "baselines.json"
+        if not path.exists():
+            write_json(path, score_baselines(self.clip, self.teacher, progress))
+        return read_json(path)
 
     def pictures(self, entries: Sequence[MethodScores], seed: int) -> list[ReportPicture]:
         """The shown frames as recorded, with their true labels, and as each method has them."""

@@ -16,7 +16,7 @@ from degense.engine.files import write_text
 from degense.engine.research.report.charts import Line, chart, legend
 from degense.engine.research.report.method_scores import MethodScores
 from degense.engine.research.report.pictures import ReportPicture, class_colour
-from degense.engine.research.report.tables import Cell, ReportTable, plain, tables_of
+from degense.engine.research.report.tables import Baselines, Cell, ReportTable, plain, tables_of
 
 FORMAT = 1
 JPEG_QUALITY = 88
@@ -29,6 +29,7 @@ def write_report(
     entries: Sequence[MethodScores],
     classes: Sequence[str],
     pictures: Sequence[ReportPicture],
+    baselines: Baselines | None = None,
 ) -> list[Path]:
     """Write `report.json`, `report.md` and `report.html`; their paths.
 
@@ -43,9 +44,12 @@ def write_report(
         Of the clip, in the order of its label values.
     pictures : sequence of Picture
         Shown by frame, in their order.
+    baselines : dict of str to dict, optional
+        Their scores on the same clip, by name.
     """
-    tables = tables_of(entries)
+    tables = tables_of(entries, baselines)
     values = {"format": FORMAT, "title": title, "facts": dict(facts), "methods": {entry.name: entry.to_json() for entry in entries}}
+    values["baselines"] = {name: dict(scores) for name, scores in (baselines or {}).items()}
     paths = {name: folder / f"report.{name}" for name in ("json", "md", "html")}
     write_text(paths["json"], json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
     write_text(paths["md"], _markdown(title, facts, entries, tables))

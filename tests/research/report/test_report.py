@@ -100,3 +100,21 @@ def test_a_chart_puts_points_where_they_belong():
     assert x0 < x1 == x2, "what lies beyond the square is drawn on its edge"
     assert y0 == y2 > y1
     assert "a &lt; b" in svg
+
+
+def test_methods_below_a_baseline_are_marked(entries):
+    """Theirs reach 0.65 and lie below a vote of 0.7; ours 0.85. Both pictures beat the copied frame, and nothing is said of motion."""
+    vote = scores(0.7)["masks"]["rnse"]
+    baselines = {"majority vote": {"miou": {"labels": 0.7}, "boundary_f": 0.4, "masks": {"labels": vote}}, "copied": {"psnr_mask": 29.0}}
+    classes, overall, against, *_ = tables_of(entries, baselines)
+    assert [row[0].text for row in classes.rows] == ["theirs †", "ours", "floor: all is liver", "baseline: majority vote"]
+    assert [cell.text for cell in classes.rows[3]] == ["baseline: majority vote", "labels", "70.0", "–", "70.0"]
+    assert classes.words.endswith("† mean IoU below majority vote (theirs).")
+    marked = {column for column, cell in zip(overall.columns, overall.rows[0], strict=True) if cell.text.endswith("†")}
+    assert marked == {"mIoU, %"}
+    assert not any("†" in cell.text for cell in overall.rows[1])
+    assert [[cell.text for cell in row] for row in against.rows] == [
+        ["majority vote", "70.0", "40.0", "–", "–", "–", "–"],
+        ["copied", "–", "–", "29.00", "–", "–", "–"],
+    ]
+    assert "†" not in tables_of(entries)[0].markdown()

@@ -41,9 +41,14 @@ def test_it_prints_the_papers_table(clip, compared, capsys):
     head, _, *rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in capsys.readouterr().out.splitlines() if "|" in line]
     classes = json.loads((clip / "classes.json").read_text())["classes"]
     assert head == ["method", "decoder", *[c for c in classes if c != "background"], "mean"]
-    assert [row[0] for row in rows][:2] == ["surgtpgs", "degense"]
+    assert [row[0].removesuffix(" †") for row in rows][:2] == ["surgtpgs", "degense"]
     assert rows[2][0].startswith("floor: all is ")
+    reached = {row[0]: float(row[-1]) for row in rows if row[0].startswith("baseline: ")}
+    assert reached["baseline: teacher"] == pytest.approx(
+        100 * read_json(compared / "baselines.json")["teacher"]["miou"]["labels"], abs=0.051
+    )
     for row, method in zip(rows, ("surgtpgs", "degense"), strict=False):
+        assert row[0].endswith("†") == (float(row[-1].strip("*").split(" ± ")[0]) < max(reached.values()))
         seeds = [read_json(compared / "scores" / f"{method}-{seed}.json")["miou"][row[1]] for seed in (0, 1)]
         mean, half = map(float, row[-1].strip("*").split(" ± "))
         assert mean == pytest.approx(100 * np.mean(seeds), abs=0.051)
