@@ -7,8 +7,8 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from degense.engine.annotation.propagation.flow_votes import warped_labels
 from degense.engine.clip import Clip
+from degense.engine.metrics.flicker import warped
 from degense.engine.motion import chain, consistent, follow, sample, steps_between
 from degense.engine.progress import Progress, silent
 
@@ -54,9 +54,9 @@ class ClipFlow:
         return found
 
 
-def warped(labels: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def warped_filled(labels: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Labels uint8 [H, W] seen where a flow leads, and where that lies inside the picture; elsewhere those of the nearest pixel inside."""
-    moved, inside = warped_labels(labels, way)
+    moved, inside = warped(labels, way)
     if inside.all() or not inside.any():
         return moved, inside
     _, nearest = cv2.distanceTransformWithLabels((~inside).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)

@@ -12,7 +12,7 @@ from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.metrics.masks import MaskScores
 from degense.engine.metrics.semantics import NOT_SCORED
 from degense.engine.progress import Progress
-from degense.engine.research.baselines.clip_flow import ClipFlow, warped
+from degense.engine.research.baselines.clip_flow import ClipFlow, warped_filled
 from degense.engine.semantics.teachers import Teacher, teacher_by_name, with_cached_targets
 
 WINDOW = 8  # frames to each side that a vote looks at, beside the vote over the whole clip
@@ -101,7 +101,7 @@ def vote_along(flow: ClipFlow, frame: int, known: Labels, count: int) -> np.ndar
 
     def moved() -> Iterator[Vote]:
         for source, (way, sure) in flow.chained(frame, list(known)).items():
-            labels, inside = warped(known[source], way)
+            labels, inside = warped_filled(known[source], way)
             yield labels, np.where(inside, np.where(sure, 1.0, INCONSISTENT), OUTSIDE).astype(np.float32)
 
     return _winners(moved(), next(iter(known.values())).shape, count)
@@ -110,7 +110,7 @@ def vote_along(flow: ClipFlow, frame: int, known: Labels, count: int) -> np.ndar
 def propagated(flow: ClipFlow, frame: int, first: int, labels: np.ndarray) -> np.ndarray:
     """A label map of one frame as a 2D tracker carries it to another; without any drift when it begins at the clip's first frame."""
     way = flow.from_first[frame - 1][1] if first == 0 and frame > 0 else flow.chained(frame, [first])[first][0]
-    return warped(labels, way)[0]
+    return warped_filled(labels, way)[0]
 
 
 def nothing_held_out(clip: Clip) -> Clip:

@@ -11,7 +11,7 @@ from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.metrics.motion import MotionScores, scene_depth
 from degense.engine.research.baselines import ClipFlow, below_baseline, note, number, score_baselines
-from degense.engine.research.baselines.clip_flow import warped
+from degense.engine.research.baselines.clip_flow import warped_filled
 from degense.engine.research.baselines.images import mean_colour
 from degense.engine.research.baselines.masks import near, nearest, nothing_held_out, propagated, teacher_labels, vote, vote_along
 from degense.engine.research.baselines.motion import depth_at, lifted_displacement, lifted_tracks, motion_baselines
@@ -73,7 +73,7 @@ def test_labels_follow_chained_flow(wall):
 def test_what_enters_the_picture_takes_the_nearest_label():
     way = np.zeros((3, 6, 2), np.float32)
     way[..., 0] = 2
-    moved, inside = warped(np.tile(np.array([0, 1, 2, 3, 4, 5], np.uint8), (3, 1)), way)
+    moved, inside = warped_filled(np.tile(np.array([0, 1, 2, 3, 4, 5], np.uint8), (3, 1)), way)
     assert moved.tolist() == [[2, 3, 4, 5, 5, 5]] * 3
     assert inside.tolist() == [[True] * 4 + [False] * 2] * 3
 
