@@ -14,10 +14,14 @@ WIDTH, STATE = 64, 16  # lengths of h_base, and of hidden layers, and of each φ
 
 
 class Kinematics(nn.Module):
-    """h_base = base(h_st);  Z_kin = ⊕_k φ_k(h_base), k ∈ {pos, scale, rot, opa}, φ_k linear (Eq. 1); h_st has `feature` numbers."""
+    """h_base = base(h_st);  Z_kin = ⊕_k φ_k(h_base), k ∈ {pos, scale, rot, opa} (Eq. 1); h_st has `feature` numbers.
 
-    def __init__(self, feature: int):
+    φ_k is linear where `linear`, as in the paper; else rectified.
+    """
+
+    def __init__(self, feature: int, *, linear: bool = False):
         super().__init__()
+        self.linear = linear
         self.base = nn.Sequential(nn.Linear(feature, WIDTH), nn.ReLU(inplace=True), nn.Linear(WIDTH, WIDTH), nn.ReLU(inplace=True))
         # The four maps share their input: one matrix holds them as blocks of rows, in the order of PROPERTIES.
         self.states = nn.Linear(WIDTH, STATE * len(PROPERTIES))
@@ -31,7 +35,8 @@ class Kinematics(nn.Module):
 
     def forward(self, feature: Tensor) -> Tensor:
         """Z_kin [N, 4 STATE] of h_st [N, feature]."""
-        return torch.relu_(self.states(self.base(feature)))
+        states = self.states(self.base(feature))
+        return states if self.linear else torch.relu_(states)
 
 
 class Branch(nn.Module):

@@ -61,9 +61,12 @@ def _finish(rows, bias, rectified):
 
 @njit(cache=True, nogil=True)
 def _decode(
-    points, levels, semantic_levels, entry, trunk, trunk_biases, hidden, from_semantic, hidden_biases, last, last_biases, outs, counter
+    points, levels, semantic_levels, linear, entry, trunk, biases, hidden, from_semantic, hidden_biases, last, last_biases, outs, counter
 ):
-    """Weights are [inputs, outputs]; those of `trunk`, behind the `entry`, and of the decoders are stacked, like `outs` [decoder, N, …]."""
+    """Weights are [inputs, outputs]; those of `trunk`, behind the `entry`, and of the decoders are stacked, like `outs` [decoder, N, …].
+
+    `linear`: nothing is rectified behind the last layer of `trunk`.
+    """
     wide = entry.shape[1]
     all_features, all_semantic = np.empty((ROWS, _channels(levels)), np.float32), np.empty((ROWS, _channels(semantic_levels)), np.float32)
     activations = np.empty((3, ROWS, wide), np.float32)
@@ -78,10 +81,10 @@ def _decode(
         if semantic.shape[1]:
             _sample(points[begin:end], semantic_levels, semantic)
         np.dot(features, entry, current)
-        _finish(current, trunk_biases[0], True)
+        _finish(current, biases[0], True)
         for layer in range(trunk.shape[0]):
             np.dot(current, trunk[layer], following)
-            _finish(following, trunk_biases[layer + 1], True)
+            _finish(following, biases[layer + 1], not linear or layer + 1 < trunk.shape[0])
             current, following = following, current
         for decoder in range(hidden.shape[0]):
             np.dot(current, hidden[decoder], following)
@@ -127,7 +130,7 @@ def decode(
         outs,
     )
     place, *weights = (array.numpy() for array in arrays)
-    run_kernel(_decode, place, levels, semantic_levels, *weights)
+    run_kernel(_decode, place, levels, semantic_levels, kinematics.linear, *weights)
     return [out[:, :width] for out, width in zip(outs, widths, strict=True)]
 
 

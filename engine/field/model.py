@@ -38,6 +38,7 @@ class FieldConfig:
     levels: tuple[int, ...] = (1, 2)
     static: bool = False  # nothing moves, turns, resizes or fades: the canonical Gaussians are the scene at all times (a baseline)
     fixed_latents: bool = False  # latents belong to the canonical Gaussians and never change, as in baselines without Ψ_sem
+    linear_states: bool = False  # whether Z_kin is a linear function of h_base (Eq. 1), not a rectified one
 
     def to_json(self) -> dict:
         return asdict(self) | {"levels": list(self.levels)}
@@ -116,7 +117,7 @@ class SceneModel(nn.Module):
             {name: nn.Parameter(canonical[name].float().contiguous(), name not in FIXED) for name in CANONICAL}
         )
         self.planes = HexPlane(config.channels, config.resolution, config.time_resolution, config.levels)
-        self.kinematics = Kinematics(self.planes.dimension)
+        self.kinematics = Kinematics(self.planes.dimension, linear=config.linear_states)
         latent = self.kinematics.dimension
         self.geometry = Branch(latent, DEFORMATION)
         self.appearance = Branch(latent, 3) if config.appearance else None

@@ -8,8 +8,10 @@ import torch
 from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
 from degense.engine.threads import one_torch_thread
 
+WITH_CUDA = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
 
-def make(routing, seed, *, count=333, rank=5, appearance=True, levels=(1, 2)):
+
+def make(routing, seed, *, count=333, rank=5, appearance=True, levels=(1, 2), linear=False):
     """A model of which every part has something to say, with more Gaussians than one block and none that divides them evenly."""
     torch.manual_seed(seed)
     canonical = {
@@ -23,7 +25,9 @@ def make(routing, seed, *, count=333, rank=5, appearance=True, levels=(1, 2)):
         "temporal_windows": torch.rand(count, 2),
         "velocities": 0.1 * torch.randn(count, 3),
     }
-    config = FieldConfig(routing, rank, appearance, color_knots=4, channels=8, resolution=8, time_resolution=5, levels=levels)
+    config = FieldConfig(
+        routing, rank, appearance, color_knots=4, channels=8, resolution=8, time_resolution=5, levels=levels, linear_states=linear
+    )
     model = SceneModel(config, torch.tensor([[-1.0, -1, -1], [1, 1, 1]]), canonical)
     for name, parameter in model.named_parameters():
         if ".time." in name:
@@ -47,6 +51,28 @@ def test_it_says_what_the_twin_says_in_float64(routing, appearance, semantics):
         assert torch.equal(centres, fused.splats.means)
         assert (fused.delta_color is None) is not appearance
         assert (fused.delta_semantics is None) is not semantics
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=WITH_CUDA)])
+@pytest.mark.parametrize("gradients", [False, True], ids=["inference", "training"])
+def test_linear_states_are_equation_1(device, gradients):
+    """φ_k(h_base) has no nonlinearity: against the matrices themselves, in float64, with and without gradients."""
+    model = make("paper", 11, linear=True)
+    twin = copy.deepcopy(model).double()
+    rectified = make("paper", 11)
+    rectified.load_state_dict(model.state_dict())
+    model, rectified = model.to(device), rectified.to(device)
+    with torch.no_grad():
+        base, states = twin.kinematics.base, twin.kinematics.states
+        latent = base(twin.planes(twin.normalised(twin.canonical["means"]), 0.3)) @ states.weight.T + states.bias
+        moved, semantics = twin.geometry(latent)[:, :3], twin.semantic(latent)
+        expected = twin.canonical["means"] + twin.linear_motion(0.3) + moved
+    assert (latent < 0).any()
+    with torch.set_grad_enabled(gradients):
+        found, other = model.at(0.3), rectified.at(0.3)
+    torch.testing.assert_close(found.splats.means.double().cpu(), expected, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(found.delta_semantics.double().cpu(), semantics, rtol=1e-4, atol=1e-4)
+    assert (found.splats.means - other.splats.means).abs().max() > 1e-2
 
 
 @pytest.mark.parametrize("levels", [(1,), (1, 2, 3)])
