@@ -19,14 +19,14 @@ Colour = tuple[int, int, int]
 PROMPT_COLOURS: tuple[Colour, ...] = (*CLASS_COLOURS[:7], (255, 255, 255))
 
 
-#: Each decoder that works pixel by pixel, and the one that decides alike on regions and along the edges of the frame.
+#: Each decoder that works pixel by pixel, and the one that decides alike on regions and along the edges of the frame; and back.
 REFINED = {"threshold": "rnse", "argmax": "rnse+argmax"}
+COARSE = {"rnse": "threshold", "rnse-paper": "threshold", "rnse+argmax": "argmax"}
 
 
 def decoder_refined(decoder: str, refined: bool) -> str:
     """The decoder that decides as `decoder` does, refined or coarse."""
-    coarse = {fine: plain for plain, fine in REFINED.items()}
-    return REFINED.get(decoder, decoder) if refined else coarse.get(decoder, decoder)
+    return (REFINED if refined else COARSE).get(decoder, decoder)
 
 
 @dataclass(frozen=True)

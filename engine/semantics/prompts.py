@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -14,7 +15,10 @@ from degense.engine.errors import PromptError
 #: threshold: similarity above the threshold. argmax: also at least as high as that of every class that the prompt does not include.
 #: rnse: on region-aggregated, guided similarities; above the threshold, and above threshold / EVEN times the best other class.
 #: rnse+argmax: argmax on region-aggregated, guided similarities.
-DECODERS = ("threshold", "argmax", "rnse", "rnse+argmax")
+#: rnse-paper: as the paper has it; above the threshold, on means over superpixels, guided (Eq. 4). Classes do not compete.
+DECODERS = ("threshold", "argmax", "rnse", "rnse+argmax", "rnse-paper")
+#: Similarities that a decoder reads where there is a picture: of each pixel, region-aggregated (`engine.semantics.masks.rnse`), or Eq. 4's.
+Kind = Literal["pixel", "refined", "mean"]
 DEFAULT_DECODER = "rnse"
 #: With the embedded encoder a pixel of the class has a cosine near 1, one of an unrelated class near 0, one of a class of the same kind
 #: 0.35; a pixel that is half one class and half another lies half way after averaging. On degraded label maps 0.4 to 0.6 cost `rnse` less
@@ -68,6 +72,6 @@ class PromptVectors:
     threshold: float = DEFAULT_THRESHOLD
 
 
-def reads_regions(decoder: str) -> bool:
-    """Whether a decoder works on refined similarities where there is a picture."""
-    return decoder.startswith("rnse")
+def kind_of(decoder: str) -> Kind:
+    """Which similarities a decoder reads."""
+    return "mean" if decoder == "rnse-paper" else "refined" if decoder.startswith("rnse") else "pixel"

@@ -19,7 +19,7 @@ from degense.engine.metrics.masks import MaskScores
 from degense.engine.scene.clip_query import decode_frame, decode_splats, query_clip
 from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.masks.cleaning import without_holes, without_specks
-from degense.engine.semantics.prompts import DECODERS, PromptSet, reads_regions
+from degense.engine.semantics.prompts import DECODERS, PromptSet, kind_of
 
 FRAME, THRESHOLD = 4, 0.35
 TEXTS = {
@@ -56,8 +56,8 @@ def by_hand(scene, prompts: PromptSet, frame: float, similarity) -> tuple[np.nda
             mask &= s > np.float32(prompts.threshold / 0.5) * r
         if x is not None:
             mask &= s > x
-        if reads_regions(prompts.decoder) and similarity == scene.query(frame).refined and mask.any():
-            others = [values for values in (None if prompts.decoder == "threshold" else r, x) if values is not None]
+        if kind_of(prompts.decoder) == "refined" and similarity == scene.query(frame).refined and mask.any():
+            others = [values for values in (r, x) if values is not None]
             mask = without_holes(without_specks(mask), s, prompts.threshold, np.max(others, 0))
         masks.append(mask)
         own.append(s)
@@ -74,7 +74,8 @@ def test_the_rule_is_the_one_that_is_written_down(scene, asked, negatives):
     prompts = PromptSet(asked.prompts, negatives, asked.decoder, THRESHOLD)
     query = scene.query(FRAME)
     found = decode_frame(scene, prompts, FRAME)
-    masks, labels = by_hand(scene, prompts, FRAME, query.refined if reads_regions(prompts.decoder) else query.similarity)
+    kinds = {"pixel": query.similarity, "refined": query.refined, "mean": lambda vector: query.read(vector, "mean")}
+    masks, labels = by_hand(scene, prompts, FRAME, kinds[kind_of(prompts.decoder)])
     np.testing.assert_array_equal(found.masks, masks)
     np.testing.assert_array_equal(found.labels, labels)
 

@@ -17,6 +17,10 @@ from degense.widgets.qt_images import rgb
 DECODER_WORDS = {
     "rnse": ("Regions", "Similarity averaged over superpixels, edges taken from the frame, holes filled; other classes keep theirs."),
     "rnse+argmax": ("Regions, best class", "As regions, but half the threshold is enough where the prompt beats all other classes."),
+    "rnse-paper": (
+        "Regions, as published",
+        "The mean similarity of each superpixel, edges taken from the frame, must exceed the threshold.",
+    ),
     "argmax": ("Best class", "Pixels where the prompt beats all other classes."),
     "threshold": ("Plain threshold", "Pixels whose similarity exceeds the threshold."),
 }

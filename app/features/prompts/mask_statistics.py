@@ -49,16 +49,15 @@ def measure_masks(
 ) -> Generator[tuple[MaskStatistics, ...], None, tuple[MaskStatistics, ...]]:
     """The statistics of each visible prompt; yields those that are known."""
     from degense.engine.scene.clip_query import decode_frame
-    from degense.engine.semantics.prompts import reads_regions
+    from degense.engine.semantics.prompts import kind_of
 
     query, prompts = scene.query(frame), view_state.prompt_set
     classes = scene.vectors((*scene.classes, *prompts.negatives))
-    similarity = query.refined if reads_regions(prompts.decoder) else query.similarity
     known: tuple[MaskStatistics, ...] = ()
     for text in prompts.prompts:
         included = scene.included(text)
         [mask] = decode_frame(scene, replace(prompts, prompts=(text,)), frame).masks
-        counts, _ = np.histogram(np.clip(similarity(included), 0.0, 1.0), BINS, (0.0, 1.0))
+        counts, _ = np.histogram(np.clip(query.read(included, kind_of(prompts.decoder)), 0.0, 1.0), BINS, (0.0, 1.0))
         known = (*known, MaskStatistics(text, float(mask.mean()), query.confidence(included, mask, classes), counts))
         yield known
     return known

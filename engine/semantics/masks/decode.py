@@ -10,7 +10,6 @@ from numba import njit
 
 from degense.engine.clip import UNLABELLED
 from degense.engine.semantics.masks.cleaning import without_holes, without_specks
-from degense.engine.semantics.prompts import reads_regions
 
 #: Where a latent is a mixture, as on blended edges and where a teacher is unsure, half and half has a cosine of 0.7 with both classes.
 #: There the two cosines tell the shares: at this threshold `rnse` asks for the larger one, at a lower or higher for less or more.
@@ -50,7 +49,7 @@ def decode(similarities: Sequence[Similarities], decoder: str, threshold: float,
 
     The mask of a prompt holds an element whose similarity s exceeds everything that the decoder compares it with: the threshold τ (half of
     it for the argmax decoders, where the other classes decide), the other classes' similarity r (s ≥ r for argmax, s > τ / `EVEN` · r for
-    rnse, no comparison for threshold), and, whatever the decoder, that of what is excluded. Prompts take nothing from each other's masks.
+    rnse, no comparison for the others), and, whatever the decoder, that of what is excluded. Prompts take nothing from each other's masks.
     The owner of an element is the most similar prompt; of equally similar ones the one that covers fewer classes, then the first.
     At most 255 prompts, of one shape. Of `regions`, refined similarities of a picture [H, W], masks lose specks and small holes.
     """
@@ -68,7 +67,7 @@ def _mask(of_prompt: Similarities, decoder: str, threshold: float, regions: bool
     mask = own > (0.5 * threshold if competes else threshold)
     if rivals is not None and competes:
         mask &= own >= rivals
-    elif rivals is not None and reads_regions(decoder):
+    elif rivals is not None and decoder == "rnse":
         mask &= own > threshold / EVEN * rivals
     if excluded is not None:
         mask &= own > excluded  # what is excluded may be included as well: "tool", with the negative "grasper"

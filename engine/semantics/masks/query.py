@@ -16,10 +16,12 @@ from degense.engine.semantics.masks.decode import Decoded, Similarities, decode
 from degense.engine.semantics.masks.rnse import Aggregation
 from degense.engine.semantics.masks.rnse_cpu import CpuAggregation
 from degense.engine.semantics.masks.rnse_torch import TorchAggregation
-from degense.engine.semantics.prompts import PromptVectors, reads_regions
+from degense.engine.semantics.prompts import Kind, PromptVectors, kind_of
 
 #: Similarity maps kept per frame, one a text vector and kind: the classes of a session, so that a moved threshold computes none anew.
 KEPT_MAPS = 32
+#: Decoders that do not compare a prompt with other classes.
+WITHOUT_RIVALS = ("threshold", "rnse-paper")
 #: A class this close to what a prompt covers is a part of it ("grasper" when the prompt is "tool") and does not compete with it.
 INCLUDED = 0.6
 
@@ -77,15 +79,20 @@ class FrameSemantics:
         kind: type[Any] = TorchAggregation if isinstance(latent, Tensor) else CpuAggregation
         self._aggregation: Aggregation[Any] = kind(rgb, latent, alpha)
         self._has_picture = rgb is not None
-        self._maps: dict[tuple[bool, bytes], Any] = {}
+        self._maps: dict[tuple[Kind, bytes], Any] = {}
 
     def similarity(self, vectors: np.ndarray) -> np.ndarray:
         """Cosine with the prompt, pixelwise, float32 [H, W] in [−1, 1]."""
-        return self._read(self._best(vectors, refined=False))
+        return self.read(vectors, "pixel")
 
     def refined(self, vectors: np.ndarray) -> np.ndarray:
-        """Region-aggregated, guided similarity (M_final, Eq. 4), float32 [H, W]; the guided filter may overshoot [−1, 1] a little."""
-        return self._read(self._best(vectors, refined=True))
+        """Region-aggregated, guided similarity, float32 [H, W]; the guided filter may overshoot [−1, 1] a little."""
+        return self.read(vectors, "refined")
+
+    def read(self, vectors: np.ndarray, kind: Kind) -> np.ndarray:
+        """Similarity with the prompt of the kind that a decoder reads (`kind_of`), float32 [H, W]."""
+        [array] = self._aggregation.numpy([self._best(vectors, kind)])
+        return array
 
     def decode(self, asked: PromptVectors, pixelwise: bool = False) -> Decoded:
         """Masks [n, H, W] and labels [H, W]; what is new of all prompts is computed in one pass.
@@ -101,15 +108,15 @@ class FrameSemantics:
 
     def pending(self, asked: PromptVectors, pixelwise: bool = False) -> PendingMasks:
         """`decode`, with similarities computed in one pass and still where they were computed."""
-        regions = self._has_picture and reads_regions(asked.decoder) and not pixelwise
+        kind = kind_of(asked.decoder) if self._has_picture and not pixelwise else "pixel"
         prompts = [
-            (included, self._rivals(included, asked.classes) if asked.decoder != "threshold" else None, excluded)
+            (included, self._rivals(included, asked.classes) if asked.decoder not in WITHOUT_RIVALS else None, excluded)
             for included, excluded in zip_longest(asked.included, asked.excluded)
         ]
         wanted = [[None if rows is None or not len(rows) else np.atleast_2d(rows) for rows in kinds] for kinds in prompts]
-        self._found(np.concatenate([rows for kinds in wanted for rows in kinds if rows is not None]), regions)  # all that is new, at once
-        best = [[None if rows is None else self._best(rows, regions) for rows in kinds] for kinds in wanted]
-        return PendingMasks(best, self._aggregation.numpy, asked, regions)
+        self._found(np.concatenate([rows for kinds in wanted for rows in kinds if rows is not None]), kind)  # all that is new, at once
+        best = [[None if rows is None else self._best(rows, kind) for rows in kinds] for kinds in wanted]
+        return PendingMasks(best, self._aggregation.numpy, asked, kind == "refined")
 
     def confidence(self, vectors: np.ndarray, mask: np.ndarray, classes: np.ndarray | None = None) -> float:
         """How sure a mask is, in [0, 1]: mean refined similarity in it, less that of the best other class [n, D]; 0 for an empty mask."""
@@ -121,19 +128,18 @@ class FrameSemantics:
             margin = margin - np.maximum(self.refined(rivals)[mask], 0.0)
         return float(np.clip(margin, 0.0, 1.0).mean())
 
-    def _best(self, vectors: np.ndarray, refined: bool) -> Any:
-        return self._aggregation.largest(self._found(np.atleast_2d(vectors), refined))
+    def _best(self, vectors: np.ndarray, kind: Kind) -> Any:
+        return self._aggregation.largest(self._found(np.atleast_2d(vectors), kind))
 
-    def _found(self, vectors: np.ndarray, refined: bool) -> Sequence[Any]:
+    def _found(self, vectors: np.ndarray, kind: Kind) -> Sequence[Any]:
         """The maps of text vectors [n, D]. They are kept: callers share them, and only new ones are computed, all at once."""
         vectors = np.asarray(vectors, np.float32)
-        keys = [(refined, vector.tobytes()) for vector in vectors]
+        keys = [(kind, vector.tobytes()) for vector in vectors]
         new = {key: vector for key, vector in zip(keys, vectors, strict=True) if key not in self._maps}
         found = {key: self._maps[key] for key in keys if key in self._maps}
         if new:
             rows = self.basis.project(unit_rows(np.stack(list(new.values()))))
-            compute = self._aggregation.refined if refined else self._aggregation.similarity
-            found |= zip(new, compute(rows), strict=True)
+            found |= zip(new, self._aggregation.of_kind(kind, rows), strict=True)
             self._maps |= {key: found[key] for key in new}
             while len(self._maps) > max(KEPT_MAPS, len(keys)):
                 del self._maps[next(iter(self._maps))]
@@ -146,10 +152,6 @@ class FrameSemantics:
         prompt, others = (unit_rows(np.atleast_2d(rows).astype(np.float32)) for rows in (vectors, classes))
         rivals = np.atleast_2d(classes)[(others @ prompt.T).max(1) < INCLUDED]  # as given: the map of a class is found again
         return rivals if len(rivals) else None
-
-    def _read(self, values: Any) -> np.ndarray:
-        [array] = self._aggregation.numpy([values])
-        return array
 
 
 def query_of(drawn: Render, basis: Basis) -> FrameSemantics:

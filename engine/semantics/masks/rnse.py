@@ -21,7 +21,7 @@ with z the normalised latents, ramp(x; a, b) = clip((x − a) / (b − a), 0, 1)
 
 The filter has a weight of at least 0.55, which removes faint false positives but not a thin instrument. R² is the share of the variance of
 `coarse` that the colours explain around a pixel: edges that the frame shows are sharpened. Masks of exact latents do not change, noise is
-averaged over regions, specks are removed, and an instrument one pixel wide remains.
+averaged over regions, specks are removed, and an instrument one pixel wide remains. `means` is the paper's own M_final.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from collections.abc import Sequence
 from typing import Generic, TypeVar
 
 import numpy as np
+
+from degense.engine.semantics.prompts import Kind
 
 #: Ramps: noise of a region; cosine with the region; cosine with a pixel further on; explained variance.
 NOISE, AGREEMENT, ALIKE, EXPLAINED = (0.03, 0.1), (0.75, 0.9), (0.5, 0.8), (0.6, 0.9)
@@ -74,6 +76,14 @@ class Aggregation(ABC, Generic[Map]):
     @abstractmethod
     def refined(self, vectors: np.ndarray) -> Map:
         """`final` above, float32 [n, H, W]; the guided filter may overshoot [−1, 1] a little."""
+
+    @abstractmethod
+    def means(self, vectors: np.ndarray) -> Map:
+        """Eq. 4, float32 [n, H, W]: cosines, whatever the opacity, averaged over each superpixel, then guided by the picture."""
+
+    def of_kind(self, kind: Kind, vectors: np.ndarray) -> Map:
+        """The similarities that a decoder reads."""
+        return {"pixel": self.similarity, "refined": self.refined, "mean": self.means}[kind](vectors)
 
     @abstractmethod
     def largest(self, maps: Sequence[Map]) -> Map:

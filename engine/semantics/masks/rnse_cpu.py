@@ -38,11 +38,21 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
 
     @property
     def regions(self) -> np.ndarray:
-        return self.statistics.regions
+        return self._labels
+
+    @cached_property
+    def _labels(self) -> np.ndarray:
+        return superpixels(self._rgb)
 
     @cached_property
     def statistics(self) -> FrameStatistics:
-        return frame_statistics(self.unit, superpixels(self._rgb))
+        return frame_statistics(self.unit, self._labels)
+
+    @cached_property
+    def _plain_means(self) -> np.ndarray:
+        """Means of unit latents over regions, float32 [K, d]."""
+        with KERNEL_LOCK:
+            return plain_means(normalised(self.unit), self._labels)
 
     @cached_property
     def _filter(self) -> GuidedFilter:
@@ -66,6 +76,10 @@ class CpuAggregation(rnse.Aggregation[np.ndarray]):
             _guide(maps, guided, explained, self.statistics.noisiness, rnse.EXPLAINED, rnse.LEAST_GUIDED)
         return maps
 
+    def means(self, vectors: np.ndarray) -> np.ndarray:
+        regional = cosines(self._plain_means[None], vectors)[:, 0]
+        return self._filter(np.take(regional, self._labels, axis=1))[0]
+
     def largest(self, maps: Sequence[np.ndarray]) -> np.ndarray:
         greatest = maps[0]
         for others in maps[1:]:
@@ -87,8 +101,7 @@ def frame_statistics(unit: np.ndarray, regions: np.ndarray) -> FrameStatistics:
     """Statistics of normalised latents float32 [H, W, d] in regions int32 [H, W], 0 … K − 1."""
     count = int(regions.max()) + 1
     with KERNEL_LOCK:
-        means = _means(unit, regions, np.zeros((count, unit.shape[2]), np.float32), rnse.MAJORITY)
-        means = _means(unit, regions, means, rnse.MAJORITY)
+        means = _means(unit, regions, plain_means(unit, regions), rnse.MAJORITY)
         rough = _roughness(unit, rnse.STRIDE, rnse.QUIET)
         noise = np.exp(np.bincount(regions.ravel(), rough.ravel(), count) / np.bincount(regions.ravel(), minlength=count))
         low, high = rnse.NOISE
@@ -97,6 +110,11 @@ def frame_statistics(unit: np.ndarray, regions: np.ndarray) -> FrameStatistics:
         specks = _specks(direction, agreement, rnse.REACH, rnse.ALIKE)
         noisiness = np.maximum(noisiness, np.minimum(1.0, rnse.SPECK_GAIN * box(specks, rnse.SPECK_WINDOW)))
     return FrameStatistics(regions, means, noisiness * agreement + specks, noisiness)
+
+
+def plain_means(unit: np.ndarray, regions: np.ndarray) -> np.ndarray:
+    """Means of latents float32 [H, W, d] over regions int32 [H, W], 0 … K − 1: float32 [K, d]. The caller holds the lock of kernels."""
+    return _means(unit, regions, np.zeros((int(regions.max()) + 1, unit.shape[2]), np.float32), rnse.MAJORITY)
 
 
 @njit(inline="always")

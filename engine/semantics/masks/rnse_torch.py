@@ -67,6 +67,16 @@ class TorchAggregation(rnse.Aggregation[Tensor]):
         weight = torch.maximum(noisiness, _ramp(explained, rnse.EXPLAINED)).clamp_min(rnse.LEAST_GUIDED)
         return coarse + weight * (guided - coarse)
 
+    @cached_property
+    def _plain_means(self) -> Tensor:
+        """Means of unit latents over regions, float32 [K, d]."""
+        labels, count = self._labels
+        return plain_means(_normalised(self.unit, None).flatten(0, 1), labels.flatten(), count)
+
+    def means(self, vectors: np.ndarray) -> Tensor:
+        regional = _project(self._plain_means.T.contiguous(), self._rows(vectors))
+        return self._filter(regional[:, self._labels[0]])[0]
+
     def largest(self, maps: Sequence[Tensor]) -> Tensor:
         return maps[0] if len(maps) == 1 else torch.stack(list(maps)).amax(0)
 
@@ -108,8 +118,7 @@ def _project(planes: Tensor, rows: Tensor) -> Tensor:
 def frame_statistics(unit: Tensor, labels: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
     """M_k float32 [K, d], w and λ' float32 [H, W], of normalised latents [H, W, d] in regions int64 [H, W], 0 … K − 1."""
     flat, owner = unit.flatten(0, 1), labels.flatten()
-    means = _means(flat, owner, torch.zeros(count, unit.shape[2], device=unit.device))
-    means = _means(flat, owner, means)
+    means = _means(flat, owner, plain_means(flat, owner, count))
     rough = torch.log(_second_difference(unit) + rnse.QUIET).flatten()
     # in float64, as in `_means`: what a region's noise is must not depend on the order in which threads add
     sums = torch.zeros(count, 2, dtype=torch.float64, device=unit.device)
@@ -134,6 +143,11 @@ def _normalised(latent: Tensor, alpha: Tensor | None) -> Tensor:
     scaled = torch.where(sound, latent / torch.where(sound, largest, 1.0), 0.0)
     unit = scaled / torch.linalg.vector_norm(scaled, dim=2, keepdim=True).clamp_min(0.5)
     return unit if alpha is None else unit * torch.nan_to_num(alpha).clamp(0, 1)[..., None]
+
+
+def plain_means(flat: Tensor, owner: Tensor, count: int) -> Tensor:
+    """Means [K, d] of the rows [n, d] of each owner [n], 0 … K − 1."""
+    return _means(flat, owner, torch.zeros(count, flat.shape[1], device=flat.device))
 
 
 def _means(flat: Tensor, owner: Tensor, plain: Tensor) -> Tensor:

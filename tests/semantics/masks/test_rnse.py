@@ -178,6 +178,32 @@ def test_plain_averaging_would_lose_the_instruments():
     assert overlap(kept > 0.5, frame.labels == 3) > 0.99 > overlap(plain, frame.labels == 3) + 0.3
 
 
+@pytest.mark.parametrize("tensors", [False, True])
+def test_rnse_paper_is_equation_4_guided_and_a_threshold(tensors):
+    """Against loops over superpixels in float64: no weights by opacity, no rivals, no cleaning."""
+    frame = hand_frame(120, 96, 3)
+    vectors = np.eye(5, dtype=np.float32)[:4]
+    basis = fit_basis(vectors, np.ones(4))
+    latent = DEGRADATIONS["all"].apply(frame.labels, basis.project(vectors), 1)
+    alpha = np.random.default_rng(0).uniform(0.2, 1, frame.labels.shape).astype(np.float32)
+    arrays = frame.rgb, latent, alpha
+    rgb, values, opacity = map(torch.from_numpy, arrays) if tensors else arrays
+    query = FrameSemantics(rgb, values, basis, opacity)
+    unit = latent.astype(np.float64) / np.linalg.norm(latent.astype(np.float64), axis=2, keepdims=True)
+    regions = query._aggregation.regions
+    for vector in vectors:
+        cosine = unit @ basis.project(vector[None])[0].astype(np.float64)
+        coarse = np.zeros_like(cosine)
+        for k in range(regions.max() + 1):
+            coarse[regions == k] = cosine[regions == k].mean()
+        expected, _ = reference_guided_filter(frame.rgb, coarse, RADIUS, rnse.FLAT)
+        found = query.read(vector, "mean")
+        np.testing.assert_allclose(found, expected, atol=2e-3)
+        mask = mask_of(query, vector, "rnse-paper", 0.5, classes=vectors)
+        np.testing.assert_array_equal(mask, found > 0.5)
+        assert 0 < mask.sum() < mask.size
+
+
 # -- the twin on tensors -------------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (3, 2), (50, 61)])
 def test_tensors_give_the_same_superpixels(shape):
