@@ -32,7 +32,7 @@ FILES = {"observability.safetensors": "support.safetensors"}
 #: What a checkpoint says of a trainer's progress.
 PROGRESS = {"caution": "rate_scale"}
 #: Settings of trainings that no longer exist.
-REMOVED = {"flow_final"}
+REMOVED = {"flow_final", "codebook"}
 
 
 def current_tensors(tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -47,7 +47,8 @@ def current_tensors(tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]
 
 def current_settings(settings: dict[str, Any]) -> dict[str, Any]:
     """A run's settings by the names of today, without those that no longer exist."""
-    return {SETTINGS.get(name, name): value for name, value in settings.items() if name not in REMOVED}
+    current = {SETTINGS.get(name, name): value for name, value in settings.items() if name not in REMOVED}
+    return current | {"distillation": "clusters"} if settings.get("codebook") else current
 
 
 def current_layer(name: str) -> str:

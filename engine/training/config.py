@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields, replace
+from typing import Literal, get_args
 
 import torch
 
 from degense.engine.errors import DegenseError
 from degense.engine.field import ROUTINGS, Routing
+
+CoarseFrames = Literal["first", "all"]
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,11 @@ class TrainConfig:
     iterations : int
         All steps of the trainer.
     coarse_iterations : int
-        How many of them draw the first training frame only, from static Gaussians, while the field learns motion; at
-        most a fifth of all steps.
+        How many of them, fewer than all, draw static Gaussians, while the field learns from optical flow alone: without flow it does not
+        change. Latents are static too, and learned where semantics are trained together with geometry. A preset's are fewer in proportion
+        where the iterations are fewer than the preset's.
+    coarse_frames : {"first", "all"}
+        Which training frames they draw.
     early_stopping : bool
         Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.fitting.early_stopping`).
     semantic_every : int
@@ -57,6 +63,8 @@ class TrainConfig:
         Frames between the knots of the per-Gaussian colour residuals.
     channels, resolution, levels, time_resolution
         Of the HexPlane; a time resolution of 0 is half the number of frames.
+    linear_states : bool
+        Whether the states φ_k of Z_kin are linear (Eq. 1) instead of rectified.
     routing : {"paper", "isolated", "coupled"}
         How gradients of the semantic loss may travel (see `engine.field.FieldConfig`).
     angular : bool
@@ -65,12 +73,15 @@ class TrainConfig:
         Whether semantic distillation starts from the mean of all targets back-projected to a Gaussian, instead of from nothing.
     guided : bool
         Whether the vectors of a coarse teacher are upsampled along the superpixels of the frames.
+    rarity : bool
+        Whether labelled pixels weigh more where their class is rare; else L_align is their plain mean.
     max_rank : int
         Most dimensions of the latents.
     fixed_latents : bool
         Latents never change in time. For baselines.
-    codebook : bool
-        Whether semantics belong to clusters of Gaussians (`engine.training.semantic.codebook`) instead of single ones.
+    distillation : str
+        What fits semantics to a finished geometry (`isolated`): "gaussians", or what an experiment added to
+        `engine.training.semantic.distillation.DISTILLATIONS`.
     ssim, depth : float
         Weights of 1 − SSIM (L1 has the rest) and of |1/z| error, where depth was measured.
     flow : float
@@ -109,6 +120,7 @@ class TrainConfig:
     # Schedule
     iterations: int = 3000
     coarse_iterations: int = 600
+    coarse_frames: CoarseFrames = "first"
     early_stopping: bool = False
     semantic_every: int = 2
     semantic_steps: int = 600
@@ -128,15 +140,17 @@ class TrainConfig:
     resolution: int = 64
     levels: tuple[int, ...] = (1, 2)
     time_resolution: int = 0
+    linear_states: bool = False
 
     # Semantics
     routing: Routing = "isolated"
     angular: bool = True
     lift: bool = True
     guided: bool = True
+    rarity: bool = True
     max_rank: int = 32
     fixed_latents: bool = False
-    codebook: bool = False
+    distillation: str = "gaussians"
 
     # Weights of the losses on frames and flow
     ssim: float = 0.2
@@ -186,14 +200,18 @@ class TrainConfig:
         config = replace(cls(preset=name, **PRESETS[name]), **chosen, given=tuple(sorted(chosen)))
         if config.routing not in ROUTINGS:
             raise DegenseError(f"there is no routing {config.routing!r}; choose one of {', '.join(ROUTINGS)}")
+        if config.coarse_frames not in get_args(CoarseFrames):
+            raise DegenseError(f"coarse_frames is first or all, not {config.coarse_frames!r}")
         if config.iterations < 1 or config.max_gaussians < 16:
             raise DegenseError("a training needs at least 1 iteration and 16 Gaussians")
         if config.routing == "coupled":  # the baseline distils with L1, as its model does
             config = replace(config, angular=overrides.get("angular", False))
-        most = config.iterations // 5
-        if config.coarse_iterations > most and "coarse_iterations" in chosen:
-            raise DegenseError(f"coarse_iterations can be at most a fifth of the iterations: {most:,} of {config.iterations:,}")
-        return replace(config, coarse_iterations=min(config.coarse_iterations, most))
+        if "coarse_iterations" not in chosen:
+            usual = PRESETS[name]["iterations"]
+            return replace(config, coarse_iterations=config.coarse_iterations * min(config.iterations, usual) // usual)
+        if config.coarse_iterations >= config.iterations:
+            raise DegenseError(f"coarse_iterations must be less than the iterations: {config.coarse_iterations:,} of {config.iterations:,}")
+        return config
 
     def to_json(self) -> dict:
         return asdict(self) | {"levels": list(self.levels), "given": list(self.given)}

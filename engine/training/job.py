@@ -26,12 +26,11 @@ from degense.engine.store.migrations import current_settings
 from degense.engine.store.run import hardware
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from degense.engine.training.config import TrainConfig, choose_device
-from degense.engine.training.fitting.budget import estimate, fit_budget
+from degense.engine.training.fitting.budget import estimate, fit_budget, shortened
 from degense.engine.training.flow.observability import motion_observability
 from degense.engine.training.passes import draw
 from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
-from degense.engine.training.semantic.codebook import fit_codebook
-from degense.engine.training.semantic.distillation import distill
+from degense.engine.training.semantic.distillation import DISTILLATIONS
 from degense.engine.training.trainer import Diverged, Trainer
 
 REPORT_EVERY = 25  # steps
@@ -75,17 +74,21 @@ def train(
         _refuse_to_resume(run, clip, config)
     elif (out / "run.json").exists():
         raise DegenseError(f"{out} already holds a run; choose another folder or add --resume")
+    if config.distillation not in DISTILLATIONS:
+        raise DegenseError(f"there is no distillation {config.distillation!r}; choose one of {', '.join(DISTILLATIONS)}")
     checkpoint = load_checkpoint(out / "checkpoints") if resume and (out / "checkpoints" / "last.json").exists() else None
     torch.manual_seed(config.seed)
     try:
         inputs = prepare(clip, run, config, teacher, encoder, device, events, stop)
     except Cancelled:
         return None
-    record = None
+    record, words = None, shortened(config) if run is None else []
     if run is None and config.fit:
         budget = fit_budget(inputs.frames, config, inputs.flow, inputs.semantics.basis if inputs.semantics is not None else None)
         config, record = budget.config, budget.to_json()
-        events(Budget([*budget.words, estimate(inputs.clip, replace(config, fit=False))["words"]]))
+        words += [*budget.words, estimate(inputs.clip, replace(config, fit=False))["words"]]
+    if words:
+        events(Budget(words))
     model = build_model(inputs, config)
     if run is None:
         run = _create(out, inputs, config, model, record)
@@ -221,8 +224,8 @@ class TrainingRun:
         """Semantics for the finished geometry, where they were not trained with it; False when `stop()` asked to leave."""
         if not self.distils or self.inputs.semantics is None:
             return True
-        fit = fit_codebook if self.config.codebook else distill
         tell = begin_stage("semantics", self.events)
+        fit = DISTILLATIONS[self.config.distillation]
         return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell)
 
     def _leave(self, state: str) -> None:

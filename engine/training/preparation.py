@@ -103,7 +103,7 @@ def prepare(
         return Inputs(clip, frames, flow, name, None, None)
     tell = begin_stage("teacher", events, stop)
     asked = with_cached_targets(chosen, tell)
-    semantics = SemanticTargets(asked, frames, flow, tell, guided=config.guided, max_rank=config.max_rank)
+    semantics = SemanticTargets(asked, frames, flow, tell, guided=config.guided, rarity=config.rarity, max_rank=config.max_rank)
     return Inputs(clip, frames, flow, name, asked, semantics)
 
 
@@ -133,6 +133,7 @@ def field_config(config: TrainConfig, frames: int, rank: int) -> FieldConfig:
         config.levels,
         config.static,
         config.fixed_latents,
+        config.linear_states,
     )
 
 

@@ -76,6 +76,7 @@ class Trainer:
         self.unseen = set(train_frames) - self._held_out  # since the last pruning
         measured = frames.clip.depth_measured and config.depth > 0
         self.passes = Passes(model, config, depth=measured, semantics=semantics is not None)
+        self._regularizes = max(config.plane_space, config.plane_time, config.plane_static) > 0 or model.config.color_knots > 1
         self._smoothness_weight = torch.full((), float(SMOOTHNESS_EVERY), device=self.device)
         self.last_finite = self.state()
 
@@ -123,7 +124,7 @@ class Trainer:
 
     @property
     def deforms(self) -> bool:
-        """False in the coarse stage, in which the first training frame is drawn from static Gaussians."""
+        """False in the coarse stage, in which static Gaussians are drawn."""
         return self.iteration >= self.config.coarse_iterations
 
     @property
@@ -154,7 +155,7 @@ class Trainer:
         if self.flow is not None and pair is not None and field.other_means is not None:
             drawn = field.means, field.other_means, field.opacities, render.radii, render.image, render.alpha
             losses["flow"] = Loss(*self.passes("flow", *drawn, *self.flow.inputs(index, pair)))
-        if self.iteration % SMOOTHNESS_EVERY == 0:
+        if self._regularizes and self.iteration % SMOOTHNESS_EVERY == 0:
             losses["smoothness"] = Loss(*self.passes("smoothness", self._smoothness_weight))
         if semantic:
             losses["semantic"] = self._semantic_loss(index)
@@ -184,8 +185,8 @@ class Trainer:
         return self.order.any_of(pairs)
 
     def _next_frame(self, semantic: bool) -> int:
-        """The first training frame in the coarse stage; then all at random, on a semantic step one with a target if any is left."""
-        if not self.deforms:
+        """All training frames at random, on a semantic step one with a target if any is left; in most coarse stages the first."""
+        if not self.deforms and self.config.coarse_frames == "first":
             return self.frames.clip.train_frames[0]
         wanted = set(self.semantics.frames) if semantic and self.semantics is not None else ()
         return self.order.next(self._held_out, wanted)

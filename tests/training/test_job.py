@@ -152,8 +152,12 @@ def test_refusals_are_one_sentence(tmp_path):
         TrainConfig.preset_of("fast")
     with pytest.raises(DegenseError, match="routing"):
         TrainConfig.preset_of("quick", routing="loose")
-    with pytest.raises(DegenseError, match="20 of 100"):
-        TrainConfig.preset_of("quick", iterations=100, coarse_iterations=30)
+    with pytest.raises(DegenseError, match="coarse_iterations must be less than the iterations: 100 of 100"):
+        TrainConfig.preset_of("quick", iterations=100, coarse_iterations=100)
+    with pytest.raises(DegenseError, match="coarse_frames is first or all, not 'last'"):
+        TrainConfig.preset_of("quick", coarse_frames="last")
+    with pytest.raises(DegenseError, match="no distillation 'points'"):
+        run_it(clip, tmp_path / "none", tiny(distillation="points"))
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.txt").write_text("mine")
     with pytest.raises(RunError, match="not empty"):

@@ -10,7 +10,7 @@ from typing import Any
 
 from degense.engine.clip import Clip
 from degense.engine.semantics import Basis
-from degense.engine.training.config import TrainConfig, choose_device
+from degense.engine.training.config import PRESETS, TrainConfig, choose_device
 from degense.engine.training.fitting.statistics import CELLS, Statistics, measure
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
@@ -56,6 +56,10 @@ class Choice:
     def saves(self) -> bool:
         return self.chosen != self.preset
 
+    @property
+    def words(self) -> str:
+        return f"{self.setting.replace('_', ' ')} {said(self.chosen)} instead of {said(self.preset)}: {self.why}"
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -73,7 +77,7 @@ class Budget:
     @property
     def words(self) -> list[str]:
         """One line for each setting that became smaller than the preset's."""
-        return [f"{c.setting.replace('_', ' ')} {said(c.chosen)} instead of {said(c.preset)}: {c.why}" for c in self.choices if c.saves]
+        return [choice.words for choice in self.choices if choice.saves]
 
 
 def said(value: Any) -> str:
@@ -100,11 +104,22 @@ def fit_budget(frames: TrainingFrames, config: TrainConfig, flow: FlowSupervisio
         choice for choice in choose(found, config, len(frames.clip), len(frames.clip.train_frames)) if choice.setting not in config.given
     ]
     fitted = replace(config, **{choice.setting: choice.chosen for choice in chosen})
-    coarse = min(config.coarse_iterations, fitted.iterations // 5)
-    if coarse < config.coarse_iterations and "coarse_iterations" in config.given:
-        chosen.append(Choice("coarse_iterations", config.coarse_iterations, coarse, f"a fifth of {fitted.iterations:,} steps"))
+    coarse = config.coarse_iterations * fitted.iterations // config.iterations
+    chosen.append(_coarse(config.coarse_iterations, coarse, fitted.iterations))
     fitted = replace(fitted, coarse_iterations=coarse)
     return Budget((*chosen, *([_rank(basis)] if basis is not None else [])), found, fitted)
+
+
+def shortened(config: TrainConfig) -> list[str]:
+    """In words, where the preset's coarse stage became shorter because fewer iterations were asked for (`TrainConfig.preset_of`)."""
+    preset = PRESETS[config.preset]
+    choice = _coarse(preset["coarse_iterations"], config.coarse_iterations, config.iterations)
+    in_proportion = choice.chosen == preset["coarse_iterations"] * config.iterations // preset["iterations"]
+    return [choice.words] if choice.saves and in_proportion and config.iterations < preset["iterations"] else []
+
+
+def _coarse(asked: int, chosen: int, iterations: int) -> Choice:
+    return Choice("coarse_iterations", asked, chosen, f"in proportion to {iterations:,} steps in all")
 
 
 def choose(found: Statistics, config: TrainConfig, count: int, train_count: int) -> list[Choice]:

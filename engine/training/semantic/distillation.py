@@ -192,3 +192,7 @@ def _semantic_optimizer(model: SceneModel, config: TrainConfig, *, low_rates: bo
     finally:
         for parameter in others:
             parameter.requires_grad_(True)
+
+
+#: What fits semantics to a finished geometry in place, by the setting `distillation`. Experiments add their own.
+DISTILLATIONS: dict[str, Callable[..., bool]] = {"gaussians": distill}

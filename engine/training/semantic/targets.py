@@ -53,7 +53,8 @@ class Target:
     pixels : int32 [P]
         Flat positions of those pixels.
     weight : float [P]
-        What is rare weighs more, with the square root of its rarity, so that thin instruments are not drowned by tissue. Mean 1.
+        With `rarity`, what is rare weighs more, with the square root of its rarity, so that thin instruments are not drowned by tissue.
+        Mean 1.
     regions : int32 [H × W]
     region_count : int
     """
@@ -98,6 +99,8 @@ class SemanticTargets:
     progress : Progress
     guided : bool
         Whether the vectors of a coarse teacher are upsampled to the superpixels of the frames (`upsample_to_regions`).
+    rarity : bool
+        Whether what is rare weighs more.
     max_rank : int
 
     Attributes
@@ -121,10 +124,12 @@ class SemanticTargets:
         progress: Progress = silent,
         *,
         guided: bool = True,
+        rarity: bool = True,
         max_rank: int = 32,
     ):
         self.pixelwise = teacher.pixelwise
         self.upsampled = guided and not teacher.pixelwise
+        self._rarity = rarity
         self._confidence: Mapping[int, Tensor] = {}
         self._teacher, self._working, self._flow = teacher, frames, flow
         clip = frames.clip
@@ -211,7 +216,7 @@ class SemanticTargets:
         flat = index.ravel()
         pixels = np.flatnonzero(flat >= 0).astype(np.int32)
         chosen = flat[pixels]
-        weight = _rarity_weights(vectors, np.bincount(chosen, minlength=len(vectors)))[chosen]
+        weight = self._weights(vectors, np.bincount(chosen, minlength=len(vectors)))[chosen]
         weight /= max(weight.mean(), 1e-12) if len(weight) else 1
         regions = superpixels(self._working.image(frame))
         device = self._working.device
@@ -224,6 +229,10 @@ class SemanticTargets:
             int(regions.max()) + 1,
         )
 
+    def _weights(self, vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """How much a pixel of each vector counts, float64 [k]; `counts` of them have it."""
+        return _rarity_weights(vectors, counts) if self._rarity else np.ones(len(vectors))
+
     def patch_target(self, frame: int) -> PatchTarget:
         """The teacher's own patches of one of `labelled_frames`, with which the means over them are compared."""
         if (found := self._patches.latest(frame)) is not None:
@@ -232,7 +241,7 @@ class SemanticTargets:
         assert answer is not None
         vectors, index = answer
         size = np.bincount(index[index >= 0], minlength=len(vectors))
-        weight = size * _rarity_weights(vectors, size)
+        weight = size * self._weights(vectors, size)
         device = self._working.device
         target = PatchTarget(
             Patches.of(index, len(vectors), device),

@@ -1,6 +1,7 @@
 """Semantics by clusters of Gaussians: instance features learned from segments, a codebook of two levels, one latent each cluster.
 
-The way of OpenGaussian (Wu et al., NeurIPS 2024), for comparison; `engine.research.systems` says what differs from it.
+The way of OpenGaussian (Wu et al., NeurIPS 2024), for comparison; `engine.research.systems` says what differs from it. It is the
+distillation "clusters".
 """
 
 from __future__ import annotations
