@@ -11,6 +11,7 @@ from typing import get_args
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions, MaskMeans, PoseAxes, Poses
 
 LABEL_FORMATS = "masks-png, coco, cvat, yolo, nifti, cholecseg8k or endovis18"
+SYSTEMS = "langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degensegs, degense"
 #: Adds a command: its name, "MODULE:FUNCTION" in this package, and what it does.
 Command = Callable[[str, str, str], argparse.ArgumentParser]
 
@@ -69,6 +70,9 @@ def _training(command: Command) -> None:
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--routing", metavar="NAME", help="how semantic gradients travel: paper, isolated or coupled")
     sub.add_argument(
+        "--system", metavar="NAME", help=f"train as a system that the paper compares ({SYSTEMS}), with the preset's full budget"
+    )
+    sub.add_argument(
         "--teacher", metavar="NAME", help="where semantics come from: labels, strokes, precomputed[:FOLDER], vlm:MODEL or none"
     )
     _encoder(sub, "gives a teacher's classes their vectors: a CLIP's or sentence model's folder, or a file of text vectors (.safetensors)")
@@ -106,7 +110,7 @@ def _scores(command: Command) -> None:
     sub.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for runs, scores and the report; goes on where it stopped"
     )
-    sub.add_argument("--methods", metavar="NAME,...", help="langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degense (default: all)")
+    sub.add_argument("--methods", metavar="NAME,...", help=f"{SYSTEMS} (default: all)")
     sub.add_argument("--seeds", type=_positive, default=1, metavar="N", help="trainings of each (default 1; intervals take 2 or more)")
     sub.add_argument("--teacher", metavar="NAME", help="where semantics come from, the same for all: as for train")
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
@@ -230,7 +234,7 @@ def _encoder(sub: argparse.ArgumentParser, text: str) -> None:
 
 def _prompts(sub: argparse.ArgumentParser, required: bool) -> None:
     sub.add_argument("--prompt", action="append", default=[], required=required, metavar="TEXT", dest="prompts", help="repeatable")
-    sub.add_argument("--decoder", metavar="NAME", help="rnse (default), threshold, argmax or rnse+argmax")
+    sub.add_argument("--decoder", metavar="NAME", help="rnse (default), threshold, argmax, rnse+argmax or rnse-paper")
     sub.add_argument("--threshold", type=float, metavar="X", help="cosine from which a pixel belongs to a mask")
 
 

@@ -40,7 +40,8 @@ def train(options: argparse.Namespace) -> None:
 def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
     if not options.resume:
         refuse_non_empty(options.out)
-    importlib.import_module("degense.engine.research")  # adds the teacher "degraded"
+    if options.system or options.resume or str(options.teacher).startswith("degraded"):
+        importlib.import_module("degense.engine.research")  # adds teachers and distillations that a run may have begun with
     from degense.app.features.train.job import parse_settings
     from degense.engine.data.readers import open_clip
     from degense.engine.training import TrainConfig
@@ -56,6 +57,8 @@ def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
         fit=options.fit,
         **parse_settings(tuple(options.settings)),
     )
+    if options.system:
+        config = importlib.import_module("degense.engine.research.systems").training_of(options.system, config)
     clip = open_clip(options.clip, clip_options(options))
     board = TensorBoardEvents(options.out) if options.logger == "tensorboard" else None
     stopped = False

@@ -8,14 +8,14 @@ import torch
 
 import degense.engine.training.job as job
 from degense.engine.errors import DegenseError
+from degense.engine.research import codebook
+from degense.engine.research.codebook import separation, two_levels
 from degense.engine.research.systems import SYSTEMS, as_system, words_of
 from degense.engine.scene import Scene
 from degense.engine.training import TrainConfig, train
 from degense.engine.training import trainer as trainer_module
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
-from degense.engine.training.semantic import codebook
-from degense.engine.training.semantic.codebook import separation, two_levels
 from tests.fakes import MemoryClip
 
 TINY = {"iterations": 40, "max_gaussians": 400, "resolution": 8, "channels": 8, "device": "cpu", "fit": False, "semantic_steps": 20}
@@ -50,7 +50,7 @@ def test_static_scenes_are_the_same_at_all_times(scenes, name):
     assert np.array_equal(scenes[name].render_rgb(2), scenes[name].render_rgb(7))
 
 
-@pytest.mark.parametrize("name", ["dgd", "fe4dgs", "surgtpgs", "degense"])
+@pytest.mark.parametrize("name", ["dgd", "fe4dgs", "surgtpgs", "degensegs", "degense"])
 def test_the_others_move(scenes, name):
     assert scenes[name].states.displacement(9).max() > 0
 
@@ -61,7 +61,7 @@ def test_features_of_the_canonical_gaussians_never_change(scenes, name):
     assert all(torch.equal(first.semantics, state.semantics) for state in later)
 
 
-@pytest.mark.parametrize("name", ["surgtpgs", "degense"])
+@pytest.mark.parametrize("name", ["surgtpgs", "degensegs", "degense"])
 def test_features_of_the_others_do(scenes, name):
     first, last = (states(scenes[name])[k].semantics for k in (0, -1))
     assert not torch.equal(first, last)
@@ -89,7 +89,7 @@ def test_opengaussian_has_no_more_meanings_than_codes(scenes):
 
 
 @pytest.mark.parametrize(
-    ("name", "moves"), [("surgtpgs", True), ("fe4dgs", True), ("dgd", False), ("langsplat", False), ("degense", False)]
+    ("name", "moves"), [("surgtpgs", True), ("degensegs", True), ("fe4dgs", True), ("dgd", False), ("langsplat", False), ("degense", False)]
 )
 def test_whether_the_semantic_loss_moves_geometry(monkeypatch, tmp_path, name, moves):
     """In a real step of training: the gradient of L_sem alone by the canonical means and by Ψ_geo, zero also where there is none."""
@@ -113,7 +113,8 @@ def test_whether_the_semantic_loss_moves_geometry(monkeypatch, tmp_path, name, m
 def test_budgets_are_the_same():
     config = TrainConfig.preset_of("quick")
     chosen = {name: as_system(name, config) for name in SYSTEMS}
-    shared = ("iterations", "max_gaussians", "max_pixels", "resolution", "levels", "channels", "seed", "max_rank")
+    assert {c.iterations for name, c in chosen.items() if name != "degensegs"} == {config.iterations}
+    shared = ("max_gaussians", "max_pixels", "resolution", "levels", "channels", "seed", "max_rank")
     for key in shared:
         assert len({getattr(c, key) for c in chosen.values()}) == 1, key
     assert chosen["degense"] == config
