@@ -44,6 +44,10 @@ BENCHES: Benches = {
         "degense.engine.research.benchmarks.ablation",
         "the paper's ablation with degraded teachers, against exact masks and motion",
     ),
+    "parts": (
+        "degense.engine.research.benchmarks.parts",
+        "parts of the default on and off, with degraded teachers, against exact masks and motion",
+    ),
     "systems": (
         "degense.engine.research.benchmarks.systems",
         "the systems that the paper compares, with degraded teachers: each with its own best decoder",

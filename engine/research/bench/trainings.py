@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,10 @@ from degense.engine.research.bench.workers import run_jobs, worker_count
 from degense.engine.research.degraded_teachers import VLM_LIKE
 from degense.engine.training.config import TrainConfig
 
+#: The kind and the seed of a phantom.
+PhantomScene = tuple[str, int]
 KINDS = ("cautery", "bleeding")
+SCENES: tuple[PhantomScene, ...] = tuple((kind, 0) for kind in KINDS)
 
 
 @dataclass(frozen=True)
@@ -73,18 +77,18 @@ def size_of(options: BenchOptions) -> Size:
     return QUICK if options.quick else SIZES[options.device]
 
 
-def phantoms(options: BenchOptions, progress: Progress) -> dict[str, Path]:
-    """A clip of each kind, made once in the scratch folder."""
+def phantoms(options: BenchOptions, progress: Progress, scenes: Sequence[PhantomScene] = SCENES) -> dict[str, Path]:
+    """A clip of each scene by its kind, and its seed where that is not 0; made once in the scratch folder."""
     size, found = size_of(options), {}
-    for number, kind in enumerate(KINDS):
-        found[kind] = options.scratch / f"{kind}-{size.frames}-{size.width}x{size.height}"
-        if not found[kind].exists():
+    for number, (kind, seed) in enumerate(scenes):
+        clip = options.scratch / f"{kind}-{seed}-{size.frames}-{size.width}x{size.height}"
+        if not clip.exists():
 
             def tell(fraction: float, words: str, n: int = number) -> None:
-                progress((n + fraction) / len(KINDS), words)
+                progress((n + fraction) / len(scenes), words)
 
-            shape = PhantomOptions(frames=size.frames, width=size.width, height=size.height, kind=kind)
-            make_phantom(found[kind], shape, tell)
+            make_phantom(clip, PhantomOptions(frames=size.frames, width=size.width, height=size.height, seed=seed, kind=kind), tell)
+        found[f"{kind} {seed}" if seed else kind] = clip
     return found
 
 

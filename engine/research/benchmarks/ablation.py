@@ -1,165 +1,134 @@
-"""The paper's ablation against exact truth: routing × angular loss × appearance branch × decoder, with a teacher like a VLM."""
+"""The paper's own ablation against exact truth: semantic–geometric decoupling and angular distillation, each on and off.
+
+Everything but the two is held as in the system `degensegs`: schedule, rates, targets, weights. Without decoupling the latent is a function
+of the decoded deformation (routing `coupled`), as in the paper's baseline. The paper counts its decoder as part of the decoupling, so both
+decoders are scored: within one of them the routing alone differs, and `threshold` without against `rnse-paper` with is the paper's reading.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
-from degense.engine.field import ROUTINGS
+from degense.engine.field import Routing
+from degense.engine.metrics.averages import mean
 from degense.engine.progress import Progress
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
-from degense.engine.research.bench.trainings import TEACHER_WORDS, BenchTraining, base_config, phantoms, protocol, score_all, vlm_like
-from degense.engine.semantics.prompts import DECODERS, DEFAULT_DECODER
+from degense.engine.research.bench.trainings import (
+    TEACHER_WORDS,
+    BenchTraining,
+    PhantomScene,
+    base_config,
+    phantoms,
+    score_all,
+    size_of,
+    vlm_like,
+)
+from degense.engine.research.systems import training_of
 from degense.engine.training.config import TrainConfig
 
-Variant = tuple[str, bool, bool]  # routing, angular loss, appearance branch
-Found = dict[Variant | str, list[dict[str, Any]]]  # scores of a variant, or of one of `OTHERS`, one a seed
-VARIANTS: list[Variant] = [*product(ROUTINGS, (True, False), (True, False))]
-BASELINE: Variant = ("coupled", False, False)
-#: The baseline as peers train its semantics: on the teacher's patches as they are.
-PEERS: dict[str, Any] = {"routing": "coupled", "angular": False, "appearance": False, "guided": False}
-#: Beside the grid: other parts of the default, taken away alone, and the baseline as peers train it, its motion too.
-OTHERS: dict[str, dict[str, Any]] = {
-    "semantics from nothing, without back-projection": {"lift": False},
-    "teacher's patches as they are": {"guided": False},
-    "baseline: coupled, L1, no Ψ_app, patches as they are": PEERS,
-    "baseline, and no flow supervision": PEERS | {"flow": 0.0, "velocities": False},
-}
+SCENES: tuple[PhantomScene, ...] = (("cautery", 0), ("cautery", 1), ("bleeding", 0), ("bleeding", 1))
+DECODERS = ("threshold", "rnse-paper")
+Variant = tuple[Routing, bool]  # decoupled (`paper`) or not (`coupled`), and angular loss
+ROUTINGS: tuple[Routing, ...] = ("coupled", "paper")
+VARIANTS: tuple[Variant, ...] = tuple(product(ROUTINGS, (False, True)))
+Found = dict[Variant, dict[str, list[dict[str, Any]]]]  # scores of a variant on a scene, one a seed
 SCENE = {
     "spurious_displacement": ("spurious, mm", 3),
-    "spurious_displacement_revealed": ("… not marked as a guess", 3),
     "displacement_error": ("motion error, mm", 3),
     "displacement_correlation": ("correlation", 3),
-    "recovered_share": ("recovered share", 3),
     "psnr_mask": ("PSNR, dB", 2),
-    "ssim": ("SSIM", 3),
-    "train_seconds": ("training, s", 0),
 }
 
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
-    """For each phantom: what each variant reaches, each class's IoU, and single parts taken from the default."""
-    clips = phantoms(options, lambda fraction, words: progress(0.03 * fraction, words))
-    for number, (kind, clip) in enumerate(clips.items()):
-        trainings = [
-            BenchTraining(
-                clip,
-                options.scratch / f"ablation-{kind}-{i}-{seed}",
-                base_config(options, seed=seed, routing=variant[0], angular=variant[1], appearance=variant[2]),
-                vlm_like(seed),
-            )
-            for i, variant in enumerate(VARIANTS)
-            for seed in options.seeds
-        ]
-        trainings += [
-            BenchTraining(
-                clip,
-                options.scratch / f"ablation-{kind}-other-{i}-{seed}",
-                base_config(options, seed=seed, **changes),
-                vlm_like(seed),
-            )
-            for i, changes in enumerate(OTHERS.values())
-            for seed in options.seeds
-        ]
-
-        def tell(fraction: float, words: str, n: int = number) -> None:
-            progress(0.03 + 0.97 * (n + fraction) / len(clips), words)
-
-        scores = score_all(trainings, options, tell, f"{kind}: trainings")
-        count = len(options.seeds)
-        names: list[Variant | str] = [*VARIANTS, *OTHERS]
-        found: Found = {name: scores[i * count : (i + 1) * count] for i, name in enumerate(names)}
-        yield summary(kind, found, options)
-        yield per_class(kind, found, options)
-        yield parts(kind, found, options)
+    """What each of the four variants reaches, on each scene, and what each of the two ideas adds."""
+    clips = phantoms(options, lambda fraction, words: progress(0.05 * fraction, words), SCENES)
+    jobs = list(product(VARIANTS, clips, options.seeds))
+    trainings = [
+        BenchTraining(clips[scene], options.scratch / f"ablation-{number}", config_of(variant, options, seed), vlm_like(seed))
+        for number, (variant, scene, seed) in enumerate(jobs)
+    ]
+    scores = score_all(trainings, options, lambda fraction, words: progress(0.05 + 0.95 * fraction, words), "trainings")
+    found: Found = {variant: {scene: [] for scene in clips} for variant in VARIANTS}
+    for (variant, scene, _), score in zip(jobs, scores, strict=True):
+        found[variant][scene].append(score)
+    yield summary(found, options)
+    yield by_scene(found, options)
+    yield effects(found, options)
 
 
-def words_of(variant: Variant) -> dict[str, Cell]:
-    routing, angular, appearance = variant
-    return {"routing": routing, "loss": "angular" if angular else "L1", "appearance": "on" if appearance else "off"}
+def config_of(variant: Variant, options: BenchOptions, seed: int) -> TrainConfig:
+    """The settings of `degensegs` but for the two that are in question."""
+    return replace(training_of("degensegs", base_config(options, seed=seed)), routing=variant[0], angular=variant[1])
 
 
-NAMES = [Column("routing", "routing"), Column("loss", "loss"), Column("appearance", "Ψ_app")]
+def words(options: BenchOptions) -> str:
+    size = size_of(options)
+    return (
+        f"{len(SCENES)} phantoms of {size.frames} frames, {size.width} × {size.height}, exact depth. Each training: the system degensegs "
+        f"on a budget of {size.iterations:,} steps (twice as many in all) and at most {size.gaussians:,} Gaussians, all else alike. "
+        f"{TEACHER_WORDS}. Training seeds {', '.join(map(str, options.seeds))}. mIoU of prompts on held-out frames, (i − 1) % 8 == 0."
+    )
 
 
-def summary(kind: str, found: Found, options: BenchOptions) -> Table:
-    """One row a training: masks by every decoder, false motion, motion, pictures."""
-    columns = [*NAMES, *(Column(f"miou {d}", f"mIoU {d}", 3, "mean") for d in DECODERS)]
-    columns += [Column(f"boundary {d}", f"boundary F {d}", 3, "mean") for d in DECODERS]
+NAMES = [Column("decoupled", "S-G decoupling"), Column("angular", "AASD")]
+
+
+def named(variant: Variant) -> dict[str, Cell]:
+    return {"decoupled": "✓" if variant[0] == "paper" else "×", "angular": "✓" if variant[1] else "×"}
+
+
+def summary(found: Found, options: BenchOptions) -> Table:
+    """The paper's table: one row a variant; means over all scenes, one a seed."""
+    columns = [*NAMES, *(Column(d, f"mIoU {d}", 3, "mean") for d in DECODERS)]
     columns += [Column(key, heading, digits, "mean") for key, (heading, digits) in SCENE.items()]
     rows: list[dict[str, Cell]] = []
     for variant in VARIANTS:
-        runs, row = found[variant], words_of(variant)
-        for d in DECODERS:
-            row[f"miou {d}"] = [r["miou"][d] for r in runs]
-            row[f"boundary {d}"] = [r["masks"][d]["boundary_f"] for r in runs]
-        row |= {key: [r[key] for r in runs if r[key] is not None] for key in SCENE}
+        by_seed = list(zip(*found[variant].values(), strict=True))
+        row = named(variant)
+        row |= {d: [m for runs in by_seed if (m := mean(r["miou"][d] for r in runs)) is not None] for d in DECODERS}
+        row |= {key: [m for runs in by_seed if (m := mean(r[key] for r in runs)) is not None] for key in SCENE}
         rows.append(row)
-    any_run = found[BASELINE][0]
-    floor = [value for value in any_run["masks"][DECODERS[0]]["floor"].values() if value is not None]
-    rows.append(
-        {"routing": "floor: one class everywhere, nothing moves", "psnr_mask": None}
-        | {f"miou {d}": sum(floor) / len(floor) for d in DECODERS}
-        | {"displacement_error": any_run["true_displacement"], "spurious_displacement": 0.0, "recovered_share": 0.0}
-    )
-    return Table(f"ablation-{kind}", f"Ablation, phantom “{kind}”", f"{protocol(options)} {TEACHER_WORDS}.", columns, rows)
+    return Table("ablation", "The paper's ablation, means over scenes", f"{words(options)} Mean (least–greatest) of seeds.", columns, rows)
 
 
-def per_class(kind: str, found: Found, options: BenchOptions) -> Table:
-    """IoU of every class by every variant and decoder; instruments last."""
-    classes = list(found[BASELINE][0]["masks"][DECODERS[0]]["iou"])
-    rows: list[dict[str, Cell]] = []
-    for variant in VARIANTS:
-        runs = found[variant]
-        for d in DECODERS:
-            ious = {c: [r["masks"][d]["iou"][c] for r in runs if r["masks"][d]["iou"][c] is not None] for c in classes}
-            rows.append(words_of(variant) | {"decoder": d, "miou": [r["miou"][d] for r in runs]} | ious)
-    rows.append({"routing": "floor: everywhere"} | {c: found[BASELINE][0]["masks"][DECODERS[0]]["floor"][c] for c in classes})
-    columns = [
-        *NAMES,
-        Column("decoder", "decoder"),
-        Column("miou", "mIoU", 3, "mean"),
-        *(Column(c, c, 3, "mean") for c in classes),
-    ]
-    title = f"IoU of each class, phantom “{kind}”"
-    return Table(f"ablation-{kind}-classes", title, f"{protocol(options)} {TEACHER_WORDS}.", columns, rows)
-
-
-def parts(kind: str, found: Found, options: BenchOptions) -> Table:
-    """The default, the default less one part at a time, and the baseline."""
-    config = TrainConfig()
-    default: Variant = (config.routing, config.angular, config.appearance)
-    others = [routing for routing in ROUTINGS if routing != config.routing]
-    chosen: list[tuple[str, Variant | str, str]] = [("default", default, DEFAULT_DECODER)]
-    chosen += [(f"routing {routing}", (routing, *default[1:]), DEFAULT_DECODER) for routing in others]
-    chosen.append((f"{'L1' if default[1] else 'angular'} loss", (default[0], not default[1], default[2]), DEFAULT_DECODER))
-    chosen.append((f"Ψ_app {'off' if default[2] else 'on'}", (*default[:2], not default[2]), DEFAULT_DECODER))
-    chosen += [(f"decoder {d}", default, d) for d in DECODERS if d != DEFAULT_DECODER]
-    chosen += [(name, name, "threshold" if name.startswith("baseline") else DEFAULT_DECODER) for name in OTHERS]
-    chosen.append(("coupled, L1, no Ψ_app, threshold", BASELINE, "threshold"))
-    best = [r["miou"][DEFAULT_DECODER] for r in found[default]]
+def by_scene(found: Found, options: BenchOptions) -> Table:
+    """mIoU of each variant and decoder on each scene, one a seed."""
+    scenes = list(found[VARIANTS[0]])
     rows: list[dict[str, Cell]] = [
-        {
-            "part": name,
-            "miou": [r["miou"][d] for r in found[variant]],
-            "gap": [100 * (b - r["miou"][d]) for b, r in zip(best, found[variant], strict=True)],
-            "spurious": [r["spurious_displacement"] for r in found[variant]],
-            "correlation": [r["displacement_correlation"] for r in found[variant] if r["displacement_correlation"] is not None],
-        }
-        for name, variant, d in chosen
+        {**named(variant), "decoder": d, **{scene: [r["miou"][d] for r in found[variant][scene]] for scene in scenes}}
+        for variant in VARIANTS
+        for d in DECODERS
     ]
-    return Table(
-        f"ablation-{kind}-parts",
-        f"The default less one part at a time, phantom “{kind}”",
-        f"{protocol(options)} {TEACHER_WORDS}. Gaps are seed by seed.",
-        [
-            Column("part", "what is changed"),
-            Column("miou", "mIoU", 3, "mean"),
-            Column("gap", "points below the default", 1, "mean"),
-            Column("spurious", "spurious, mm", 3, "mean"),
-            Column("correlation", "correlation", 3, "mean"),
-        ],
-        rows,
-    )
+    columns = [*NAMES, Column("decoder", "decoder"), *(Column(scene, scene, 3, "mean") for scene in scenes)]
+    return Table("ablation-scenes", "The paper's ablation, mIoU on each scene", words(options), columns, rows)
+
+
+def effects(found: Found, options: BenchOptions) -> Table:
+    """Points of mIoU that each idea adds to what is otherwise the same: each pair has one scene and one seed."""
+    without, with_ = DECODERS
+    compared: list[tuple[str, Variant, str, Variant, str]] = []
+    for angular, loss in ((False, "L1"), (True, "angular")):
+        for before, after in ((without, without), (with_, with_), (without, with_)):
+            decoder = before if before == after else f"{before} → {after}"
+            compared.append((f"S-G decoupling, {loss}, {decoder}", ("coupled", angular), before, ("paper", angular), after))
+    compared += [
+        (f"AASD, {'decoupled' if routing == 'paper' else 'coupled'}, {d}", (routing, False), d, (routing, True), d)
+        for routing in ROUTINGS
+        for d in DECODERS
+    ]
+    rows: list[dict[str, Cell]] = []
+    for name, before, decoder, after, other in compared:
+        gains = [
+            100 * (b["miou"][other] - a["miou"][decoder])
+            for scene in found[before]
+            for a, b in zip(found[before][scene], found[after][scene], strict=True)
+        ]
+        rows.append({"effect": name, "points": gains, "better": f"{sum(gain > 0 for gain in gains)} of {len(gains)}"})
+    columns = [Column("effect", "what is added"), Column("points", "points of mIoU", 1, "mean"), Column("better", "pairs that gain")]
+    text = f"{words(options)} Pairs of the same scene and seed: mean (least–greatest)."
+    return Table("ablation-effects", "What decoupling and angular distillation add", text, columns, rows)

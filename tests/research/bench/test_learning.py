@@ -1,12 +1,15 @@
 """The benchmarks about learning make their tables from scores as `evaluate` gives them; what they train is tried elsewhere."""
 
+from dataclasses import replace
+
 import pytest
 
 from degense.engine.progress import silent
 from degense.engine.research.bench import trainings
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.workers import run_jobs
-from degense.engine.research.benchmarks import ablation, latent, motion
+from degense.engine.research.benchmarks import ablation, latent, motion, parts
+from degense.engine.research.systems import as_system
 from degense.engine.semantics.prompts import DECODERS
 from degense.engine.training.config import TrainConfig
 
@@ -33,25 +36,52 @@ def asked(monkeypatch, tmp_path):
             found.append(scores | {"train_seconds": 5.0, "query_ms": 4.0, "query_new_frame_ms": 60.0})
         return found
 
-    for module in (ablation, latent, motion):
+    def clips(options, progress, scenes=trainings.SCENES):
+        names = [f"{kind} {seed}" if seed else kind for kind, seed in scenes]
+        return {name: tmp_path / name for name in names}
+
+    for module in (ablation, latent, motion, parts):
         monkeypatch.setattr(module, "score_all", score_all)
-        monkeypatch.setattr(module, "phantoms", lambda options, progress: {kind: tmp_path / kind for kind in trainings.KINDS})
+        monkeypatch.setattr(module, "phantoms", clips)
     return seen, BenchOptions("cpu", (0, 1), 1, True, tmp_path)
 
 
-def test_ablation_is_a_full_grid_with_one_budget(asked):
+def test_the_ablation_changes_routing_and_loss_and_nothing_else(asked):
     jobs, options = asked
     tables = {table.name: table for table in ablation.run(options, silent)}
+    assert len(jobs) == len({j.out for j in jobs}) == 4 * len(ablation.SCENES) * len(options.seeds) >= 4 * 4 * 2
+    assert {(j.config.routing, j.config.angular) for j in jobs} == set(ablation.VARIANTS)
+    for seed in options.seeds:
+        wanted = as_system("degensegs", trainings.base_config(options, seed=seed))
+        same = {replace(j.config, routing=wanted.routing, angular=wanted.angular) for j in jobs if j.config.seed == seed}
+        assert same == {replace(wanted, fit=False)}
+        assert {j.teacher for j in jobs if j.config.seed == seed} == {trainings.vlm_like(seed)}
+    assert (wanted.lift, wanted.guided, wanted.coarse_frames, wanted.linear_states) == (False, False, "all", True)
+    rows = {(row["decoupled"], row["angular"]): row for row in tables["ablation"].rows}
+    # made-up scores fall by 0.1 with each of routing, loss, appearance and guided targets that is not the default, and 0.05 by threshold
+    assert rows["✓", "✓"]["rnse-paper"] == pytest.approx([0.6, 0.59])
+    assert rows["×", "×"]["threshold"] == pytest.approx([0.45, 0.44])
+    added = {row["effect"]: row for row in tables["ablation-effects"].rows}
+    assert added["AASD, coupled, threshold"]["points"] == pytest.approx([10] * len(ablation.SCENES) * 2)
+    assert added["S-G decoupling, L1, threshold → rnse-paper"]["points"] == pytest.approx([5] * len(ablation.SCENES) * 2)
+    assert added["S-G decoupling, L1, threshold"]["better"] == f"0 of {2 * len(ablation.SCENES)}"
+    assert len(tables["ablation-scenes"].rows) == 4 * 2
+    assert all(table.markdown() for table in tables.values())
+
+
+def test_parts_are_a_full_grid_with_one_budget(asked):
+    jobs, options = asked
+    tables = {table.name: table for table in parts.run(options, silent)}
     assert len({(j.config.iterations, j.config.max_gaussians) for j in jobs}) == 1
     assert {(j.config.seed, j.teacher) for j in jobs} == {(seed, trainings.vlm_like(seed)) for seed in options.seeds}
     for kind in trainings.KINDS:
         grid = {(j.config.routing, j.config.angular, j.config.appearance, j.config.seed) for j in jobs if j.clip.name == kind}
         assert len(grid) == 3 * 2 * 2 * 2
-        assert len(tables[f"ablation-{kind}-classes"].rows) >= 12 * len(DECODERS)
-        parts = {row["part"]: row for row in tables[f"ablation-{kind}-parts"].rows}
-        assert parts["default"]["gap"] == [0, 0]
-        assert parts["routing paper"]["gap"] == pytest.approx([10, 10])
-        assert parts["decoder threshold"]["gap"] == pytest.approx([5, 5])
+        assert len(tables[f"parts-{kind}-classes"].rows) >= 12 * len(DECODERS)
+        rows = {row["part"]: row for row in tables[f"parts-{kind}-default"].rows}
+        assert rows["default"]["gap"] == [0, 0]
+        assert rows["routing paper"]["gap"] == pytest.approx([10, 10])
+        assert rows["decoder threshold"]["gap"] == pytest.approx([5, 5])
     assert len({j.out for j in jobs}) == len(jobs)
     assert all(table.markdown() for table in tables.values())
 
