@@ -12,6 +12,7 @@ from degense.engine.research import codebook
 from degense.engine.research.codebook import separation, two_levels
 from degense.engine.research.systems import SYSTEMS, as_system, words_of
 from degense.engine.scene import Scene
+from degense.engine.store.migrations import current_settings
 from degense.engine.training import TrainConfig, train
 from degense.engine.training import trainer as trainer_module
 from degense.engine.training.frames import TrainingFrames
@@ -120,6 +121,12 @@ def test_budgets_are_the_same():
     assert chosen["degense"] == config
     assert all(c.flow == 0 for name, c in chosen.items() if name != "degense")
     assert all("Kept" in words_of(name) and "Not kept" in words_of(name) for name in SYSTEMS if name != "degense")
+
+
+def test_runs_with_the_codebook_of_an_earlier_version_go_on_with_clusters():
+    old = {name: value for name, value in TrainConfig().to_json().items() if name not in ("distillation", "linear_states", "rarity")}
+    assert TrainConfig.from_json(current_settings(old | {"codebook": True})).distillation == "clusters"
+    assert TrainConfig.from_json(current_settings(old | {"codebook": False})) == TrainConfig()
 
 
 def test_an_unknown_system_is_named():

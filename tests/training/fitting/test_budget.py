@@ -15,7 +15,7 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.events import Budget
 from degense.engine.semantics.basis import Basis
 from degense.engine.training import PRESETS, TrainConfig, train
-from degense.engine.training.fitting.budget import choose, fit_budget
+from degense.engine.training.fitting.budget import choose, fit_budget, shortened
 from degense.engine.training.fitting.statistics import Statistics, gaussians_needed, knots_needed, noise_of
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
@@ -88,6 +88,18 @@ def test_what_is_given_by_hand_stays():
     assert budget.config.resolution < config.resolution
     preset = TrainConfig.preset_of("quick", device="cpu", max_gaussians=PRESETS["quick"]["max_gaussians"])
     assert fit_budget(frames, preset, FlowSupervision(frames)).config.max_gaussians == PRESETS["quick"]["max_gaussians"]
+
+
+def test_fewer_iterations_shorten_the_coarse_stage_in_proportion_and_say_so():
+    for preset, iterations, coarse in (("quick", 120, 24), ("quick", 2000, 160), ("balanced", None, 600), ("best", 5000, 500)):
+        config = TrainConfig.preset_of(preset, iterations=iterations)
+        assert config.coarse_iterations == coarse
+        assert bool(shortened(config)) is (coarse < PRESETS[preset]["coarse_iterations"])
+    assert shortened(TrainConfig.preset_of("quick", iterations=120, coarse_iterations=100)) == []
+    wall = PlainWall(9, 64, 48, (0, 0, 0))
+    longest = fitted(wall, iterations=8000, coarse_iterations=4000)
+    assert longest.config.coarse_iterations == longest.config.iterations // 2 < 4000
+    assert any(line.startswith("coarse iterations") and "instead of 4,000" in line for line in longest.words)
 
 
 def figures(**changes):
@@ -228,4 +240,4 @@ def test_a_run_says_what_was_skipped(tmp_path, monkeypatch):
         else:
             assert record["budget"] is None
             assert record["config"]["max_gaussians"] == 12_000
-            assert len(told) == 1
+            assert told[1].words == ["coarse iterations 0 instead of 160: in proportion to 3 steps in all"] == told[0].words[:1]
