@@ -116,12 +116,40 @@ def live_blocks(values, stride):
 
 
 @njit(nogil=True, error_model="numpy")
+def exponent_of(splats, g, x, y, grid):
+    """What `cover` must know of a Gaussian whose centre lies x, y from the centre of a tile's first pixel."""
+    from_x, from_y = sub(load(grid, GRID_X), splat(x)), sub(load(grid, GRID_Y), splat(y))
+    minus_shear, minus_across, minus_along = splat(-splats[g, SHEAR]), splat(-splats[g, ACROSS]), splat(-splats[g, ALONG])
+    return from_x, from_y, minus_shear, minus_across, minus_along, splat(splats[g, HEADROOM] + MIN_LEVEL)
+
+
+@njit(nogil=True, error_model="numpy")
+def cover(gaussian, grid, bit, values, place):
+    """Take a Gaussian's light from a block, the one of a bit, whose transmittances lie at `place`.
+
+    Its pixels' dx − k dy and dy, α before and after it is capped, the light that reached it, its weight, and where that counts.
+    """
+    from_x, from_y, minus_shear, minus_across, minus_along, peak = gaussian
+    zero = splat(_ZERO)
+    dy = add(from_y, spread(grid, GRID_BLOCK_Y + bit))
+    dx = fma(minus_shear, dy, add(from_x, spread(grid, GRID_BLOCK_X + bit)))
+    exponent = fma(mul(minus_across, dx), dx, fma(mul(minus_along, dy), dy, peak))
+    uncapped = exp2(exponent)
+    alpha = select(greater(exponent, splat(MIN_LEVEL)), minimum(uncapped, splat(MAX_ALPHA32)), zero)
+    before = load(values, place)
+    weight = mul(alpha, before)
+    after = sub(before, weight)
+    alive = greater(after, splat(MIN_TRANSMITTANCE32))
+    store(values, place, select(alive, after, finished(before)))
+    return dx, dy, uncapped, alpha, before, select(alive, weight, zero), alive
+
+
+@njit(nogil=True, error_model="numpy")
 def _blend_tile(members, start, stop, splats, features, left, top, width, values, grid):
     """Blend one tile into `values`."""
     channels = features.shape[1]
     stride = (1 + channels) * LANES
     flat_features = features.reshape(features.size)
-    zero, floor, ceiling, dark = splat(_ZERO), splat(MIN_LEVEL), splat(MAX_ALPHA32), splat(MIN_TRANSMITTANCE32)
     live = live_blocks(values, stride)
     for i in range(start, stop):
         if (i - start) % CHECK_EVERY == CHECK_EVERY - 1:
@@ -132,23 +160,12 @@ def _blend_tile(members, start, stop, splats, features, left, top, width, values
         feature = g * channels
         x, y = splats[g, X] - np.float32(left) - _HALF, splats[g, Y] - np.float32(top) - _HALF
         blocks = live & touched_blocks(splats, g, x, y, width)
-        from_x, from_y = sub(load(grid, GRID_X), splat(x)), sub(load(grid, GRID_Y), splat(y))
-        minus_shear, minus_across, minus_along = splat(-splats[g, SHEAR]), splat(-splats[g, ACROSS]), splat(-splats[g, ALONG])
-        peak = splat(splats[g, HEADROOM] + MIN_LEVEL)
+        gaussian = exponent_of(splats, g, x, y, grid)
         while blocks != 0:
             bit = lowest_bit(blocks)
             blocks &= blocks - np.uint64(1)
             place = place_of(bit, stride)
-            dy = add(from_y, spread(grid, GRID_BLOCK_Y + bit))
-            dx = fma(minus_shear, dy, add(from_x, spread(grid, GRID_BLOCK_X + bit)))
-            exponent = fma(mul(minus_across, dx), dx, fma(mul(minus_along, dy), dy, peak))
-            alpha = select(greater(exponent, floor), minimum(exp2(exponent), ceiling), zero)
-            before = load(values, place)
-            weight = mul(alpha, before)
-            after = sub(before, weight)
-            alive = greater(after, dark)
-            weight = select(alive, weight, zero)
-            store(values, place, select(alive, after, finished(before)))
+            weight = cover(gaussian, grid, bit, values, place)[5]
             for channel in range(channels):
                 place += LANES
                 store(values, place, fma(spread(flat_features, feature + channel), weight, load(values, place)))

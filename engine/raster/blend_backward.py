@@ -17,13 +17,9 @@ from numba import njit
 from degense.engine.raster.blend import (
     AREA,
     CHECK_EVERY,
-    GRID_BLOCK_X,
-    GRID_BLOCK_Y,
-    GRID_X,
-    GRID_Y,
     MAX_ALPHA32,
-    MIN_LEVEL,
-    MIN_TRANSMITTANCE32,
+    cover,
+    exponent_of,
     index_of,
     live_blocks,
     make_grid,
@@ -32,15 +28,11 @@ from degense.engine.raster.blend import (
     touched_blocks,
 )
 from degense.engine.raster.project import (
-    ACROSS,
-    ALONG,
     BOTTOM,
     CHUNK,
-    HEADROOM,
     LEFT,
     MOMENTS,
     RIGHT,
-    SHEAR,
     TILE_HEIGHT,
     TILE_WIDTH,
     TOP,
@@ -58,13 +50,10 @@ from degense.engine.raster.simd import (
     add,
     both,
     div,
-    exp2,
-    finished,
     fma,
     greater,
     load,
     lowest_bit,
-    minimum,
     mul,
     select,
     splat,
@@ -108,27 +97,14 @@ def _backward_gaussian(blocks, splats, g, x, y, features, channels, values, grid
     """Walk one Gaussian over its blocks of a tile: its moments, and its feature gradients in `sums` [C LANES]."""
     stride, feature = (2 + channels) * LANES, g * channels
     zero, one = splat(_ZERO), splat(_ONE)
-    floor, ceiling, dark = splat(MIN_LEVEL), splat(MAX_ALPHA32), splat(MIN_TRANSMITTANCE32)
-    from_x, from_y = sub(load(grid, GRID_X), splat(x)), sub(load(grid, GRID_Y), splat(y))
-    minus_shear, minus_across, minus_along = splat(-splats[g, SHEAR]), splat(-splats[g, ACROSS]), splat(-splats[g, ALONG])
-    peak = splat(splats[g, HEADROOM] + MIN_LEVEL)
+    gaussian = exponent_of(splats, g, x, y, grid)
     v = ve = vee = vy = vey = vyy = zero
     sums[:] = 0.0
     while blocks != 0:
         bit = lowest_bit(blocks)
         blocks &= blocks - np.uint64(1)
         place = place_of(bit, stride)
-        dy = add(from_y, spread(grid, GRID_BLOCK_Y + bit))
-        dx = fma(minus_shear, dy, add(from_x, spread(grid, GRID_BLOCK_X + bit)))
-        exponent = fma(mul(minus_across, dx), dx, fma(mul(minus_along, dy), dy, peak))
-        uncapped = exp2(exponent)
-        alpha = select(greater(exponent, floor), minimum(uncapped, ceiling), zero)
-        before = load(values, place)
-        weight = mul(alpha, before)
-        after = sub(before, weight)
-        alive = greater(after, dark)
-        weight = select(alive, weight, zero)
-        store(values, place, select(alive, after, finished(before)))
+        dx, dy, uncapped, alpha, before, weight, alive = cover(gaussian, grid, bit, values, place)
         if geometry:
             pull = zero
             for channel in range(channels):
@@ -138,7 +114,7 @@ def _backward_gaussian(blocks, splats, g, x, y, features, channels, values, grid
             rest = sub(load(values, place + LANES), mul(weight, pull))
             store(values, place + LANES, rest)
             grad_alpha = sub(mul(before, pull), div(rest, sub(one, alpha)))
-            grad_exponent = select(both(alive, greater(ceiling, uncapped)), mul(alpha, grad_alpha), zero)
+            grad_exponent = select(both(alive, greater(splat(MAX_ALPHA32), uncapped)), mul(alpha, grad_alpha), zero)
             by_dx, by_dy = mul(grad_exponent, dx), mul(grad_exponent, dy)
             v, ve, vy = add(v, grad_exponent), add(ve, by_dx), add(vy, by_dy)
             vee, vey, vyy = fma(by_dx, dx, vee), fma(by_dx, dy, vey), fma(by_dy, dy, vyy)
