@@ -57,38 +57,6 @@ def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     return decode_splats(scene, _prompted(request), request.frame).numbers
 
 
-FEATURES = Layer(
-    "features",
-    "colour",
-    "Direction of the semantic latent, along the three axes in which this scene's latents differ most, as red, green and blue.",
-    _features,
-    _features_splats,
-    needs_semantics=True,
-)
-SIMILARITY = Layer(
-    "similarity",
-    "scalar",
-    "Cosine between the pixel's latent and the prompt's text vector; with several prompts the largest.",
-    _similarity,
-    _similarity_splats,
-    lambda scene: "cosine",
-    "magma",
-    fixed_range=(0.0, 1.0),
-    needs_semantics=True,
-    needs_prompt=True,
-)
-MASKS = Layer(
-    "mask",
-    "mask",
-    "Pixels each prompt finds: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), "
-    "or the plain decoders. Where masks overlap, the most similar prompt.",
-    _mask,
-    _mask_splats,
-    needs_semantics=True,
-    needs_prompt=True,
-)
-
-
 WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
 MOVED = ("displacement", "observability")  # channels of the displacement layer: its values, and where they are guesses
 
@@ -162,9 +130,36 @@ LAYERS: dict[str, Layer] = {
             lambda scene: scene.unit,
             "cividis",
         ),
-        FEATURES,
-        SIMILARITY,
-        MASKS,
+        Layer(
+            "features",
+            "colour",
+            "Direction of the semantic latent, along the three axes in which this scene's latents differ most, as red, green and blue.",
+            _features,
+            _features_splats,
+            needs_semantics=True,
+        ),
+        Layer(
+            "similarity",
+            "scalar",
+            "Cosine between the pixel's latent and the prompt's text vector; with several prompts the largest.",
+            _similarity,
+            _similarity_splats,
+            lambda scene: "cosine",
+            "magma",
+            fixed_range=(0.0, 1.0),
+            needs_semantics=True,
+            needs_prompt=True,
+        ),
+        Layer(
+            "mask",
+            "mask",
+            "Pixels each prompt finds: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), "
+            "or the plain decoders. Where masks overlap, the most similar prompt.",
+            _mask,
+            _mask_splats,
+            needs_semantics=True,
+            needs_prompt=True,
+        ),
         Layer(
             "displacement",
             "scalar",

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from degense.engine.clip import UNLABELLED, Clip, Truth
-from degense.engine.data.depth import DepthPrior
 from degense.engine.data.files.cameras import ClipCameras
-from degense.engine.data.files.depth_files import DepthFiles
+from degense.engine.data.files.depth import DepthFiles, DepthPrior
+from degense.engine.data.files.images import ImageFiles
 from degense.engine.data.files.labels import IndexMaps, LabelMaps
 from degense.engine.data.files.masks import MaskFiles
 from degense.engine.data.files.numpy_files import TruthFile
@@ -167,7 +167,7 @@ def describe(clip: Clip) -> str:
 
 def frame_names(clip: Clip) -> tuple[str, ...]:
     """What label files of the frames are called: the stems of the pictures, numbers where the frames are no files of their own."""
-    if isinstance(clip, StoredClip) and len(clip.pictures.files) == len(clip) > 1:
+    if isinstance(clip, StoredClip) and isinstance(clip.pictures, ImageFiles):
         return tuple(file.stem for file in clip.pictures.files)
     return tuple(f"{index:06d}" for index in range(len(clip)))
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.data.files.cameras import ClipCameras, calibrated_cameras, guessed_cameras, read_json
+from degense.engine.data.files.cameras import ClipCameras, calibrated_cameras, guessed_cameras
 from degense.engine.data.files.images import ImageFiles
 from degense.engine.data.files.labels import ColourCodes, ColourMaps, by_frame, index_maps
 from degense.engine.data.files.masks import border_words, brightest, field_of_view
-from degense.engine.data.files.numbered import list_files, regular_file, shown
+from degense.engine.data.files.numbered import list_files, read_json, regular_file, shown
 from degense.engine.data.files.stored import clip_with_prior, colour_map_words, counted, map_words, sampled
 from degense.engine.errors import ClipError
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.data.depth import DepthPrior
 from degense.engine.data.files.cameras import ClipCameras, guessed_cameras, json_cameras, json_unit, llff_cameras
-from degense.engine.data.files.depth_files import DepthFiles
+from degense.engine.data.files.depth import DepthFiles, DepthPrior
 from degense.engine.data.files.images import ImageFiles, check_sizes
 from degense.engine.data.files.labels import index_maps, read_classes
 from degense.engine.data.files.masks import MaskFiles, border_words, brightest, decide, field_of_view, read_mask

@@ -23,7 +23,7 @@ import numpy as np
 from degense.engine.clip import Clip
 from degense.engine.data.files.numbered import list_files, shown
 from degense.engine.data.files.numpy_files import open_npy
-from degense.engine.data.files.stored import StoredClip
+from degense.engine.data.files.stored import frame_names
 from degense.engine.errors import ClipError
 from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.teachers.teacher import Targets, enlarged
@@ -98,13 +98,6 @@ def find_features(clip: Clip) -> Path:
         there = f"holds {', '.join(folder.name for folder in found)}" if found else f"holds none of {', '.join(PLACES)}"
         raise ClipError(f"{shown(root)} {there}; name the folder of features, as in --teacher precomputed:FOLDER.")
     return found[0]
-
-
-def frame_names(clip: Clip) -> list[str]:
-    """What files that belong to a frame are named: as its picture, or by its number where the clip is one file."""
-    if isinstance(clip, StoredClip) and len(clip.pictures.files) == len(clip):
-        return [file.stem for file in clip.pictures.files]
-    return [f"{i:06d}" for i in range(len(clip))]
 
 
 @dataclass(frozen=True)

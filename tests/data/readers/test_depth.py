@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from degense.engine.camera import Camera
-from degense.engine.data.depth import STRENGTH, DepthPrior
+from degense.engine.data.files.depth import STRENGTH, DepthPrior
 from degense.engine.data.readers import open_clip
 from tests.data.readers.makers import save
 

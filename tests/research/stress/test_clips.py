@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from degense.engine.data.files.depth_files import read_depth
+from degense.engine.data.files.depth import read_depth
 from degense.engine.data.readers import ClipOptions, open_clip
 from degense.engine.errors import ClipError
 from degense.engine.research.stress.clip_cases import ClipCase, clip_cases
