@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import socket
@@ -11,23 +12,8 @@ from pathlib import Path
 from PySide6.QtCore import QCoreApplication, QObject, QSocketNotifier, Qt, QTimer
 from PySide6.QtWidgets import QApplication
 
-from degense.app.features.annotate.install import install as annotate
-from degense.app.features.cameras.install import install as cameras
-from degense.app.features.clip_check.install import install as clip_check
-from degense.app.features.compare.install import install as compare
 from degense.app.features.documents.autosave import Autosave
 from degense.app.features.documents.controller import Documents
-from degense.app.features.documents.install import install as documents
-from degense.app.features.export.install import install as export
-from degense.app.features.help.install import install as help_
-from degense.app.features.history.install import install as history
-from degense.app.features.inspect.install import install as inspect
-from degense.app.features.preferences.install import install as preferences
-from degense.app.features.prompts.install import install as prompts
-from degense.app.features.runs.install import install as runs
-from degense.app.features.timeline.install import install as timeline
-from degense.app.features.train.install import install as train
-from degense.app.features.viewer.install import install as viewer
 from degense.app.shell.logs import start_logging
 from degense.app.shell.messages import show_error
 from degense.app.shell.settings import SettingsFile, log_file
@@ -35,24 +21,13 @@ from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 from degense.widgets.theme import apply_theme
 
-#: What the window can do. A feature finds what earlier ones provide; without any one of them the others still work.
-FEATURES = (
-    timeline,
-    viewer,
-    prompts,
-    inspect,
-    cameras,
-    documents,
-    history,
-    clip_check,
-    compare,
-    train,
-    runs,
-    annotate,
-    export,
-    preferences,
-    help_,
+#: What the window can do, each in a folder of `features`. A feature finds what earlier ones provide; without any one of them the others
+#: still work.
+NAMES = (
+    *("timeline", "viewer", "prompts", "inspect", "cameras", "documents", "history", "clip_check", "compare", "train", "runs", "annotate"),
+    *("export", "preferences", "help"),
 )
+FEATURES = tuple(importlib.import_module(f"degense.app.features.{name}.install").install for name in NAMES)
 
 
 def run_window(path: Path | None = None) -> int:

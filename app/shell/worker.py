@@ -18,19 +18,15 @@ log = logging.getLogger(__name__)
 Job = Callable[[], Any]
 
 
-@dataclass
+@dataclass(eq=False)
 class _Task:
-    serial: int
+    """A job and who listens to it; `steps` is the generator that it returned."""
+
     job: Job
-    steps: Any = None
-
-
-@dataclass
-class _Listener:
-    serial: int
     done: Callable[[Any], None]
     failed: Callable[[str], None]
     progress: Callable[[Any], None] | None
+    steps: Any = None
 
 
 class Worker(QObject):
@@ -52,8 +48,7 @@ class Worker(QObject):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._urgencies: dict[str, int] = {}
-        self._listeners: dict[str, _Listener] = {}
-        self._serial = 0
+        self._awaited: dict[str, _Task] = {}
         self._worker = _Worker()
         self._worker.reported.connect(self._deliver)
         self._worker.start()
@@ -76,47 +71,43 @@ class Worker(QObject):
         progress: Callable[[Any], None] | None = None,
     ) -> None:
         """Run `job` as soon as nothing more urgent waits; it replaces what is waiting or running on its channel."""
-        self._serial += 1
-        self._listeners[channel] = _Listener(self._serial, done, failed, progress)
-        self._worker.put(channel, _Task(self._serial, job))
+        self._awaited[channel] = _Task(job, done, failed, progress)
+        self._worker.put(channel, self._awaited[channel])
 
     def cancel(self, channel: str) -> None:
         """Forget the job of a channel: it stops at its next step and its result is dropped."""
-        self._listeners.pop(channel, None)
+        self._awaited.pop(channel, None)
         self._worker.put(channel, None)
 
     def busy(self, channel: str) -> bool:
         """Whether an answer is still to come on a channel."""
-        return channel in self._listeners
+        return channel in self._awaited
 
     def idle(self, *but: str) -> bool:
         """Whether no answer is to come on any channel, of some channels apart."""
-        return not set(self._listeners).difference(but)
+        return not set(self._awaited).difference(but)
 
     def close(self) -> None:
         """Stop the worker after its present step; nothing is delivered afterwards."""
-        self._listeners.clear()
+        self._awaited.clear()
         self._worker.stop()
         self._worker.wait()
 
-    def _deliver(self, channel: str, serial: int, kind: str, payload: object) -> None:
-        listener = self._listeners.get(channel)
-        if listener is None or listener.serial != serial:
+    def _deliver(self, channel: str, task: _Task, kind: str, payload: object) -> None:
+        if self._awaited.get(channel) is not task:
             return
         if kind == "progress":
-            if listener.progress is not None:
-                listener.progress(payload)
+            if task.progress is not None:
+                task.progress(payload)
             return
-        del self._listeners[channel]
-        if kind == "done":
-            listener.done(payload)
-        elif kind == "failed":
-            listener.failed(str(payload))
+        del self._awaited[channel]
+        if kind != "cancelled":
+            getattr(task, kind)(payload)
         self.freed.emit(channel)
 
 
 class _Worker(QThread):
-    reported = Signal(str, int, str, object)
+    reported = Signal(str, object, str, object)
 
     def __init__(self) -> None:
         super().__init__()
@@ -174,7 +165,7 @@ class _Worker(QThread):
                     self._finish(channel, task, "done", result)
                     return
                 task.steps = result
-            self.reported.emit(channel, task.serial, "progress", next(task.steps))
+            self.reported.emit(channel, task, "progress", next(task.steps))
         except StopIteration as stop:
             self._finish(channel, task, "done", stop.value)
         except Cancelled:
@@ -189,4 +180,4 @@ class _Worker(QThread):
         with self._wake:
             if self._tasks[channel] is task:
                 self._tasks[channel] = None
-        self.reported.emit(channel, task.serial, kind, payload)
+        self.reported.emit(channel, task, kind, payload)
