@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, SignalInstance
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QBoxLayout,
+    QCheckBox,
     QComboBox,
     QDoubleSpinBox,
     QHBoxLayout,
@@ -113,6 +114,34 @@ def decimal(name: str, least: float, most: float, step: float = 1.0, suffix: str
     return box
 
 
+def value(control: QWidget) -> Any:
+    """What is entered: the value of a menu's row, whether a box is ticked, a number; None for a number that words stand in for."""
+    if isinstance(control, QComboBox):
+        return control.currentData()
+    if isinstance(control, QCheckBox):
+        return control.isChecked()
+    assert isinstance(control, QSpinBox | QDoubleSpinBox)
+    return None if control.specialValueText() and control.value() == control.minimum() else control.value()
+
+
+def enter(control: QWidget, value: Any) -> None:
+    """Show what `value` gives; the first row of a menu for what it does not have."""
+    if isinstance(control, QComboBox):
+        control.setCurrentIndex(max(0, control.findData(value)))
+    elif isinstance(control, QCheckBox):
+        control.setChecked(value)
+    elif isinstance(control, QSpinBox | QDoubleSpinBox):
+        control.setValue(control.minimum() if value is None else value)
+
+
+def changed(control: QWidget) -> SignalInstance:
+    """The signal that a control's value is another."""
+    if isinstance(control, QCheckBox):
+        return control.toggled
+    assert isinstance(control, QComboBox | QSpinBox | QDoubleSpinBox)
+    return control.currentIndexChanged if isinstance(control, QComboBox) else control.valueChanged
+
+
 def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushButton:
     """A button that Space and Enter press."""
     made = QPushButton(title)
@@ -140,6 +169,17 @@ def complaint() -> QLabel:
     colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
     made.setPalette(colours)
     return made
+
+
+class PathLine(QWidget):
+    """A path, typed or chosen: `browse` asks for one, beginning at that in `line`; empty when the user cancels."""
+
+    def __init__(self, name: str, browse: Callable[[str], str]) -> None:
+        super().__init__()
+        self.line = QLineEdit(accessibleName=name)
+        choose = QPushButton("Choose…", accessibleName=f"Choose {name[0].lower()}{name[1:]}")
+        choose.clicked.connect(lambda: self.line.setText(browse(self.line.text()) or self.line.text()))
+        row((self.line, 1), choose, parent=self)
 
 
 def table(name: str, heads: Sequence[str], *, editable: bool = False) -> QTableWidget:

@@ -19,7 +19,6 @@ from degense.app.features.inspect.probe import Probe
 from degense.app.features.preferences.controller import Preferences
 from degense.app.features.prompts.controller import PromptControls
 from degense.app.features.prompts.prompt_statistics import PromptStatistics
-from degense.app.features.prompts.whole_clip_query import ClipQuery
 from degense.app.features.runs.runs_dialog import Runs
 from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.train.controller import Training
@@ -55,10 +54,6 @@ def prompts(window: Shell) -> PromptControls:
 
 def statistics(window: Shell) -> PromptStatistics:
     return found(window, PromptStatistics)
-
-
-def clip_query(window: Shell) -> ClipQuery:
-    return found(window, ClipQuery)
 
 
 def probe(window: Shell) -> Probe:

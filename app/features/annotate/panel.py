@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable
 from functools import partial
 from math import log2
 
-from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QAction
+import numpy as np
+from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QButtonGroup,
     QComboBox,
@@ -22,7 +22,14 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from degense.app.features.annotate.class_list import ClassList
+from degense.app.features.annotate.class_list import SWATCH, ClassList
+from degense.app.features.annotate.state import AnnotationState
+from degense.app.features.annotate.tool import TOOLS
+from degense.app.shell.shell import Shell
+from degense.engine.annotation.edits import STATUSES
+from degense.engine.annotation.overlay import label_overlay
+from degense.engine.clip import UNLABELLED
+from degense.engine.errors import DegenseError
 from degense.widgets import forms
 from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 
@@ -32,35 +39,23 @@ SMALLEST = 0.5
 
 
 class AnnotationPanel(QWidget):
-    """Shows the state it is given, and emits what the user wants.
+    """Shows the annotations and changes them. Its buttons stand for actions of the window."""
 
-    Signals
-    -------
-    tool_chosen(name), radius_chosen(pixels), lock_chosen(value or −1), status_chosen(status), class_added(name)
-    asked(action)
-        A button: the id of the action it stands for.
-    """
-
-    tool_chosen = Signal(str)
-    radius_chosen = Signal(float)
-    lock_chosen = Signal(int)
-    status_chosen = Signal(str)
-    class_added = Signal(str)
-    asked = Signal(str)
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, shell: Shell, state: AnnotationState) -> None:
+        super().__init__()
         self.setAccessibleName("Annotation")
+        self.shell, self.state, tool = shell, state, state.tool
         self.classes = ClassList(self)
+        self.classes.chosen.connect(state.choose_class)
+        self.classes.renamed.connect(lambda index, name: self._attempt(lambda: state.rename_class(index, name)))
+        self.classes.recoloured.connect(state.recolour_class)
         self._tools = QButtonGroup(self)
         self._buttons: dict[str, QPushButton] = {}
-        self._tool_row = QGridLayout()
-        self._tool_row.setSpacing(4)
         self._slider = QSlider(Qt.Orientation.Horizontal)
         self._slider.setAccessibleName("Size of the brush")
         self._slider.setToolTip("Size of the brush; keys [ and ]")
         self._slider.setRange(0, 8 * OCTAVE - 8)
-        self._slider.valueChanged.connect(lambda step: self.radius_chosen.emit(SMALLEST * 2 ** (step / OCTAVE)))
+        self._slider.valueChanged.connect(lambda step: tool.choose(radius=SMALLEST * 2 ** (step / OCTAVE)))
         keep_keys(self._slider, ARROWS)
         self._size = QLabel()
         self._size.setMinimumWidth(self.fontMetrics().horizontalAdvance("200 px "))
@@ -69,16 +64,17 @@ class AnnotationPanel(QWidget):
         self._new.returnPressed.connect(self._add_class)
         keep_keys(self._new, TYPING)
         self._lock = self._combo("Paint only inside a class, whatever the tool covers")
-        self._lock.activated.connect(lambda row: self.lock_chosen.emit(self._lock.itemData(row)))
+        self._lock.activated.connect(lambda row: tool.lock(None if (value := self._lock.itemData(row)) < 0 else value))
         self._status = self._combo("How far the review of this frame is")
-        self._status.activated.connect(lambda row: self.status_chosen.emit(self._status.itemText(row)))
+        self._status.addItems(STATUSES)
+        self._status.activated.connect(lambda row: self._attempt(lambda: state.set_status(STATUSES[row])))
         self.frame, self.summary = forms.label(), forms.label(secondary=True)
         self._progress = QProgressBar(textVisible=False)
         self._progress.setMaximumHeight(8)
         self._progress.setAccessibleName("Progress")
         self._progress.hide()
         forms.column(
-            self._tool_row,
+            self._tool_buttons(),
             forms.row(QLabel("Size"), (self._slider, 1), self._size),
             (self.classes, 1),
             self._new,
@@ -92,11 +88,24 @@ class AnnotationPanel(QWidget):
             self._button_row(accept_all="Accept all", reject_all="Reject all", teach="Train…"),
             parent=self,
         ).setContentsMargins(8, 6, 8, 6)
+        shell.started.connect(self._follow_actions)
+
+    def _tool_buttons(self) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(4)
+        for index, kind in enumerate(TOOLS):
+            button = QToolButton(text=kind.title, toolTip=kind.description, accessibleName=kind.title, objectName=kind.name, checkable=True)
+            button.setSizePolicy(self.sizePolicy().Policy.Expanding, self.sizePolicy().Policy.Fixed)
+            button.clicked.connect(partial(self.state.tool.choose, kind.name))
+            keep_keys(button, PRESS)
+            self._tools.addButton(button)
+            grid.addWidget(button, index // 3, index % 3)
+        return grid
 
     def _button_row(self, **buttons: str) -> QHBoxLayout:
         """Buttons for actions of this feature: their names and what stands on them."""
         made = {f"annotate.{name.replace('_', '-')}": text for name, text in buttons.items()}
-        self._buttons |= {action: forms.button(text, partial(self.asked.emit, action)) for action, text in made.items()}
+        self._buttons |= {action: forms.button(text, lambda action=action: self.shell.menus.run(action)) for action, text in made.items()}
         return forms.row(*(self._buttons[action] for action in made), spacing=4)
 
     def _combo(self, tip: str) -> QComboBox:
@@ -108,54 +117,10 @@ class AnnotationPanel(QWidget):
         box.setMinimumContentsLength(9)
         return box
 
-    # Choices
-
-    def set_tools(self, tools: Sequence[tuple[str, str, str]]) -> None:
-        """Offer tools: (name, title, description)."""
-        for index, (name, title, description) in enumerate(tools):
-            button = QToolButton()
-            button.setText(title)
-            button.setToolTip(description)
-            button.setAccessibleName(title)
-            button.setObjectName(name)
-            button.setCheckable(True)
-            button.setSizePolicy(self.sizePolicy().Policy.Expanding, self.sizePolicy().Policy.Fixed)
-            button.clicked.connect(lambda _checked=False, name=name: self.tool_chosen.emit(name))
-            keep_keys(button, PRESS)
-            self._tools.addButton(button)
-            self._tool_row.addWidget(button, index // 3, index % 3)
-
-    def set_statuses(self, statuses: Sequence[str]) -> None:
-        self._status.clear()
-        self._status.addItems(list(statuses))
-
-    def set_locks(self, locks: Sequence[tuple[str, int]]) -> None:
-        """Offer what may be painted over: (text, label); −1 is everything."""
-        current = self._lock.currentData()
-        self._lock.clear()
-        for text, value in locks:
-            self._lock.addItem(text, value)
-        self._lock.setCurrentIndex(max(0, self._lock.findData(current)))
-
-    # State
-
-    def set_tool(self, name: str, radius: float, lock: int) -> None:
-        for button in self._tools.buttons():
-            button.setChecked(button.objectName() == name)
-        with QSignalBlocker(self._slider):
-            self._slider.setValue(round(OCTAVE * log2(max(1.0, radius / SMALLEST))))
-        self._size.setText(f"{2 * radius:.0f} px" if radius >= 1 else "1 px")
-        self._lock.setCurrentIndex(max(0, self._lock.findData(lock)))
-
-    def set_frame(self, text: str, status: str) -> None:
-        """Describe the frame that is shown."""
-        self.frame.setText(text)
-        self._status.setCurrentText(status)
-
-    def follow(self, actions: Mapping[str, QAction]) -> None:
+    def _follow_actions(self) -> None:
         """Let each button be pressed when the action that it stands for can be done, and show its keys."""
         for name, button in self._buttons.items():
-            action = actions[name]
+            action = self.shell.menus.actions[name]
             keys = action.shortcut().toString()
             button.setToolTip(f"{action.text()} ({keys})" if keys else action.text())
             button.setEnabled(action.isEnabled())
@@ -164,6 +129,69 @@ class AnnotationPanel(QWidget):
     def button(self, action: str) -> QPushButton:
         return self._buttons[action]
 
+    def _attempt(self, change: Callable[[], None]) -> None:
+        """Do it, or say why it cannot be done and show the classes as they are."""
+        try:
+            change()
+        except DegenseError as error:
+            self.shell.say(str(error))
+            self.show_classes()
+
+    def _add_class(self) -> None:
+        if name := self._new.text().strip():
+            self._new.clear()
+            self._attempt(lambda: self.state.add_class(name))
+
+    # State
+
+    def show_classes(self) -> None:
+        classes = self.state.work.classes if self.state.work is not None else ()
+        swatch = np.arange(len(classes), dtype=np.uint8)[:, None, None].repeat(SWATCH - 6, 1).repeat(SWATCH, 2)
+        self.classes.set_classes([(kind.name, _lit(label_overlay(swatch[index], classes))) for index, kind in enumerate(classes)])
+        current = self._lock.currentData()
+        self._lock.clear()
+        for text, value in (("anything", -1), ("unlabelled pixels", UNLABELLED), *((kind.name, i) for i, kind in enumerate(classes))):
+            self._lock.addItem(text, value)
+        self._lock.setCurrentIndex(max(0, self._lock.findData(current)))
+        self.show_tool()
+
+    def show_tool(self) -> None:
+        tool = self.state.tool
+        for button in self._tools.buttons():
+            button.setChecked(button.objectName() == tool.name)
+        with QSignalBlocker(self._slider):
+            self._slider.setValue(round(OCTAVE * log2(max(1.0, tool.radius / SMALLEST))))
+        self._size.setText(f"{2 * tool.radius:.0f} px" if tool.radius >= 1 else "1 px")
+        self._lock.setCurrentIndex(max(0, self._lock.findData(-1 if tool.inside is None else tool.inside)))
+        self.classes.set_current(tool.label)
+
+    def show_frame(self, frame: int) -> None:
+        """Say how a frame is labelled, and how far the review of all is."""
+        if (work := self.state.work) is None:
+            self.describe("", "open")
+            self.summary.setText(self.state.blocked)
+            return
+        record = work.record(frame)
+        if record.proposal is not None:
+            text = f"proposed, confidence {record.proposal.confidence:.0%}"
+        elif record.by_hand:
+            text = "painted"
+        elif record.labels is not None:
+            text = "propagated and accepted"
+        else:
+            text = "labels of the clip" if work.is_labelled(frame) else "not labelled"
+        self.describe(f"Frame {frame}: {text}", record.status)
+        waiting = [proposal for index in work.waiting() if (proposal := work.record(index).proposal) is not None]
+        counts = [f"{sum(r.status == status for r in work.records.values())} {status}" for status in STATUSES[1:]]
+        doubtful = sum(proposal.doubtful for proposal in waiting)
+        proposals = f"; {len(waiting)} wait for an answer, {doubtful} of them doubtful" if waiting else ""
+        self.summary.setText(f"{work.count} frames: {', '.join(counts)}{proposals}")
+
+    def describe(self, text: str, status: str) -> None:
+        """What is said of the frame that is shown."""
+        self.frame.setText(text)
+        self._status.setCurrentText(status)
+
     def set_progress(self, fraction: float | None) -> None:
         """How far the propagation is, in [0, 1]; None while nothing is propagated."""
         self._progress.setVisible(fraction is not None)
@@ -171,8 +199,8 @@ class AnnotationPanel(QWidget):
             self._progress.setRange(0, 1000)
             self._progress.setValue(round(1000 * fraction))
 
-    def _add_class(self) -> None:
-        name = self._new.text().strip()
-        if name:
-            self._new.clear()
-            self.class_added.emit(name)
+
+def _lit(overlay: np.ndarray) -> np.ndarray:
+    """What a class's overlay uint8 [h, w, 4] looks like on an unlit grey, uint8 [h, w, 4]."""
+    alpha = np.clip(overlay[..., 3:] / 255 * 1.5, 0, 1)
+    return np.dstack([40 * (1 - alpha) + overlay[..., :3] * alpha, np.full(overlay.shape[:2], 255)]).astype(np.uint8)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
-    QComboBox,
     QDialog,
     QDialogButtonBox,
-    QDoubleSpinBox,
     QFormLayout,
     QFrame,
     QLabel,
     QScrollArea,
     QSlider,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
@@ -73,7 +70,7 @@ class CheckDialog(QDialog):
         self.found: dict[str, QLabel] = {}
         self._aspect_of: dict[QObject, str] = {}
         layouts = ((None, "as detected"), *((name, LAYOUT_WORDS.get(name, name)) for name in LAYOUTS))
-        self.controls: dict[str, QComboBox | QSpinBox | QDoubleSpinBox] = {
+        self.controls: dict[str, QWidget] = {
             "layout": forms.choice("Layout", layouts),
             "start": forms.number("First frame", 0),
             "stride": forms.number("Each so manyth frame", 1),
@@ -90,23 +87,17 @@ class CheckDialog(QDialog):
         self._place()
         self._timer = QTimer(self, singleShot=True, interval=PATIENCE_MS)
         self._timer.timeout.connect(self._read)
-        self._fill(replace(ClipOptions(), **answers))
+        for name, control in self.controls.items():
+            forms.enter(control, {**asdict(ClipOptions()), **answers}[name])
         self._bind()
         self._show_clip()
 
     @property
     def answers(self) -> dict[str, Any]:
         """What was chosen, where it is not the reader's own choice."""
-        defaults = ClipOptions()
-        chosen = {name: _value(control) for name, control in self.controls.items()}
-        return {name: value for name, value in chosen.items() if value != getattr(defaults, name)}
-
-    def _fill(self, options: ClipOptions) -> None:
-        for name, control in self.controls.items():
-            if isinstance(control, QComboBox):
-                control.setCurrentIndex([control.itemData(row) for row in range(control.count())].index(getattr(options, name)))
-            else:
-                control.setValue(getattr(options, name) or 0)
+        defaults = asdict(ClipOptions())
+        chosen = {name: forms.value(control) for name, control in self.controls.items()}
+        return {name: value for name, value in chosen.items() if value != defaults[name]}
 
     def _place(self) -> None:
         left = forms.column((self.panel, 1), forms.row(self.aspect, (self.frame, 1), self.frame_words), margin=0)
@@ -148,7 +139,7 @@ class CheckDialog(QDialog):
 
     def _bind(self) -> None:
         for control in self.controls.values():
-            (control.currentIndexChanged if isinstance(control, QComboBox) else control.valueChanged).connect(self._changed)
+            forms.changed(control).connect(self._changed)
         self.aspect.currentIndexChanged.connect(self._draw)
         self.frame.valueChanged.connect(self._draw)
         for watched in self._aspect_of:
@@ -228,10 +219,3 @@ class CheckDialog(QDialog):
         for channel in ("check", "check-frame"):
             self._service.cancel(channel)
         super().done(result)
-
-
-def _value(control: QComboBox | QSpinBox | QDoubleSpinBox) -> Any:
-    """What a control says; None for a focal length "as detected"."""
-    if isinstance(control, QComboBox):
-        return control.currentData()
-    return control.value() or None if isinstance(control, QDoubleSpinBox) else control.value()

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from degense.app.features.prompts.controller import PromptControls
-from degense.app.features.prompts.prompt_statistics import PromptStatistics
-from degense.app.features.prompts.whole_clip_query import CHANNEL, ClipQuery
+from degense.app.features.prompts.prompt_statistics import QUERY, PromptStatistics
 from degense.app.features.viewer.controller import Viewer
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
@@ -14,24 +13,13 @@ def install(shell: Shell) -> None:
     controls, viewer = PromptControls(shell), shell.service(Viewer)
     shell.provide(controls)
     shell.add_actions(
-        Action(
-            "edit.prompt",
-            "Write a prompt",
-            controls.focus,
-            ("Edit",),
-            ("/",),
-            shell.session.has_scene,
-            group=1,
-            help="search mask",
-        )
+        Action("edit.prompt", "Write a prompt", controls.focus, ("Edit",), ("/",), shell.session.has_scene, group=1, help="search mask")
     )
     if viewer is None:
         return
-    for channel, urgency in (("answers", 30), ("areas", 85), (CHANNEL, 80)):
+    for channel, urgency in (("answers", 30), ("areas", 85), (QUERY, 80)):
         shell.worker.add_channel(channel, urgency)
-    statistics = PromptStatistics(viewer, controls.bar)
-    query, menu = ClipQuery(shell, statistics), ("Inspect",)
-    shell.provide(statistics)
+    query, menu = PromptStatistics(viewer, controls.bar), ("Inspect",)
     shell.provide(query)
     shell.add_actions(
         Action("query.clip", "Query whole clip", query.ask, menu, ("Q",), query.can_ask, group=3, help="prompts area over time masks"),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -15,8 +14,6 @@ from PySide6.QtWidgets import (
     QFileDialog,
     QGridLayout,
     QLabel,
-    QLineEdit,
-    QPushButton,
     QTabWidget,
     QWidget,
 )
@@ -35,45 +32,6 @@ if TYPE_CHECKING:
 
 #: What the empty field says, for the teachers that have a folder.
 EMPTY = {"precomputed": "beside the clip", "vlm": "of the model"}
-
-
-class TeacherFolder(QWidget):
-    """A folder, typed or chosen, that follows the kind of teacher.
-
-    Signals
-    -------
-    changed()
-    """
-
-    changed = Signal()
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._kind = ""
-        self.line = QLineEdit()
-        self.line.setAccessibleName("Teacher's folder")
-        self.line.textChanged.connect(self.changed)
-        self.choose = QPushButton("Choose…")
-        self.choose.setAccessibleName("Choose the teacher's folder")
-        self.choose.clicked.connect(self._browse)
-        forms.row((self.line, 1), self.choose, parent=self)
-
-    def follow(self, kind: str) -> None:
-        """Show what a kind of teacher needs; most have no folder."""
-        self._kind = kind
-        self.line.setPlaceholderText(EMPTY.get(kind, "not needed"))
-        self.setEnabled(kind in EMPTY)
-
-    @property
-    def teacher(self) -> str:
-        """The teacher's name as the command line takes it."""
-        place = self.line.text().strip() if self._kind in EMPTY else ""
-        return f"{self._kind}:{place}" if place else self._kind
-
-    def _browse(self) -> None:
-        folder = QFileDialog.getExistingDirectory(self, "The teacher's folder", self.line.text())
-        if folder:
-            self.line.setText(folder)
 
 
 class TrainDialog(QDialog):
@@ -100,15 +58,27 @@ class TrainDialog(QDialog):
         self.routing = _choice("Gradient routing", words.ROUTING_WORDS)
         self._teachers = {choice.name: choice for choice in teacher_choices(clip)}
         self.teacher = _choice("Semantics from", words.teacher_words(self._teachers.values()))
-        self.folder = TeacherFolder()
+        self.folder = forms.PathLine("Teacher's folder", lambda at: QFileDialog.getExistingDirectory(self, "The teacher's folder", at))
         self.device = _choice("Device", words.DEVICE_WORDS)
         self.poses = _choice("Camera", words.POSES_WORDS)
         self.fit = QCheckBox("Fit the budget to the clip")
         self.iterations = forms.number("Iterations", most=1_000_000, step=500, zero="as the preset")
         self.gaussians = forms.number("Gaussians", most=5_000_000, step=5000, zero="as the preset")
         self.seed = forms.number("Seed", most=2**31 - 1)
-        self.out = QLineEdit(str(free_path(clip.path.parent / f"{clip.path.stem}-run")))
-        self.out.setAccessibleName("Run folder")
+        self._place = forms.PathLine("Run folder", lambda at: QFileDialog.getSaveFileName(self, "Folder for the run", at, "")[0])
+        self.out = self._place.line
+        self.out.setText(str(free_path(clip.path.parent / f"{clip.path.stem}-run")))
+        self._controls = {
+            "preset": self.preset,
+            "routing": self.routing,
+            "teacher": self.teacher,
+            "device": self.device,
+            "poses": self.poses,
+            "fit": self.fit,
+            "iterations": self.iterations,
+            "max_gaussians": self.gaussians,
+            "seed": self.seed,
+        }
         self.table = SettingsTable()
         self.cost, self.complaint = QLabel(), forms.complaint()
         self.cost.setWordWrap(True)
@@ -127,28 +97,17 @@ class TrainDialog(QDialog):
         tabs.setAccessibleName("Pages")
         forms.column((tabs, 1), self.cost, self.complaint, self.buttons, margin=9, parent=self)
         self.fill(last)
-        boxes = (self.preset, self.routing, self.teacher, self.device, self.poses)
-        changes = [*(box.currentIndexChanged for box in boxes), self.folder.changed, self.fit.toggled, self.out.textChanged]
-        changes += [self.table.changed, *(number.valueChanged for number in (self.iterations, self.gaussians, self.seed))]
-        for changed in changes:
+        changes = (self.folder.line.textChanged, self.out.textChanged, self.table.changed)
+        for changed in (*changes, *map(forms.changed, self._controls.values())):
             changed.connect(self._update)
         self._update()
 
     def job(self) -> TrainingJob:
-        job = TrainingJob(
-            clip=self._clip.path,
-            out=Path(self.out.text()),
-            preset=self.preset.currentData(),
-            routing=self.routing.currentData(),
-            teacher=self.folder.teacher,
-            iterations=self.iterations.value() or None,
-            max_gaussians=self.gaussians.value() or None,
-            device=self.device.currentData(),
-            seed=self.seed.value(),
-            fit=self.fit.isChecked(),
-            settings=tuple(sorted(self.table.typed.items())),
-        )
-        return replace(job, **(self._answers | {"poses": self.poses.currentData()}))
+        said = {name: forms.value(control) for name, control in self._controls.items()}
+        if said["teacher"] in EMPTY and (place := self.folder.line.text().strip()):
+            said["teacher"] += f":{place}"
+        settings = tuple(sorted(self.table.typed.items()))
+        return TrainingJob(self._clip.path, Path(self.out.text()), settings=settings, **(self._answers | said))
 
     def fill(self, answers: dict[str, Any]) -> None:
         """Show the answers of an earlier training; the rest is as in a fresh dialog, and so is a teacher that this clip lacks."""
@@ -157,19 +116,9 @@ class TrainDialog(QDialog):
         if kind not in self._teachers or not (place or self._teachers[kind].available):
             kind, place = default_teacher(self._clip), ""
         self.folder.line.setText(place)
-        choices = (
-            (self.preset, job.preset),
-            (self.routing, job.routing),
-            (self.teacher, kind),
-            (self.device, job.device),
-            (self.poses, self._answers.get("poses", "auto")),
-        )
-        for box, value in choices:
-            box.setCurrentIndex(max(0, box.findData(value)))
-        self.iterations.setValue(job.iterations or 0)
-        self.gaussians.setValue(job.max_gaussians or 0)
-        self.seed.setValue(job.seed or 0)
-        self.fit.setChecked(job.fit)
+        given = {**vars(job), "teacher": kind, "poses": self._answers.get("poses", "auto")}
+        for name, control in self._controls.items():
+            forms.enter(control, given[name])
         self.table.typed = dict(job.settings)
         self._update()
 
@@ -179,10 +128,6 @@ class TrainDialog(QDialog):
         grid.setColumnStretch(2, 1)
         grid.setHorizontalSpacing(14)
         grid.setVerticalSpacing(9)
-        browse = QPushButton("Choose…")
-        browse.clicked.connect(self._browse)
-        folder = QWidget()
-        forms.row((self.out, 1), browse, parent=folder)
         rows: tuple[tuple[str, QWidget, dict[str, tuple[str, str]] | str], ...] = (
             ("Quality", self.preset, words.PRESET_WORDS),
             ("Semantics from", self.teacher, words.teacher_words(self._teachers.values())),
@@ -203,7 +148,7 @@ class TrainDialog(QDialog):
             grid.addWidget(control, row, 1)
             grid.addWidget(_explained(control, said), row, 2)
         grid.addWidget(QLabel("Run folder"), len(rows), 0)
-        grid.addWidget(folder, len(rows), 1, 1, 2)
+        grid.addWidget(self._place, len(rows), 1, 1, 2)
         grid.addWidget(forms.label(words.OUT_WORDS, secondary=True), len(rows) + 1, 1, 1, 2)
         grid.setRowStretch(len(rows) + 2, 1)
         return page
@@ -211,7 +156,9 @@ class TrainDialog(QDialog):
     def _update(self) -> None:
         from degense.engine.training import estimate
 
-        self.folder.follow(self.teacher.currentData())
+        kind = self.teacher.currentData()
+        self.folder.line.setPlaceholderText(EMPTY.get(kind, "not needed"))
+        self.folder.setEnabled(kind in EMPTY)
         job, problem = self.job(), ""
         try:
             config = job.config()
@@ -229,11 +176,6 @@ class TrainDialog(QDialog):
         self.complaint.setText(problem)
         self.complaint.setVisible(bool(problem))
         self.start.setEnabled(not problem)
-
-    def _browse(self) -> None:
-        folder = QFileDialog.getSaveFileName(self, "Folder for the run", self.out.text(), "")[0]
-        if folder:
-            self.out.setText(folder)
 
 
 def _choice(name: str, entries: dict[str, tuple[str, str]]) -> QComboBox:

@@ -29,7 +29,7 @@ def asked(opened, idle):
 def test_the_areas_of_the_whole_clip(qtbot, asked, idle, screenshot):
     view_state = asked.session.view_state
     qtbot.keyClick(on.viewer(asked).panel, Qt.Key.Key_Q)
-    assert on.clip_query(asked).running
+    assert on.statistics(asked).running
     assert not asked.menus.actions["query.clip"].isEnabled()
     idle()
     scene = asked.session.scene
@@ -62,7 +62,7 @@ def test_what_was_found_before_a_stop_is_kept_and_not_asked_again(qtbot, asked, 
 
 def test_masks_of_the_whole_clip_go_into_a_folder(asked, idle, tmp_path):
     out = tmp_path / "masks"
-    on.clip_query(asked).save(out)
+    on.statistics(asked).save(out)
     idle()
     assert json.loads((out / "classes.json").read_text())["classes"] == ["gallbladder", "tool, not hook"]
     assert len(list((out / "labels").iterdir())) == 10
