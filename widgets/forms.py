@@ -12,16 +12,21 @@ from PySide6.QtWidgets import (
     QBoxLayout,
     QCheckBox,
     QComboBox,
+    QDialog,
+    QDialogButtonBox,
     QDoubleSpinBox,
+    QFrame,
     QHBoxLayout,
     QHeaderView,
     QLabel,
     QLayout,
     QLineEdit,
     QPushButton,
+    QScrollArea,
     QSpinBox,
     QTableWidget,
     QTableWidgetItem,
+    QTabWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -96,22 +101,14 @@ def choice(
 
 def number(name: str, least: int = 0, most: int = 1_000_000, step: int = 1, zero: str = "") -> QSpinBox:
     """A whole number; `zero` is shown in place of the least one."""
-    box = QSpinBox()
-    box.setAccessibleName(name)
-    box.setRange(least, most)
-    box.setSingleStep(step)
-    box.setGroupSeparatorShown(True)
-    box.setSpecialValueText(zero)
-    return box
+    return QSpinBox(accessibleName=name, minimum=least, maximum=most, singleStep=step, groupSeparatorShown=True, specialValueText=zero)
 
 
 def decimal(name: str, least: float, most: float, step: float = 1.0, suffix: str = "", zero: str = "", decimals: int = 1) -> QDoubleSpinBox:
     """A number; `zero` is shown in place of the least one."""
-    box = QDoubleSpinBox(decimals=decimals, singleStep=step, suffix=suffix)
-    box.setSpecialValueText(zero)
-    box.setAccessibleName(name)
-    box.setRange(least, most)
-    return box
+    return QDoubleSpinBox(
+        accessibleName=name, decimals=decimals, minimum=least, maximum=most, singleStep=step, suffix=suffix, specialValueText=zero
+    )
 
 
 def value(control: QWidget) -> Any:
@@ -144,8 +141,7 @@ def changed(control: QWidget) -> SignalInstance:
 
 def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushButton:
     """A button that Space and Enter press."""
-    made = QPushButton(title)
-    made.setToolTip(tip)
+    made = QPushButton(title, toolTip=tip)
     made.clicked.connect(lambda checked: clicked())
     keep_keys(made, PRESS)
     return made
@@ -153,13 +149,8 @@ def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushBut
 
 def label(text: str = "", *, name: str = "", secondary: bool = False, wrap: bool = True) -> QLabel:
     """Plain text, never taken for markup; a secondary one is quieter."""
-    made = QLabel(text)
-    made.setTextFormat(Qt.TextFormat.PlainText)
-    made.setAccessibleName(name)
-    made.setWordWrap(wrap)
-    if secondary:
-        made.setObjectName("secondary")
-    return made
+    kind = "secondary" if secondary else ""
+    return QLabel(text, textFormat=Qt.TextFormat.PlainText, accessibleName=name, wordWrap=wrap, objectName=kind)
 
 
 def complaint() -> QLabel:
@@ -169,6 +160,36 @@ def complaint() -> QLabel:
     colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
     made.setPalette(colours)
     return made
+
+
+def scrolled(content: QWidget, name: str = "") -> QScrollArea:
+    """A frameless area in which a widget is scrolled that has no room."""
+    area = QScrollArea(widgetResizable=True, accessibleName=name, frameShape=QFrame.Shape.NoFrame)
+    area.setWidget(content)
+    return area
+
+
+def tabs(**pages: QWidget) -> QTabWidget:
+    """Pages under their titles; an underscore stands for a space."""
+    made = QTabWidget(documentMode=True, accessibleName="Pages")
+    for title, page in pages.items():
+        made.addTab(page, title.replace("_", " "))
+    return made
+
+
+class Dialog(QDialog):
+    """A window over another one, `name` is its object name; it is gone when it is closed."""
+
+    def __init__(self, parent: QWidget, name: str, title: str, width: int, height: int) -> None:
+        super().__init__(parent, objectName=name, windowTitle=title)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.resize(width, height)
+
+    def closing(self) -> QDialogButtonBox:
+        """A row with the button that closes it."""
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        buttons.rejected.connect(self.reject)
+        return buttons
 
 
 class PathLine(QWidget):

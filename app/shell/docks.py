@@ -9,11 +9,9 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSlider,
     QDockWidget,
-    QFrame,
     QLabel,
     QMainWindow,
     QProgressBar,
-    QScrollArea,
     QSizePolicy,
     QSplitter,
     QWidget,
@@ -43,8 +41,7 @@ class Docks(QObject):
         self._tabs: list[QDockWidget] = []
         self._below: list[QWidget] = []
         self._heights: dict[QDockWidget, int] = {}
-        self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
-        self.views.setObjectName("views")
+        self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False, objectName="views")
         centre = QWidget()
         self._centre = forms.column((self.views, 1), margin=0, spacing=0, parent=centre)
         window.setCentralWidget(centre)
@@ -69,17 +66,11 @@ class Docks(QObject):
         hidden : bool
             Whether it is closed at first; the bottom ones always are.
         """
-        dock = QDockWidget(title, self.window)
-        dock.setObjectName(title)
+        dock = QDockWidget(title, self.window, objectName=title)
         if place == "tab":
-            area = QScrollArea(widgetResizable=True)
-            area.setAccessibleName(title)
-            area.setFrameShape(QFrame.Shape.NoFrame)
-            area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-            area.setWidget(widget)
-            dock.setWidget(area)
-        else:
-            dock.setWidget(widget)
+            widget = forms.scrolled(widget, title)
+            widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        dock.setWidget(widget)
         self.window.addDockWidget(Area.BottomDockWidgetArea if place == "bottom" else Area.RightDockWidgetArea, dock)
         if place == "tab":
             if self._tabs:
@@ -138,8 +129,7 @@ class Docks(QObject):
 
     def _add_status_bar(self) -> None:
         bar = self.window.statusBar()
-        self.busy_text, self.busy_bar = QLabel(), QProgressBar(textVisible=False)
-        self.busy_bar.setAccessibleName("What is being done")
+        self.busy_text, self.busy_bar = QLabel(), QProgressBar(textVisible=False, accessibleName="What is being done")
         self.busy_bar.setFixedWidth(140)
         self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         bar.addPermanentWidget(self.busy_text)

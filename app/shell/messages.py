@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QFontDatabase
 from PySide6.QtWidgets import (
     QAbstractButton,
     QDialog,
-    QDialogButtonBox,
     QLabel,
     QMessageBox,
     QPlainTextEdit,
@@ -79,22 +79,16 @@ def show_about(parent: QWidget) -> None:
 
 def show_text(parent: QWidget, title: str, text: str) -> QDialog:
     """A window with text in fixed columns."""
-    view = QPlainTextEdit(text, readOnly=True, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap)
-    view.setAccessibleName(title)
-    font = view.font()
-    font.setFamily("monospace")
-    font.setStyleHint(font.StyleHint.Monospace)
-    view.setFont(font)
-    return _dialog(parent, title, view, (760, 480))
+    view = QPlainTextEdit(text, readOnly=True, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap, accessibleName=title)
+    view.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
+    return _dialog(parent, title, view, 760, 480)
 
 
 def show_page(parent: QWidget, title: str, html: str) -> QDialog:
     """A window with a page to read."""
-    view = QTextBrowser()
-    view.setAccessibleName(title)
-    view.setHtml(html)
+    view = QTextBrowser(accessibleName=title, html=html)
     view.document().setDocumentMargin(14)
-    return _dialog(parent, title, view, (720, 640))
+    return _dialog(parent, title, view, 720, 640)
 
 
 def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -> QDialog:
@@ -107,12 +101,9 @@ def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -
         columns[place].append(f"<h4 style='margin: 8px 0 2px 0'>{menu}</h4><table>{keys}</table>")
         count += len(rows) + 2
     text = "<table><tr>" + "".join(f"<td style='padding-right: 36px'>{''.join(blocks)}</td>" for blocks in columns) + "</tr></table>"
-    label = QLabel(text)
-    label.setAlignment(Qt.AlignmentFlag.AlignTop)
-    label.setMargin(12)
     area = QScrollArea(widgetResizable=True)
-    area.setWidget(label)
-    return _dialog(parent, "Shortcuts", area, (1000, 680))
+    area.setWidget(QLabel(text, alignment=Qt.AlignmentFlag.AlignTop, margin=12))
+    return _dialog(parent, "Shortcuts", area, 1000, 680)
 
 
 def _arrows(key: str) -> str:
@@ -121,13 +112,8 @@ def _arrows(key: str) -> str:
     return key
 
 
-def _dialog(parent: QWidget, title: str, content: QWidget, size: tuple[int, int]) -> QDialog:
-    dialog = QDialog(parent)
-    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-    dialog.setWindowTitle(title)
-    dialog.resize(*size)
-    buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
-    buttons.rejected.connect(dialog.reject)
-    forms.column(content, buttons, margin=11, parent=dialog)
+def _dialog(parent: QWidget, title: str, content: QWidget, width: int, height: int) -> QDialog:
+    dialog = forms.Dialog(parent, "", title, width, height)
+    forms.column(content, dialog.closing(), margin=11, parent=dialog)
     dialog.show()
     return dialog

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from PySide6.QtCore import QObject, QThread, Signal
+from PySide6.QtCore import QObject, Signal
 
 from degense.engine.errors import Cancelled, DegenseError
 
@@ -44,14 +44,19 @@ class Worker(QObject):
     """
 
     freed = Signal(str)
+    _reported = Signal(str, object, str, object)
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._urgencies: dict[str, int] = {}
         self._awaited: dict[str, _Task] = {}
-        self._worker = _Worker()
-        self._worker.reported.connect(self._deliver)
-        self._worker.start()
+        self._wake = threading.Condition()
+        self._tasks: dict[str, _Task | None] = {}  # the most urgent channel first
+        self._replaced: list[_Task] = []
+        self._stopping = False
+        self._reported.connect(self._deliver)
+        self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
+        self._thread.start()
 
     def add_channel(self, name: str, urgency: int) -> None:
         """Let jobs be submitted on a channel; of several that wait the one with the lowest number runs first.
@@ -60,7 +65,8 @@ class Worker(QObject):
         annotating 60, exporting 70, the whole clip 80, diagnostics 90.
         """
         self._urgencies[name] = urgency
-        self._worker.set_channels(sorted(self._urgencies, key=self._urgencies.__getitem__))
+        with self._wake:
+            self._tasks = {channel: self._tasks.get(channel) for channel in sorted(self._urgencies, key=self._urgencies.__getitem__)}
 
     def submit(
         self,
@@ -72,12 +78,12 @@ class Worker(QObject):
     ) -> None:
         """Run `job` as soon as nothing more urgent waits; it replaces what is waiting or running on its channel."""
         self._awaited[channel] = _Task(job, done, failed, progress)
-        self._worker.put(channel, self._awaited[channel])
+        self._put(channel, self._awaited[channel])
 
     def cancel(self, channel: str) -> None:
         """Forget the job of a channel: it stops at its next step and its result is dropped."""
         self._awaited.pop(channel, None)
-        self._worker.put(channel, None)
+        self._put(channel, None)
 
     def busy(self, channel: str) -> bool:
         """Whether an answer is still to come on a channel."""
@@ -90,8 +96,10 @@ class Worker(QObject):
     def close(self) -> None:
         """Stop the worker after its present step; nothing is delivered afterwards."""
         self._awaited.clear()
-        self._worker.stop()
-        self._worker.wait()
+        with self._wake:
+            self._stopping = True
+            self._wake.notify()
+        self._thread.join()
 
     def _deliver(self, channel: str, task: _Task, kind: str, payload: object) -> None:
         if self._awaited.get(channel) is not task:
@@ -105,24 +113,7 @@ class Worker(QObject):
             getattr(task, kind)(payload)
         self.freed.emit(channel)
 
-
-class _Worker(QThread):
-    reported = Signal(str, object, str, object)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.setObjectName("worker")
-        self._wake = threading.Condition()
-        self._tasks: dict[str, _Task | None] = {}
-        self._replaced: list[_Task] = []
-        self._stopping = False
-
-    def set_channels(self, channels: Sequence[str]) -> None:
-        """The channels in the order of their urgency."""
-        with self._wake:
-            self._tasks = {channel: self._tasks.get(channel) for channel in channels}
-
-    def put(self, channel: str, task: _Task | None) -> None:
+    def _put(self, channel: str, task: _Task | None) -> None:
         with self._wake:
             old = self._tasks[channel]
             if old is not None:
@@ -130,19 +121,13 @@ class _Worker(QThread):
             self._tasks[channel] = task
             self._wake.notify()
 
-    def stop(self) -> None:
-        with self._wake:
-            self._stopping = True
-            self._wake.notify()
+    # In the worker's thread
 
-    def run(self) -> None:
-        while True:
-            channel, task = self._next()
-            if task is None:
-                return
-            self._step(channel, task)
+    def _run(self) -> None:
+        while (step := self._next()) is not None:
+            self._step(*step)
 
-    def _next(self) -> tuple[str, _Task | None]:
+    def _next(self) -> tuple[str, _Task] | None:
         """The most urgent task, waiting for one; None to end. Replaced generators are closed here, in the thread that runs them."""
         with self._wake:
             while True:
@@ -151,7 +136,7 @@ class _Worker(QThread):
                     if old is not None and old.steps is not None:
                         old.steps.close()
                 if self._stopping:
-                    return "", None
+                    return None
                 for channel, task in self._tasks.items():
                     if task is not None:
                         return channel, task
@@ -165,7 +150,7 @@ class _Worker(QThread):
                     self._finish(channel, task, "done", result)
                     return
                 task.steps = result
-            self.reported.emit(channel, task, "progress", next(task.steps))
+            self._reported.emit(channel, task, "progress", next(task.steps))
         except StopIteration as stop:
             self._finish(channel, task, "done", stop.value)
         except Cancelled:
@@ -180,4 +165,4 @@ class _Worker(QThread):
         with self._wake:
             if self._tasks[channel] is task:
                 self._tasks[channel] = None
-        self.reported.emit(channel, task, kind, payload)
+        self._reported.emit(channel, task, kind, payload)

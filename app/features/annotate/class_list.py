@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from PySide6.QtCore import QPoint, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
-from PySide6.QtWidgets import QAbstractItemView, QColorDialog, QListWidget, QListWidgetItem, QMenu, QWidget
+from PySide6.QtWidgets import QAbstractItemView, QListWidget, QListWidgetItem, QWidget
 
+from degense.widgets.colour_menu import colour_menu
 from degense.widgets.qt_images import rgb, to_qimage
-from degense.widgets.theme import CLASS_COLOURS
 
 SWATCH = 22
 
@@ -68,22 +68,10 @@ class ClassList(QListWidget):
         if item is None:
             return
         row = self.row(item)
-        menu = QMenu(self)
+        menu = colour_menu(self, lambda colour: self.recoloured.emit(row, rgb(colour)))
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        for code in CLASS_COLOURS:
-            pixmap = QPixmap(16, 16)
-            pixmap.fill(QColor(code))
-            menu.addAction(QIcon(pixmap), code, lambda code=code: self.recoloured.emit(row, rgb(QColor(code))))
-        menu.addSeparator()
-        menu.addAction("Another colour…", lambda: self._ask_colour(row))
         menu.addAction("Rename", lambda: self.editItem(self.item(row)))
         menu.popup(self.viewport().mapToGlobal(position))
-
-    def _ask_colour(self, row: int) -> None:
-        dialog = QColorDialog(self)
-        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        dialog.colorSelected.connect(lambda colour: self.recoloured.emit(row, rgb(colour)))
-        dialog.open()
 
 
 def _icon(swatch: np.ndarray, key: str) -> QIcon:

@@ -51,16 +51,13 @@ class AnnotationPanel(QWidget):
         self.classes.recoloured.connect(state.recolour_class)
         self._tools = QButtonGroup(self)
         self._buttons: dict[str, QPushButton] = {}
-        self._slider = QSlider(Qt.Orientation.Horizontal)
-        self._slider.setAccessibleName("Size of the brush")
-        self._slider.setToolTip("Size of the brush; keys [ and ]")
-        self._slider.setRange(0, 8 * OCTAVE - 8)
+        tip = "Size of the brush; keys [ and ]"
+        self._slider = QSlider(Qt.Orientation.Horizontal, accessibleName="Size of the brush", toolTip=tip, maximum=8 * OCTAVE - 8)
         self._slider.valueChanged.connect(lambda step: tool.choose(radius=SMALLEST * 2 ** (step / OCTAVE)))
         keep_keys(self._slider, ARROWS)
         self._size = QLabel()
         self._size.setMinimumWidth(self.fontMetrics().horizontalAdvance("200 px "))
-        self._new = QLineEdit(placeholderText="Another class…")
-        self._new.setAccessibleName("Name of another class")
+        self._new = QLineEdit(placeholderText="Another class…", accessibleName="Name of another class")
         self._new.returnPressed.connect(self._add_class)
         keep_keys(self._new, TYPING)
         self._lock = self._combo("Paint only inside a class, whatever the tool covers")
@@ -69,10 +66,7 @@ class AnnotationPanel(QWidget):
         self._status.addItems(STATUSES)
         self._status.activated.connect(lambda row: self._attempt(lambda: state.set_status(STATUSES[row])))
         self.frame, self.summary = forms.label(), forms.label(secondary=True)
-        self._progress = QProgressBar(textVisible=False)
-        self._progress.setMaximumHeight(8)
-        self._progress.setAccessibleName("Progress")
-        self._progress.hide()
+        self._progress = QProgressBar(textVisible=False, maximumHeight=8, maximum=1000, accessibleName="Progress", visible=False)
         forms.column(
             self._tool_buttons(),
             forms.row(QLabel("Size"), (self._slider, 1), self._size),
@@ -109,12 +103,8 @@ class AnnotationPanel(QWidget):
         return forms.row(*(self._buttons[action] for action in made), spacing=4)
 
     def _combo(self, tip: str) -> QComboBox:
-        box = QComboBox()
-        box.setToolTip(tip)
-        box.setAccessibleName(tip)
-        box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        box = QComboBox(toolTip=tip, accessibleName=tip, focusPolicy=Qt.FocusPolicy.TabFocus, minimumContentsLength=9)
         box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        box.setMinimumContentsLength(9)
         return box
 
     def _follow_actions(self) -> None:
@@ -196,7 +186,6 @@ class AnnotationPanel(QWidget):
         """How far the propagation is, in [0, 1]; None while nothing is propagated."""
         self._progress.setVisible(fraction is not None)
         if fraction is not None:
-            self._progress.setRange(0, 1000)
             self._progress.setValue(round(1000 * fraction))
 
 

@@ -9,12 +9,9 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
-    QDialog,
     QDialogButtonBox,
     QFormLayout,
-    QFrame,
     QLabel,
-    QScrollArea,
     QSlider,
     QVBoxLayout,
     QWidget,
@@ -47,24 +44,19 @@ AXES_WORDS = (("llff", "down, right, back (as defined)"), ("opencv", "right, dow
 PATIENCE_MS = 350
 
 
-class CheckDialog(QDialog):
+class CheckDialog(forms.Dialog):
     """Reads the clip again after each change, in the worker, and shows the result. Nothing is written.
 
     `answers` are those that differ from what the reader decides by itself, as `ClipOptions` takes them.
     """
 
     def __init__(self, path: Path, clip: Clip, answers: dict[str, Any], service: Worker, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("check")
-        self.setWindowTitle(f"Check {clip.name}")
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.resize(1120, 700)
+        super().__init__(parent, "check", f"Check {clip.name}", 1120, 700)
         self._path, self._clip, self._service = path, clip, service
         self.panel = RenderPanel()
         self.panel.setAccessibleName("Frame of the clip")
         self.aspect = forms.choice("What the frame shows", tuple(ASPECTS.items()))
-        self.frame = QSlider(Qt.Orientation.Horizontal)
-        self.frame.setAccessibleName("Frame")
+        self.frame = QSlider(Qt.Orientation.Horizontal, accessibleName="Frame")
         self.frame_words = QLabel()
         self.complaint = forms.complaint()
         self.found: dict[str, QLabel] = {}
@@ -118,9 +110,7 @@ class CheckDialog(QDialog):
         self._section(form, "Depth", "depth", ())
         self._section(form, "Annotations", "labels", ())
         form.addStretch(1)
-        area = QScrollArea(widgetResizable=True)
-        area.setFrameShape(QFrame.Shape.NoFrame)
-        area.setWidget(inside)
+        area = forms.scrolled(inside)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setFixedWidth(410)
         forms.column((forms.row((left, 1), area), 1), self.complaint, self.buttons, margin=9, parent=self)

@@ -6,7 +6,7 @@ import logging
 from typing import Any
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtWidgets import QApplication, QDialog, QDialogButtonBox, QFormLayout, QLabel, QTabWidget, QWidget
+from PySide6.QtWidgets import QApplication, QFormLayout, QLabel, QWidget
 
 from degense.app.features.preferences.shortcut_table import ShortcutTable
 from degense.app.shell.settings import LIMITS, Theme, log_file
@@ -70,50 +70,40 @@ class Preferences(QObject):
         apply_theme(app, self.settings.value.theme)
 
 
-class PreferencesDialog(QDialog):
+class PreferencesDialog(forms.Dialog):
     """What can be settled, and the keys."""
 
     def __init__(self, preferences: Preferences, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("preferences")
-        self.setWindowTitle("Preferences")
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.resize(680, 560)
+        super().__init__(parent, "preferences", "Preferences", 680, 560)
         settings = preferences.settings.value
         self.theme = forms.choice("Theme", THEME_WORDS)
-        self.theme.setCurrentIndex(self.theme.findData(settings.theme))
         self.autosave = forms.decimal("Autosave", *LIMITS["autosave"], 0.5, " min", "only when asked")
         self.undo = forms.decimal("Undo memory", *LIMITS["undo_memory"], 64, " MB", decimals=0)
-        self.autosave.setValue(settings.autosave)
-        self.undo.setValue(settings.undo_memory)
         self.shortcuts = ShortcutTable(preferences.registry)
         page = QWidget()
         form = QFormLayout(page)
         form.setVerticalSpacing(14)
-        for title, control, words in (
-            ("Theme", self.theme, "Colours of the window."),
-            ("Autosave", self.autosave, "How long after a change it is saved. A journal keeps every change in between, also over a crash."),
-            ("Undo memory", self.undo, "What undo may hold; beyond it the oldest steps are forgotten."),
+        for title, control, given, words in (
+            ("Theme", self.theme, settings.theme, "Colours of the window."),
+            (
+                "Autosave",
+                "autosave",
+                self.autosave,
+                "How long after a change it is saved. A journal keeps every change in between, also over a crash.",
+            ),
+            ("Undo memory", self.undo, settings.undo_memory, "What undo may hold; beyond it the oldest steps are forgotten."),
         ):
+            forms.enter(control, given)
             form.addRow(title, forms.column(control, forms.label(words, secondary=True), margin=0, spacing=3))
-        form.addRow("Settings", _path(str(preferences.settings.path)))
-        form.addRow("Log", _path(str(log_file())))
-        tabs = QTabWidget()
-        tabs.setDocumentMode(True)
-        tabs.setAccessibleName("Pages")
-        tabs.addTab(page, "General")
-        tabs.addTab(self.shortcuts, "Shortcuts")
-        self.tabs = tabs
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
-        buttons.rejected.connect(self.reject)
-        forms.column((tabs, 1), buttons, margin=11, parent=self)
+        form.addRow("Settings", _selectable(str(preferences.settings.path)))
+        form.addRow("Log", _selectable(str(log_file())))
+        self.tabs = forms.tabs(General=page, Shortcuts=self.shortcuts)
+        forms.column((self.tabs, 1), self.closing(), margin=11, parent=self)
         self.theme.currentIndexChanged.connect(lambda: preferences.change("Theme", theme=self.theme.currentData()))
         self.autosave.valueChanged.connect(lambda minutes: preferences.change("Autosave", autosave=minutes))
         self.undo.valueChanged.connect(lambda megabytes: preferences.change("Undo memory", undo_memory=megabytes))
         self.shortcuts.changed.connect(preferences.keep_shortcuts)
 
 
-def _path(text: str) -> QLabel:
-    label = forms.label(text, secondary=True)
-    label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-    return label
+def _selectable(text: str) -> QLabel:
+    return QLabel(text, objectName="secondary", wordWrap=True, textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QKeySequence
-from PySide6.QtWidgets import QHeaderView, QKeySequenceEdit, QPushButton, QTableWidget, QWidget
+from PySide6.QtWidgets import QHeaderView, QKeySequenceEdit, QPushButton, QWidget
 
 from degense.app.shell.actions import ActionRegistry
 from degense.widgets import forms
@@ -25,14 +25,10 @@ class ShortcutTable(QWidget):
         super().__init__(parent)
         self.setAccessibleName("Shortcuts")
         self._registry, self._ids = registry, [action.id for action in registry]
-        self.table = QTableWidget(len(self._ids), 2)
-        self.table.setAccessibleName("Actions and their keys")
-        self.table.setHorizontalHeaderLabels(["Action", "Keys"])
-        self.table.verticalHeader().hide()
-        self.table.setEditTriggers(QTableWidget.EditTrigger.NoEditTriggers)
-        self.table.setSelectionBehavior(QTableWidget.SelectionBehavior.SelectRows)
-        self.table.setSelectionMode(QTableWidget.SelectionMode.SingleSelection)
-        self.table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.table = forms.table("Actions and their keys", ("Action", "Keys"))
+        self.table.setRowCount(len(self._ids))
+        self.table.setShowGrid(True)
+        self.table.horizontalHeader().setSectionResizeMode(1, QHeaderView.ResizeMode.Interactive)
         self.table.setColumnWidth(1, 190)
         self.search = forms.search(self.table, (0, 1), "Find an action or a key")
         self.keys = QKeySequenceEdit()

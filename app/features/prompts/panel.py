@@ -43,11 +43,8 @@ class PromptBar(QWidget):
         super().__init__(parent)
         self.setAccessibleName("Prompts")
         self._rows: list[PromptRow] = []
-        self._field = QLineEdit(self)
-        self._field.setAccessibleName("New prompt")
+        self._field = QLineEdit(self, accessibleName="New prompt", clearButtonEnabled=True, maxLength=200)
         self._field.setPlaceholderText("Name what to find (or “not …”), then Enter")
-        self._field.setClearButtonEnabled(True)
-        self._field.setMaxLength(200)
         keep_keys(self._field, TYPING)
         self._words = QStringListModel(self)
         completer = QCompleter(self._words, self)

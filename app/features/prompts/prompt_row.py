@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QAction, QColor, QIcon, QPainter, QPixmap, QResizeEvent
-from PySide6.QtWidgets import QColorDialog, QFrame, QGridLayout, QLabel, QMenu, QSizePolicy, QToolButton, QWidget
+from PySide6.QtGui import QColor, QPainter, QResizeEvent
+from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QToolButton, QWidget
 
 from degense.widgets import forms
+from degense.widgets.colour_menu import colour_menu
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import PRESS, keep_keys
-from degense.widgets.theme import CLASS_COLOURS
 
 RIGHT_MARGIN = 4
 
@@ -77,7 +77,7 @@ class PromptRow(QFrame):
         self._swatch = _Swatch(colour, self)
         self._swatch.setAccessibleName(f"Colour of {text}")
         self._swatch.setToolTip("Change the colour")
-        self._swatch.setMenu(self._colour_menu())
+        self._swatch.setMenu(colour_menu(self, self._recolour))
         self._label = _ElidedLabel(text, self)
         self._answer = forms.label(secondary=True, wrap=False)
         self._sign = GlyphButton("plus", "", self)
@@ -156,24 +156,6 @@ class PromptRow(QFrame):
     def _show_eye(self) -> None:
         self._eye.set_glyph("eye" if self.visible else "eye-off", f"{'Hide' if self.visible else 'Show'} {self.text}")
         self._label.setEnabled(self.visible)
-
-    def _colour_menu(self) -> QMenu:
-        menu = QMenu(self)
-        for code in CLASS_COLOURS:
-            pixmap = QPixmap(16, 16)
-            pixmap.fill(QColor(code))
-            action = QAction(QIcon(pixmap), code, menu)
-            action.triggered.connect(lambda _checked=False, code=code: self._recolour(QColor(code)))
-            menu.addAction(action)
-        menu.addSeparator()
-        menu.addAction("Another colour…", self._ask_colour)
-        return menu
-
-    def _ask_colour(self) -> None:
-        dialog = QColorDialog(self._swatch.colour, self)
-        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        dialog.colorSelected.connect(self._recolour)
-        dialog.open()
 
     def _recolour(self, colour: QColor) -> None:
         self._swatch.colour = QColor(colour)

@@ -5,16 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
-    QDialog,
     QDialogButtonBox,
     QFileDialog,
     QGridLayout,
     QLabel,
-    QTabWidget,
     QWidget,
 )
 
@@ -34,7 +31,7 @@ if TYPE_CHECKING:
 EMPTY = {"precomputed": "beside the clip", "vlm": "of the model"}
 
 
-class TrainDialog(QDialog):
+class TrainDialog(forms.Dialog):
     """Asks for a `TrainingJob`. Every choice is explained, and cost and errors are shown at once.
 
     Parameters
@@ -48,11 +45,7 @@ class TrainDialog(QDialog):
     """
 
     def __init__(self, clip: Clip, answers: dict[str, Any], last: dict[str, Any], queued: bool, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("train")
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.setWindowTitle(f"Train {clip.name}")
-        self.resize(880, 640)
+        super().__init__(parent, "train", f"Train {clip.name}", 880, 640)
         self._clip, self._answers = clip, answers
         self.preset = _choice("Quality", words.PRESET_WORDS)
         self.routing = _choice("Gradient routing", words.ROUTING_WORDS)
@@ -80,9 +73,7 @@ class TrainDialog(QDialog):
             "seed": self.seed,
         }
         self.table = SettingsTable()
-        self.cost, self.complaint = QLabel(), forms.complaint()
-        self.cost.setWordWrap(True)
-        self.cost.setAccessibleName("Cost")
+        self.cost, self.complaint = QLabel(wordWrap=True, accessibleName="Cost"), forms.complaint()
         self.buttons = QDialogButtonBox()
         self.start = self.buttons.addButton("Add to queue" if queued else "Start", QDialogButtonBox.ButtonRole.AcceptRole)
         self.buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
@@ -90,12 +81,14 @@ class TrainDialog(QDialog):
         self.buttons.accepted.connect(self.accept)
         self.buttons.rejected.connect(self.reject)
         self.reset.clicked.connect(lambda: self.fill({}))
-        tabs = QTabWidget()
-        tabs.setDocumentMode(True)
-        tabs.addTab(self._choices(), "Choices")
-        tabs.addTab(self.table, "All settings")
-        tabs.setAccessibleName("Pages")
-        forms.column((tabs, 1), self.cost, self.complaint, self.buttons, margin=9, parent=self)
+        forms.column(
+            (forms.tabs(Choices=self._choices(), All_settings=self.table), 1),
+            self.cost,
+            self.complaint,
+            self.buttons,
+            margin=9,
+            parent=self,
+        )
         self.fill(last)
         changes = (self.folder.line.textChanged, self.out.textChanged, self.table.changed)
         for changed in (*changes, *map(forms.changed, self._controls.values())):
