@@ -50,7 +50,6 @@ class Subject:
 
 
 def annotate(options: argparse.Namespace) -> None:
-    """Propagate the label maps of some frames to all others."""
     from degense.engine.annotation.propagation.propagate import propagate
 
     if options.out is None and not options.review:
@@ -96,7 +95,6 @@ def _write(subject: Subject, name: str, sources: dict[int, np.ndarray], proposal
 
 
 def import_labels(options: argparse.Namespace) -> None:
-    """Take label maps of another tool as annotations."""
     subject = Subject(options.path)
     maps = label_format(options.format).read(options.file, subject.work.shape, subject.names)
     classes, table = merged(subject.work.classes, maps.classes)

@@ -102,7 +102,6 @@ def _render_frames(scene: Scene, layer: Layer, frames: Sequence[int], out: Path,
 
 
 def segment(options: argparse.Namespace) -> None:
-    """Masks of prompts on one frame or several."""
     from degense.engine.scene import Scene
     from degense.engine.scene.clip_query import decode_frame
 

@@ -75,11 +75,9 @@ class UndoStack:
 
     @property
     def size(self) -> int:
-        """Bytes that the edits hold."""
         return sum(edit.size for edit in self._edits)
 
     def set_memory(self, memory: int) -> None:
-        """Hold at most so many bytes from now on."""
         self._memory = memory
         self._forget()
 

@@ -84,7 +84,6 @@ class Docks(QObject):
         return dock
 
     def add_below(self, widget: QWidget) -> None:
-        """Add a widget under the views."""
         self._centre.addWidget(widget)
         self._below.append(widget)
 
@@ -115,7 +114,6 @@ class Docks(QObject):
         return bytes(self.window.saveState().toBase64().data()).decode("ascii")
 
     def restore(self, state: str) -> None:
-        """Arrange the docks as `state` has them."""
         self.window.restoreState(QByteArray.fromBase64(state.encode("ascii", "ignore")))
 
     def set_busy(self, text: str = "", fraction: float | None = None) -> None:

@@ -41,7 +41,6 @@ class Annotator(QObject):
         self.shell.leaving.connect(state.end)  # a stroke that has not ended is saved too
 
     def toggle(self) -> None:
-        """Begin or end annotating."""
         self.state.tool.active = not self.state.tool.active
 
     def _active_changed(self, active: bool) -> None:

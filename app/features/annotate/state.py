@@ -147,7 +147,6 @@ class AnnotationState(PersistentState):
         self._written = -math.inf  # its first dab is written at once
 
     def dab(self, region: PixelRegion | None) -> None:
-        """Paint a region as part of the stroke."""
         if self._stroke is not None and region is not None:
             changed = self._stroke.paint(region, self.tool.value, self.tool.inside)
             if changed is not None:
@@ -185,15 +184,12 @@ class AnnotationState(PersistentState):
     # Frames
 
     def propose(self, proposals: Mapping[int, Proposal]) -> None:
-        """Take what was propagated to other frames, for review."""
         self._record(self.ready().propose(proposals))
 
     def accept(self, frames: Sequence[int]) -> None:
-        """Make the proposals for these frames their labels."""
         self._record(self.ready().accept(frames))
 
     def reject(self, frames: Sequence[int]) -> None:
-        """Drop the proposals for these frames."""
         self._record(self.ready().reject(frames))
 
     def set_status(self, status: Status) -> None:

@@ -149,7 +149,6 @@ class _Sheet:
         self._middle, self._centre = 0.5 * (low + high), [width / 2, (height - foot) / 2]
 
     def fill(self, corners: np.ndarray, colour: Colour) -> None:
-        """A faint area."""
         tinted = self.rgb.copy()
         cv2.fillPoly(tinted, [self._places(corners)], colour, cv2.LINE_AA, SHIFT)
         self.rgb = cv2.addWeighted(tinted, 0.18, self.rgb, 0.82, 0)

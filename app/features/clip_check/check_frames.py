@@ -48,7 +48,6 @@ class CheckFrame:
 
 
 def draw_check_frame(clip: Clip, frame: int, aspect: str) -> CheckFrame:
-    """Draw a frame under one of `ASPECTS`."""
     rgb = clip.frame(frame)
     match aspect:
         case "focal" | "poses":

@@ -137,7 +137,6 @@ def _open_clip(path: Path, answers: dict[str, Any]) -> Clip:
 
 
 def clip_facts(clip: Clip) -> list[tuple[str, str]]:
-    """What was detected, for the user to check."""
     width, height = clip.size
     rows = [("clip", clip.name), ("length", f"{len(clip)} frames, {width} × {height}")]
     rows += list(clip.provenance.items())
@@ -145,7 +144,6 @@ def clip_facts(clip: Clip) -> list[tuple[str, str]]:
 
 
 def run_facts(scene: Scene) -> list[tuple[str, str]]:
-    """What the run folder records."""
     info, (width, height) = scene.run.info, scene.clip_size
     rows = [
         ("run", scene.name),

@@ -53,7 +53,6 @@ class Exporter(QObject):
         self._write(path, self.viewer.splats.screenshot_image())
 
     def ask(self, name: str) -> None:
-        """Ask where to write a format, and write it there."""
         chosen = FORMATS[name]
         proposal = f"{self.session.name}-{name}{chosen.suffix}"
         filter_ = f"*{chosen.suffix}" if chosen.suffix else ""

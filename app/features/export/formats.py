@@ -62,7 +62,6 @@ class ExportOptions:
 
 
 def export_ply(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
-    """One instant as a Gaussian PLY."""
     from degense.engine.store.ply import save_ply
 
     frame = check_frame(scene, scene.reference_frame if options.frame is None else options.frame)
@@ -90,7 +89,6 @@ def export_labels(name: str, scene: Scene, out: Path, options: ExportOptions) ->
 
 
 def export_movie(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
-    """A layer over the whole sequence as .mp4."""
     if out.suffix.lower() != ".mp4":
         raise DegenseError(f"{out} must end in .mp4.")
     yield from write_movie(scene, out, range(scene.frames), options)

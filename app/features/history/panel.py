@@ -48,7 +48,6 @@ class HistoryList(QListWidget):
         self._colour()
 
     def texts(self) -> list[str]:
-        """What is listed."""
         return [self.item(row).text() for row in range(self.count())]
 
     def changeEvent(self, event: QEvent) -> None:

@@ -39,7 +39,6 @@ class Preferences(QObject):
         PreferencesDialog(self, self.shell).open()
 
     def keep_shortcuts(self) -> None:
-        """Remember the registry's shortcuts and use them."""
         self.change("Shortcuts", shortcuts={action_id: list(keys) for action_id, keys in self.registry.given.items()})
 
     def change(self, name: str, **values: Any) -> None:
@@ -87,8 +86,8 @@ class PreferencesDialog(forms.Dialog):
             ("Theme", self.theme, settings.theme, "Colours of the window."),
             (
                 "Autosave",
-                "autosave",
                 self.autosave,
+                settings.autosave,
                 "How long after a change it is saved. A journal keeps every change in between, also over a crash.",
             ),
             ("Undo memory", self.undo, settings.undo_memory, "What undo may hold; beyond it the oldest steps are forgotten."),

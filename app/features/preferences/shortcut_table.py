@@ -48,7 +48,6 @@ class ShortcutTable(QWidget):
         self.table.selectRow(0)
 
     def choose(self, action_id: str) -> None:
-        """Select an action."""
         self.table.selectRow(self._ids.index(action_id))
 
     def shown(self, action_id: str) -> str:

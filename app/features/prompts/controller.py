@@ -39,7 +39,6 @@ class PromptControls(QObject):
         self._opened()
 
     def focus(self) -> None:
-        """Put the cursor into the field."""
         self.shell.docks.bring(self.dock)
         self.bar.focus_input()
 

@@ -47,9 +47,7 @@ class PromptBar(QWidget):
         self._field.setPlaceholderText("Name what to find (or “not …”), then Enter")
         keep_keys(self._field, TYPING)
         self._words = QStringListModel(self)
-        completer = QCompleter(self._words, self)
-        completer.setCaseSensitivity(Qt.CaseSensitivity.CaseInsensitive)
-        completer.setFilterMode(Qt.MatchFlag.MatchContains)
+        completer = QCompleter(self._words, self, caseSensitivity=Qt.CaseSensitivity.CaseInsensitive, filterMode=Qt.MatchFlag.MatchContains)
         self._field.setCompleter(completer)
         # Queued: a word chosen in the completer's list is in the field only after the key press that chose it.
         self._field.returnPressed.connect(self._submit, Qt.ConnectionType.QueuedConnection)
@@ -65,25 +63,16 @@ class PromptBar(QWidget):
         self._refined.clicked.connect(self.refined_toggled)
         keep_keys(self._refined, PRESS)
         self.histogram = SimilarityHistogram(self)
-        self.histogram.threshold_dragged.connect(self._dragged)
+        self.histogram.threshold_dragged.connect(lambda threshold: self._slider.setValue(round(threshold * _STEPS)))
         self.histogram.hide()
-        self._slider = QSlider(Qt.Orientation.Horizontal, self)
+        self._slider = QSlider(Qt.Orientation.Horizontal, self, maximum=_STEPS, singleStep=_STEPS // 100, pageStep=_STEPS // 20)
         self._slider.setAccessibleName("Similarity threshold")
         self._slider.setToolTip("Similarity above which a pixel belongs to the mask")
-        self._slider.setRange(0, _STEPS)
-        self._slider.setSingleStep(_STEPS // 100)
-        self._slider.setPageStep(_STEPS // 20)
         self._slider.setMinimumWidth(60)
         self._slider.valueChanged.connect(self._threshold_moved)
         keep_keys(self._slider, ARROWS)
-        self._threshold_text = QLabel(self)
+        self._threshold_text = QLabel(self, alignment=Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self._threshold_text.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.000"))
-        self._threshold_text.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        self._arrange()
-        self._decoder_box.hide()
-        self.set_threshold(0.5)
-
-    def _arrange(self) -> None:
         forms.column(
             forms.row((self._field, 1), self._add_button, spacing=4),
             self._list,
@@ -93,11 +82,12 @@ class PromptBar(QWidget):
             0,
             parent=self,
         )
+        self._decoder_box.hide()
+        self.set_threshold(0.5)
 
     # Decoder and threshold
 
     def set_completions(self, words: Sequence[str]) -> None:
-        """Words that the field proposes."""
         self._words.setStringList(list(words))
 
     def set_decoders(self, decoders: Sequence[tuple[str, str, str]]) -> None:
@@ -141,10 +131,6 @@ class PromptBar(QWidget):
             if row.text.casefold() == text.casefold():
                 return row
         row = PromptRow(text, QColor(colour) if colour is not None else self._free_colour(), visible, self, negative)
-        row.toggled.connect(lambda on: self.prompt_toggled.emit(row, on))
-        row.recoloured.connect(lambda chosen: self.prompt_recoloured.emit(row, chosen))
-        row.negated.connect(lambda on: self.prompt_negated.emit(row, on))
-        row.removed.connect(lambda: self._remove_by_hand(row))
         self._rows.append(row)
         self._list.addWidget(row)
         self._hint.hide()
@@ -189,13 +175,10 @@ class PromptBar(QWidget):
         elif not row.visible:
             row.toggle(True)
 
-    def _remove_by_hand(self, row: PromptRow) -> None:
+    def remove_by_hand(self, row: PromptRow) -> None:
         self.remove_prompt(row)
         self._field.setFocus(Qt.FocusReason.OtherFocusReason)
         self.prompt_removed.emit(row)
-
-    def _dragged(self, threshold: float) -> None:
-        self._slider.setValue(round(threshold * _STEPS))
 
     def _threshold_moved(self) -> None:
         self._threshold_text.setText(f"{self.threshold():.3f}")

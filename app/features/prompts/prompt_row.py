@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QSize, Qt, Signal
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QToolButton, QWidget
 
@@ -10,6 +12,9 @@ from degense.widgets import forms
 from degense.widgets.colour_menu import colour_menu
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import PRESS, keep_keys
+
+if TYPE_CHECKING:
+    from degense.app.features.prompts.panel import PromptBar
 
 RIGHT_MARGIN = 4
 
@@ -52,7 +57,7 @@ class _ElidedLabel(forms.Painted, QLabel):
 
 
 class PromptRow(QFrame):
-    """A chip with swatch, text, eye and cross. Signals are emitted for the user's changes only.
+    """A chip with swatch, text, eye and cross; what the user changes is told by the signals of its bar.
 
     Attributes
     ----------
@@ -62,16 +67,9 @@ class PromptRow(QFrame):
         Whether its mask is to be shown; whether it removes pixels from the others.
     """
 
-    toggled = Signal(bool)
-    recoloured = Signal(QColor)
-    removed = Signal()
-    negated = Signal(bool)
-
-    def __init__(self, text: str, colour: QColor, visible: bool, parent: QWidget, negative: bool = False) -> None:
-        super().__init__(parent)
-        self.setObjectName("chip")
-        self.setAccessibleName(f"Prompt {text}")
-        self.text = text
+    def __init__(self, text: str, colour: QColor, visible: bool, bar: PromptBar, negative: bool = False) -> None:
+        super().__init__(bar, objectName="chip", accessibleName=f"Prompt {text}")
+        self.bar, self.text = bar, text
         self.error = ""
         self.visible, self.negative = visible, negative
         self._swatch = _Swatch(colour, self)
@@ -85,7 +83,7 @@ class PromptRow(QFrame):
         self._eye = GlyphButton("eye", "", self)
         self._eye.clicked.connect(lambda: self.toggle(not self.visible))
         self._cross = GlyphButton("cross", f"Remove {text}", self)
-        self._cross.clicked.connect(self.removed)
+        self._cross.clicked.connect(lambda: bar.remove_by_hand(self))
         self._complaint = forms.complaint()
         self._complaint.hide()
         layout = QGridLayout(self)
@@ -120,7 +118,7 @@ class PromptRow(QFrame):
     def _negate(self, negative: bool) -> None:
         self.negative = negative
         self._show_sign()
-        self.negated.emit(negative)
+        self.bar.prompt_negated.emit(self, negative)
 
     def _show_sign(self) -> None:
         if self.negative:
@@ -151,7 +149,7 @@ class PromptRow(QFrame):
         """Show or hide the mask, as by hand."""
         self.visible = on
         self._show_eye()
-        self.toggled.emit(on)
+        self.bar.prompt_toggled.emit(self, on)
 
     def _show_eye(self) -> None:
         self._eye.set_glyph("eye" if self.visible else "eye-off", f"{'Hide' if self.visible else 'Show'} {self.text}")
@@ -160,4 +158,4 @@ class PromptRow(QFrame):
     def _recolour(self, colour: QColor) -> None:
         self._swatch.colour = QColor(colour)
         self._swatch.update()
-        self.recoloured.emit(colour)
+        self.bar.prompt_recoloured.emit(self, colour)

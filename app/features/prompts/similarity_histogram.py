@@ -45,7 +45,6 @@ class SimilarityHistogram(PaintedWidget):
         self.update()
 
     def count(self) -> int:
-        """How many curves are shown."""
         return len(self._curves)
 
     def sizeHint(self) -> QSize:

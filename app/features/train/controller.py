@@ -114,13 +114,12 @@ class Training(QObject):
         self.shell.attempt(add)
 
     def pause(self) -> None:
-        """Let the training save, and leave the machine to others until `go_on`."""
+        """Let the training save, and leave the machine to others until `resume_paused`."""
         if self.process is not None and self.process.running:
             self._pausing = True
             self.process.stop()
 
     def resume_paused(self) -> None:
-        """Go on with what was paused."""
         self.queue.resume()
         self._next()
 

@@ -48,7 +48,6 @@ class TrainingQueue:
         self.changed.emit()
 
     def remove(self, index: int) -> None:
-        """Take a waiting training out."""
         del self._waiting[index]
         self.changed.emit()
 

@@ -44,7 +44,6 @@ class SettingsTable(QWidget):
         self.typed: dict[str, str] = {}  # the text of each setting that the user has typed over; `show_config` shows them
 
     def show_config(self, config: TrainConfig) -> None:
-        """Show the settings of a configuration."""
         blocker = QSignalBlocker(self.table)
         settings = settings_of(config)
         first = self.table.rowCount() == 0
