@@ -12,7 +12,7 @@ import numpy as np
 from degense.app.cli.options import asked_prompts, chosen_encoder
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.cameras.movie import camera_movie
-from degense.app.features.cameras.state import Stop, load_path
+from degense.app.features.cameras.state import load_path
 from degense.app.features.export.formats import ExportOptions, draw_frames, get_format, write_movie
 from degense.app.features.prompts.segment import write_clip_masks
 from degense.app.features.viewer.layer_images import check_frame, get_layer, layer_rgb, write_npy, write_png
@@ -35,7 +35,10 @@ def render(options: argparse.Namespace) -> None:
     wanted = ExportOptions(asked_prompts(options), layer=options.layer, span=options.range)
     scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
     if options.cameras is not None:
-        print(run_steps(camera_movie(scene, _fitting(scene, load_path(options.cameras)), _look(options), options.out), Bar()))
+        stops = load_path(options.cameras)
+        for stop in stops:
+            check_frame(scene, stop.frame)
+        print(run_steps(camera_movie(scene, stops, _look(options), options.out), Bar()))
     elif options.frames is None:
         _render_frame(scene, layer, check_frame(scene, options.frame), options.out, wanted)
     else:
@@ -61,12 +64,6 @@ def _look(options: argparse.Namespace) -> ViewState:
         decoder=options.decoder or plain.decoder,
         ranges=((options.layer, ColourRange("fixed", low, high)),) if options.range else (),
     )
-
-
-def _fitting(scene: Scene, stops: tuple[Stop, ...]) -> tuple[Stop, ...]:
-    for stop in stops:
-        check_frame(scene, stop.frame)
-    return stops
 
 
 def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: ExportOptions) -> None:

@@ -12,6 +12,8 @@ from degense.engine.data.clip_options import LAYOUTS, ClipOptions, MaskMeans, Po
 
 LABEL_FORMATS = "masks-png, coco, cvat, yolo, nifti, cholecseg8k or endovis18"
 SYSTEMS = "langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degensegs, degense"
+RUN_ENCODER = "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other"
+CLASS_ENCODER = "gives a teacher's classes their vectors: a CLIP's or sentence model's folder, or a file of text vectors (.safetensors)"
 #: Adds a command: its name, "MODULE:FUNCTION" in this package, and what it does.
 Command = Callable[[str, str, str], argparse.ArgumentParser]
 
@@ -75,7 +77,7 @@ def _training(command: Command) -> None:
     sub.add_argument(
         "--teacher", metavar="NAME", help="where semantics come from: labels, strokes, precomputed[:FOLDER], vlm:MODEL or none"
     )
-    _encoder(sub, "gives a teacher's classes their vectors: a CLIP's or sentence model's folder, or a file of text vectors (.safetensors)")
+    sub.add_argument("--encoder", metavar="PLACE", help=CLASS_ENCODER)
     sub.add_argument("--iterations", type=_positive, metavar="N")
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
     sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
@@ -133,24 +135,19 @@ def _scores(command: Command) -> None:
 
 def _outputs(command: Command) -> None:
     sub = command("render", "outputs:render", "draw a layer of a run")
-    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
-    which = sub.add_mutually_exclusive_group(required=True)
-    which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
-    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
-    which.add_argument("--cameras", type=Path, metavar="PATH", help="a camera path that the window saved (.json): a flight along it, .mp4")
+    _run_and_frames(sub).add_argument(
+        "--cameras", type=Path, metavar="PATH", help="a camera path that the window saved (.json): a flight along it, .mp4"
+    )
     sub.add_argument("--layer", default="rgb", metavar="NAME", help="rgb (default), or a name from the README")
     sub.add_argument(
         "--out", type=Path, required=True, metavar="FILE", help=".png, or .npy for raw values; with --frames a folder, .npy or .mp4"
     )
     sub.add_argument("--range", type=_range, metavar="LOW:HIGH", help="values of the first and last colour (default: from the frames)")
     _prompts(sub, required=False)
-    _encoder(sub, "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other")
+    sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
 
     sub = command("segment", "outputs:segment", "write the masks of prompts")
-    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
-    which = sub.add_mutually_exclusive_group(required=True)
-    which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
-    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
+    _run_and_frames(sub)
     sub.add_argument(
         "--out",
         type=Path,
@@ -160,7 +157,7 @@ def _outputs(command: Command) -> None:
         "with --frames a folder for label maps, masks and areas, in which what is there already is kept",
     )
     _prompts(sub, required=True)
-    _encoder(sub, "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other")
+    sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
 
     sub = command("export", "outputs:export", "write a run in formats that other tools read")
     sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
@@ -228,8 +225,12 @@ def _clip_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
 
 
-def _encoder(sub: argparse.ArgumentParser, text: str) -> None:
-    sub.add_argument("--encoder", metavar="PLACE", help=text)
+def _run_and_frames(sub: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
+    which = sub.add_mutually_exclusive_group(required=True)
+    which.add_argument("--frame", type=float, metavar="I", help="frame number; fractions lie between frames")
+    which.add_argument("--frames", type=_frame_range, metavar="A:B", help="frames A up to but not including B, or all")
+    return which
 
 
 def _prompts(sub: argparse.ArgumentParser, required: bool) -> None:

@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox, QLineEdit, QProgressBar, QWidget
 
-from degense.app.features.history.panel import HistoryList
+from degense.app.features.history.install import HistoryList
 from degense.app.features.inspect.probe_panel import ProbePanel
 from degense.app.features.prompts.panel import PromptBar
 from degense.app.features.train.monitor import TrainingMonitor

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from PySide6.QtCore import QObject
 
-from degense.app.features.annotate.keys import AnnotationKeys
-from degense.app.features.annotate.painter import Painter
+from degense.app.features.annotate.painter import AnnotationKeys, Painter
 from degense.app.features.annotate.panel import AnnotationPanel
 from degense.app.features.annotate.review import PropagationReview
 from degense.app.features.annotate.state import AnnotationState
@@ -27,7 +26,7 @@ class Annotator(QObject):
         self.dock = self.shell.add_dock("Annotation", self.panel)
         self.painter = Painter(self.shell, state, viewer.panel)
         self.review = PropagationReview(self.shell, state, self.panel)
-        AnnotationKeys(self.shell, state, self.painter, self.review)
+        AnnotationKeys(self.shell, state, self.painter, self.review.go_to_flagged)
         state.pixels_changed.connect(self._show_pixels)
         state.records_changed.connect(self._show_frame)
         state.classes_changed.connect(self.panel.show_classes)

@@ -1,10 +1,66 @@
-"""Undo, redo, and the list of what was done."""
+"""Undo, redo, and the list of edits: what was done, what is undone, and a click to go there."""
 
 from __future__ import annotations
 
-from degense.app.features.history.panel import HistoryList
+from collections.abc import Sequence
+
+from PySide6.QtCore import QEvent, Qt, Signal
+from PySide6.QtWidgets import QListWidget, QWidget
+
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
+
+START = "As opened"
+
+
+class HistoryList(QListWidget):
+    """Named states, the oldest first. Those that are undone are grey, and the current one is selected.
+
+    Signals
+    -------
+    position_chosen(position)
+        The user wants `position` entries done; 0 is the state before all of them.
+    """
+
+    position_chosen = Signal(int)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        tip = "Click an entry to undo or redo up to it"
+        super().__init__(parent, accessibleName="History", toolTip=tip, focusPolicy=Qt.FocusPolicy.TabFocus)
+        for wanted in (self.itemClicked, self.itemActivated):
+            wanted.connect(lambda item: self.position_chosen.emit(self.row(item)))
+        self.set_entries((), 0)
+
+    def set_entries(self, entries: Sequence[str], position: int) -> None:
+        """Show these entries, of which the first `position` are done."""
+        names = [START, *entries]
+        while self.count() > len(names):
+            self.takeItem(self.count() - 1)
+        self.addItems(names[self.count() :])
+        for row, name in enumerate(names):
+            item = self.item(row)
+            item.setText(name)
+            undone = row > position
+            font = item.font()
+            font.setItalic(undone)
+            item.setFont(font)
+        self.setCurrentRow(position)
+        self.scrollToItem(self.item(position))
+        self._colour()
+
+    def texts(self) -> list[str]:
+        return [self.item(row).text() for row in range(self.count())]
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.PaletteChange:
+            self._colour()
+
+    def _colour(self) -> None:
+        colours = self.palette()
+        for row in range(self.count()):
+            item = self.item(row)
+            item.setForeground(colours.placeholderText() if item.font().italic() else colours.text())
 
 
 def install(shell: Shell) -> None:

@@ -22,10 +22,9 @@ RIGHT_MARGIN = 4
 class _Swatch(forms.Painted, QToolButton):
     """A button that shows a colour."""
 
-    def __init__(self, colour: QColor, parent: QWidget) -> None:
-        super().__init__(parent)
+    def __init__(self, text: str, colour: QColor, parent: QWidget) -> None:
+        super().__init__(parent, accessibleName=f"Colour of {text}", toolTip="Change the colour", focusPolicy=Qt.FocusPolicy.TabFocus)
         self.colour = colour
-        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         keep_keys(self, PRESS)
 
@@ -72,9 +71,7 @@ class PromptRow(QFrame):
         self.bar, self.text = bar, text
         self.error = ""
         self.visible, self.negative = visible, negative
-        self._swatch = _Swatch(colour, self)
-        self._swatch.setAccessibleName(f"Colour of {text}")
-        self._swatch.setToolTip("Change the colour")
+        self._swatch = _Swatch(text, colour, self)
         self._swatch.setMenu(colour_menu(self, self._recolour))
         self._label = _ElidedLabel(text, self)
         self._answer = forms.label(secondary=True, wrap=False)

@@ -12,10 +12,9 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QMessageBox
 
 from degense.app.features.documents.controller import Documents
-from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob
+from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob, TrainingQueue
 from degense.app.features.train.monitor import TrainingMonitor
 from degense.app.features.train.process import TrainingProcess
-from degense.app.features.train.queue import TrainingQueue
 from degense.app.features.train.train_dialog import TrainDialog
 from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from degense.app.features.runs.run_summaries import list_runs, training_answers
-from degense.app.features.train.job import TrainingJob, parse_settings
-from degense.app.features.train.queue import TrainingQueue
+from degense.app.features.train.job import TrainingJob, TrainingQueue, parse_settings
 from degense.app.features.train.settings_help import TEACHER_WORDS, explanations, settings_of
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers import MAKERS
