@@ -131,6 +131,10 @@ class PromptBar(QWidget):
             if row.text.casefold() == text.casefold():
                 return row
         row = PromptRow(text, QColor(colour) if colour is not None else self._free_colour(), visible, self, negative)
+        row.toggled.connect(lambda on: self.prompt_toggled.emit(row, on))
+        row.recoloured.connect(lambda chosen: self.prompt_recoloured.emit(row, chosen))
+        row.negated.connect(lambda on: self.prompt_negated.emit(row, on))
+        row.removed.connect(lambda: self._remove_by_hand(row))
         self._rows.append(row)
         self._list.addWidget(row)
         self._hint.hide()
@@ -175,7 +179,7 @@ class PromptBar(QWidget):
         elif not row.visible:
             row.toggle(True)
 
-    def remove_by_hand(self, row: PromptRow) -> None:
+    def _remove_by_hand(self, row: PromptRow) -> None:
         self.remove_prompt(row)
         self._field.setFocus(Qt.FocusReason.OtherFocusReason)
         self.prompt_removed.emit(row)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from PySide6.QtCore import QSize, Qt
+from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QResizeEvent
 from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QToolButton, QWidget
 
@@ -12,9 +10,6 @@ from degense.widgets import forms
 from degense.widgets.colour_menu import colour_menu
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import PRESS, keep_keys
-
-if TYPE_CHECKING:
-    from degense.app.features.prompts.panel import PromptBar
 
 RIGHT_MARGIN = 4
 
@@ -56,7 +51,7 @@ class _ElidedLabel(forms.Painted, QLabel):
 
 
 class PromptRow(QFrame):
-    """A chip with swatch, text, eye and cross; what the user changes is told by the signals of its bar.
+    """A chip with swatch, text, eye and cross. Signals are emitted for the user's changes only.
 
     Attributes
     ----------
@@ -66,9 +61,14 @@ class PromptRow(QFrame):
         Whether its mask is to be shown; whether it removes pixels from the others.
     """
 
-    def __init__(self, text: str, colour: QColor, visible: bool, bar: PromptBar, negative: bool = False) -> None:
-        super().__init__(bar, objectName="chip", accessibleName=f"Prompt {text}")
-        self.bar, self.text = bar, text
+    toggled = Signal(bool)
+    recoloured = Signal(QColor)
+    removed = Signal()
+    negated = Signal(bool)
+
+    def __init__(self, text: str, colour: QColor, visible: bool, parent: QWidget, negative: bool = False) -> None:
+        super().__init__(parent, objectName="chip", accessibleName=f"Prompt {text}")
+        self.text = text
         self.error = ""
         self.visible, self.negative = visible, negative
         self._swatch = _Swatch(text, colour, self)
@@ -80,7 +80,7 @@ class PromptRow(QFrame):
         self._eye = GlyphButton("eye", "", self)
         self._eye.clicked.connect(lambda: self.toggle(not self.visible))
         self._cross = GlyphButton("cross", f"Remove {text}", self)
-        self._cross.clicked.connect(lambda: bar.remove_by_hand(self))
+        self._cross.clicked.connect(self.removed)
         self._complaint = forms.complaint()
         self._complaint.hide()
         layout = QGridLayout(self)
@@ -115,7 +115,7 @@ class PromptRow(QFrame):
     def _negate(self, negative: bool) -> None:
         self.negative = negative
         self._show_sign()
-        self.bar.prompt_negated.emit(self, negative)
+        self.negated.emit(negative)
 
     def _show_sign(self) -> None:
         if self.negative:
@@ -146,7 +146,7 @@ class PromptRow(QFrame):
         """Show or hide the mask, as by hand."""
         self.visible = on
         self._show_eye()
-        self.bar.prompt_toggled.emit(self, on)
+        self.toggled.emit(on)
 
     def _show_eye(self) -> None:
         self._eye.set_glyph("eye" if self.visible else "eye-off", f"{'Hide' if self.visible else 'Show'} {self.text}")
@@ -155,4 +155,4 @@ class PromptRow(QFrame):
     def _recolour(self, colour: QColor) -> None:
         self._swatch.colour = QColor(colour)
         self._swatch.update()
-        self.bar.prompt_recoloured.emit(self, colour)
+        self.recoloured.emit(colour)
