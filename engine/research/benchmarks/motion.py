@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+from degense.engine.data.readers import open_clip
 from degense.engine.progress import Progress
+from degense.engine.research.baselines import ClipFlow
+from degense.engine.research.baselines.motion import motion_baselines
+from degense.engine.research.bench.baseline_rows import add_baselines
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.trainings import BenchTraining, base_config, phantoms, protocol, score_all
@@ -49,6 +54,14 @@ COLUMNS = [
     Column("train_seconds", "training, s", 0, "mean"),
 ]
 
+#: Columns that optical flow has too, and whether larger is better.
+COMPARED = {
+    "displacement_correlation": ("displacement_correlation", True),
+    "recovered_share": ("recovered_share", True),
+    "relative": ("relative", False),
+    "displacement_error": ("displacement_error", False),
+}
+
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     """A table for each phantom."""
@@ -66,7 +79,16 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         scores = score_all(trainings, options, tell, f"{kind}: trainings")
         count = len(options.seeds)
         found = {name: scores[i * count : (i + 1) * count] for i, name in enumerate(INGREDIENTS)}
-        yield table(kind, found, options)
+        ingredients = table(kind, found, options)
+        add_baselines(ingredients, {"chained optical flow": [flow_scores(clip)]}, COMPARED)
+        yield ingredients
+
+
+def flow_scores(clip: Path) -> dict[str, Any]:
+    """Motion scores of optical flow, lifted with the clip's depth."""
+    opened = open_clip(clip)
+    scores = motion_baselines(opened, ClipFlow(opened))["chained optical flow"]
+    return scores | {"relative": scores["displacement_error"] / scores["true_displacement"]}
 
 
 def table(kind: str, found: dict[str, list[dict[str, Any]]], options: BenchOptions) -> Table:

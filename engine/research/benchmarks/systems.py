@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from degense.engine.metrics.averages import mean
-from degense.engine.progress import Progress
+from degense.engine.progress import Progress, silent
+from degense.engine.research.bench.baseline_rows import add_baselines, baselines_of
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.trainings import TEACHER_WORDS, BenchTraining, base_config, phantoms, protocol, score_all, vlm_like
@@ -16,6 +17,15 @@ from degense.engine.semantics.prompts import DECODERS
 from degense.engine.vocabulary import instruments
 
 OURS = "degense"
+#: Columns of `summary` that baselines have too: the key of their score, and whether larger is better.
+COMPARED = {
+    "miou": ("miou", True),
+    "boundary": ("boundary_f", True),
+    "psnr_mask": ("psnr_mask", True),
+    "displacement_error": ("displacement_error", False),
+    "displacement_correlation": ("displacement_correlation", True),
+    "recovered_share": ("recovered_share", True),
+}
 Found = dict[str, list[dict[str, Any]]]  # system → scores, one a seed
 
 
@@ -41,7 +51,10 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         scores = score_all(trainings, options, tell, f"{kind}: trainings")
         count = len(options.seeds)
         by_kind[kind] = {name: scores[i * count : (i + 1) * count] for i, name in enumerate(SYSTEMS)}
-        yield summary(kind, by_kind[kind], options)
+        teachers = [vlm_like(seed) for seed in options.seeds]
+        found = summary(kind, by_kind[kind], options)
+        add_baselines(found, baselines_of(clip, teachers, silent), COMPARED)
+        yield found
         yield per_class(kind, by_kind[kind], options)
     yield margins(by_kind, options)
 
@@ -79,7 +92,10 @@ def summary(kind: str, found: Found, options: BenchOptions) -> Table:
         *(Column(f"miou {d}", f"mIoU {d}", 3, "mean") for d in DECODERS),
         Column("psnr_mask", "PSNR, dB", 2, "mean"),
         Column("spurious_displacement", "spurious, mm", 3, "mean"),
+        Column("false_motion", "false motion, mm", 3, "mean"),
+        Column("displacement_error", "motion error, mm", 3, "mean"),
         Column("displacement_correlation", "correlation", 3, "mean"),
+        Column("recovered_share", "recovered share", 3, "mean"),
         Column("train_seconds", "training, s", 0, "mean"),
     ]
     rows: list[dict[str, Cell]] = []
@@ -92,7 +108,7 @@ def summary(kind: str, found: Found, options: BenchOptions) -> Table:
         row["flicker"] = [100 * value for value in _known(r["flicker"][decoder] for r in runs)]
         row["false"] = [float(sum(false["frames"] for false in m["false_positives"].values())) for m in masks]
         row |= {f"miou {d}": [r["miou"][d] for r in runs] for d in DECODERS}
-        row |= {c.key: _known(r[c.key] for r in runs) for c in columns[-4:]}
+        row |= {c.key: _known(r[c.key] for r in runs) for c in columns[-7:]}
         rows.append(row)
     floor = found[OURS][0]["masks"][DECODERS[0]]["floor_answer"]
     rows.append({"system": f"floor: all is {floor['class']}", "miou": floor["miou"], "pairs": floor["miou_pairs"], "instruments": 0.0})

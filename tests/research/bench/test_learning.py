@@ -86,12 +86,16 @@ def test_parts_are_a_full_grid_with_one_budget(asked):
     assert all(table.markdown() for table in tables.values())
 
 
-def test_motion_takes_one_thing_away_at_a_time(asked):
+def test_motion_takes_one_thing_away_at_a_time(asked, monkeypatch):
     jobs, options = asked
+    lifted = {"displacement_error": 0.2, "relative": 0.2, "displacement_correlation": 0.95, "recovered_share": 0.7}
+    monkeypatch.setattr(motion, "flow_scores", lambda clip: lifted)
     tables = list(motion.run(options, silent))
     assert len(jobs) == 2 * 2 * len(motion.INGREDIENTS)
     assert {j.teacher for j in jobs} == {"none"}
-    rows = {row["what"]: row for row in tables[0].rows}
+    rows = {row["what"].removesuffix(" †"): row for row in tables[0].rows}
+    assert tables[0].notes.startswith("† correlation below chained optical flow (default)")
+    assert rows["baseline: chained optical flow"]["displacement_error"] == [0.2]
     assert rows["default"]["relative"] == [0.1, 0.1]
     assert rows["default"]["spurious_share"] == [0.005, 0.005]
     assert rows["floor: nothing moves"]["relative"] == 1.0

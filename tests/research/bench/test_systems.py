@@ -26,6 +26,9 @@ def scores(config: TrainConfig) -> dict:
     more = {
         "psnr_mask": 30.0,
         "spurious_displacement": 0.1,
+        "false_motion": 0.02,
+        "displacement_error": 0.3,
+        "recovered_share": 0.6,
         "displacement_correlation": None if config.static else 0.5,
         "train_seconds": 9.0,
     }
@@ -42,6 +45,9 @@ def tables(monkeypatch, tmp_path):
 
     monkeypatch.setattr(systems, "score_all", score_all)
     monkeypatch.setattr(systems, "phantoms", lambda options, progress: {kind: tmp_path / kind for kind in trainings.KINDS})
+    vote = {"miou": {"labels": 0.65}, "boundary_f": 0.1}
+    baselines = {"majority vote": [vote, vote], "nothing moves": [{"displacement_error": 0.2, "recovered_share": 0.0}]}
+    monkeypatch.setattr(systems, "baselines_of", lambda clip, teachers, progress: baselines)
     found = {table.name: table for table in systems.run(BenchOptions("cpu", (0, 1), 1, True, tmp_path), silent)}
     return asked, found
 
@@ -59,7 +65,7 @@ def test_every_system_has_the_same_budget_and_teacher(tables):
 
 def test_each_is_taken_by_its_best_decoder(tables):
     _, found = tables
-    rows = {row["system"]: row for row in found["systems-cautery"].rows}
+    rows = {row["system"].removesuffix(" †"): row for row in found["systems-cautery"].rows}
     assert rows["dgd"]["decoder"] == DECODERS[1]
     assert rows["dgd"]["miou"] == pytest.approx([0.7, 0.69])
     assert rows["dgd"]["instruments"] == pytest.approx([0.7, 0.69])
@@ -75,3 +81,18 @@ def test_each_is_taken_by_its_best_decoder(tables):
     assert margins["surgtpgs"]["bleeding"] == pytest.approx([10, 10])
     assert margins["surgtpgs"]["cautery instruments"] == pytest.approx([10, 10])
     assert all(table.markdown() for table in found.values())
+
+
+def test_what_lies_below_a_baseline_is_marked(tables):
+    """All move worse than nothing at all; by masks only the floor lies below the vote."""
+    table = tables[1]["systems-cautery"]
+    assert all(row["system"].endswith(" †") for row in table.rows[:-2])
+    assert [row["system"] for row in table.rows[-2:]] == ["baseline: majority vote", "baseline: nothing moves"]
+    assert table.rows[-2]["miou"] == [0.65, 0.65]
+    assert {key: cell for key, cell in table.rows[-1].items() if cell} == {
+        "system": "baseline: nothing moves",
+        "displacement_error": [0.2],
+        "recovered_share": [0.0],
+    }
+    assert table.notes.startswith("† mIoU below majority vote (floor: all is liver). † motion error, mm below nothing moves (langsplat)")
+    assert table.markdown()
