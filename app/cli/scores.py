@@ -38,7 +38,9 @@ def evaluate(options: argparse.Namespace) -> None:
         write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
     print(table(_printable(scores)))
     if options.report:
-        print(research().report_run(scene, clip, scores, options.report))
+        with closing(Bar()) as bar:
+            paths = research().report_run(scene, clip, scores, options.report, bar)
+        print(paths)
 
 
 def _printable(scores: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from typing import Any
 from degense.engine.clip import Clip
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import DegenseError
-from degense.engine.progress import Progress
+from degense.engine.progress import Progress, silent
+from degense.engine.research.baselines import score_baselines
 from degense.engine.research.bench.report import plain_section, save_table, write_report
 from degense.engine.research.bench.run import BENCHES, Benches, BenchOptions, check_names, run
 from degense.engine.research.comparison import SystemComparison
@@ -126,15 +127,21 @@ def compare(
     return "\n".join([tables_of(scores, baselines)[0].markdown(), "", *map(str, paths)])
 
 
-def report_run(scene: Scene, clip: Clip, scores: dict[str, Any], folder: Path) -> str:
-    """Write the report of one run's scores; its paths. DegenseError for a run without masks to score."""
+def report_run(scene: Scene, clip: Clip, scores: dict[str, Any], folder: Path, progress: Progress = silent) -> str:
+    """Write the report of one run's scores, beside baselines of its teacher; its paths. DegenseError for a run without masks to score."""
     if "masks" not in scores:
         raise DegenseError(f"{scene.name} or its clip has no labels, so there are no masks to report; the scores are on standard output.")
     entry = MethodScores(scene.name, f"{scores['preset']} preset, {scores['routing']} routing", [scores])
     frames = scores["mask_frames"]
     pictures = truths_of(clip, frames) + pictures_of(scene, clip, frames, entry.decoder, scene.name)
-    facts = _clip_facts(clip, scores) | {"teacher": scene.run.info["teacher"]["provenance"], "cameras": str(scores["poses"])}
-    return "\n".join(map(str, write_scores(folder, f"Scores of {scene.name}", facts, [entry], clip.classes, pictures)))
+    teacher = scene.run.info["teacher"]
+    facts = _clip_facts(clip, scores) | {"teacher": teacher["provenance"], "cameras": str(scores["poses"])}
+    try:
+        baselines = score_baselines(clip, teacher["name"], progress)
+    except DegenseError as error:  # what the teacher read may be gone, and its name may not say where it was
+        facts["baselines"] = f"those of masks are left out: {error}"
+        baselines = score_baselines(clip, "none", progress)
+    return "\n".join(map(str, write_scores(folder, f"Scores of {scene.name}", facts, [entry], clip.classes, pictures, baselines)))
 
 
 def _clip_facts(clip: Clip, scores: dict[str, Any]) -> dict[str, str]:

@@ -61,4 +61,4 @@ def note(below: Mapping[str, list[str]], score: str) -> str:
     """The words under a table whose rows are marked with †; empty when none is."""
     if not below:
         return ""
-    return f"† {score} below " + "; ".join(f"{', '.join(better)} ({name})" for name, better in below.items()) + "."
+    return f"† {score} below " + "; ".join(f"{' and '.join(better)} ({name})" for name, better in below.items()) + "."

@@ -179,7 +179,7 @@ def test_below_a_baseline():
     baselines = {"vote": {"miou": {"labels": 0.55}}, "teacher": {"miou": {"labels": 0.7}}, "colour": {"psnr_mask": 9.0}}
     below = below_baseline(rows, baselines, "miou")
     assert below == {"a": ["teacher"], "b": ["teacher", "vote"]}
-    assert note(below, "mIoU") == "† mIoU below teacher (a); teacher, vote (b)."
+    assert note(below, "mIoU") == "† mIoU below teacher (a); teacher and vote (b)."
     assert note({}, "mIoU") == ""
     errors = {"x": {"displacement_error": 0.4}, "y": {"displacement_error": 0.1}}
     still = {"nothing moves": {"displacement_error": 0.3}}
