@@ -7,7 +7,7 @@ import pytest
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.layers import LAYERS, LayerImage, LayerRequest, layer_range
-from degense.engine.layers.colour import MASK_COLOURS, colourise
+from degense.engine.layers.layer import MASK_COLOURS, colourise
 from degense.engine.scene import REVEALED
 from degense.engine.semantics.prompts import DECODERS, PromptSet
 

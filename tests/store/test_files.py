@@ -8,8 +8,7 @@ import torch
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import replacing
 from degense.engine.splats import Splats
-from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from degense.engine.store.ply import PROPERTIES, SH0, save_ply
+from degense.engine.store.files import PROPERTIES, SH0, finite, read_json, read_tensors, save_ply, write_json, write_tensors
 from tests.fakes import ply_columns
 
 

@@ -62,7 +62,7 @@ class ExportOptions:
 
 
 def export_ply(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
-    from degense.engine.store.ply import save_ply
+    from degense.engine.store.files import save_ply
 
     frame = check_frame(scene, scene.reference_frame if options.frame is None else options.frame)
     yield 0.0, f"frame {frame}"
@@ -73,7 +73,7 @@ def export_ply(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
 
 def export_ply_sequence(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
     """One PLY for each frame, `NNNNNN.ply`."""
-    from degense.engine.store.ply import save_ply
+    from degense.engine.store.files import save_ply
 
     empty_folder(out)
     for frame in range(scene.frames):

@@ -62,7 +62,7 @@ def sequence_span(
 def layer_rgb(scene: Scene, layer: Layer, request: LayerRequest, span: tuple[float, float] | None = None) -> np.ndarray:
     """A layer in colours, uint8 [H, W, 3]. Scalars are coloured from `span[0]` to `span[1]`, by default over this frame's own range."""
     from degense.engine.layers import layer_range
-    from degense.engine.layers.colour import colourise
+    from degense.engine.layers.layer import colourise
 
     low, high = span or (layer_range(scene, layer, request, "frame") if layer.kind == "scalar" else (0.0, 1.0))
     return colourise(layer.image(scene, request), low, high, layer.cmap)

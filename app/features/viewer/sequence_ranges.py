@@ -67,7 +67,7 @@ class SequenceRanges:
 
 def _sequence_range(scene: Scene, view_state: ViewState) -> Steps[tuple[float, float]]:
     """The range of a layer over the whole sequence. Its frames are drawn one a step, and cached by the scene."""
-    from degense.engine.layers.colour import SEQUENCE_SAMPLES, layer_range
+    from degense.engine.layers.layer import SEQUENCE_SAMPLES, layer_range
 
     layer, request = get_layer(view_state.layer), layer_request(view_state, 0)
     frames = [round(index * (scene.frames - 1) / max(1, SEQUENCE_SAMPLES - 1)) for index in range(SEQUENCE_SAMPLES)]

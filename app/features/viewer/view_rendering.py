@@ -107,7 +107,7 @@ def layer_request(view_state: ViewState, frame: float) -> LayerRequest:
 def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
     """Draw an instant. Yields the view without masks as soon as it is there; returns it with them."""
     from degense.engine.layers import layer_range
-    from degense.engine.layers.colour import colourise as layer_colours
+    from degense.engine.layers.layer import colourise as layer_colours
     from degense.engine.scene.clip_query import decode_frame
 
     view_state, frame = request.view_state, request.frame

@@ -10,7 +10,7 @@ import numpy as np
 
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.colour_maps import mask_overlay
-from degense.engine.layers.colour import MASK_COLOURS
+from degense.engine.layers.layer import MASK_COLOURS
 from degense.engine.scene import Scene
 from degense.engine.scene.clip_query import decode_frame
 from degense.engine.semantics.prompts import PromptSet
