@@ -86,7 +86,8 @@ class PrecomputedTeacher:
         vectors, cells = file.read(self.encoder.dimension, self._level)
         _check_proportions(cells, self._clip.size, file.path)
         index = enlarged(cells, self._clip.size)
-        index = np.where(self._clip.valid(frame) & vectors.any(1)[index] & (index >= 0), index, -1)
+        known = np.linalg.norm(vectors, axis=1) > 0
+        index = np.where(self._clip.valid(frame) & known[index] & (index >= 0), index, -1)
         return unit_rows(vectors).astype(np.float32), index.astype(np.int32)
 
 
