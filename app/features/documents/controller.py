@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,6 @@ from degense.app.shell.shell import Shell
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
-    from degense.engine.data.readers import ClipOptions
     from degense.engine.scene import Scene
 
 VIDEOS = "Videos (*.mp4 *.avi *.mov *.mkv *.webm);;All files (*)"
@@ -132,8 +130,7 @@ def _open_run(path: Path) -> Scene:
 def _open_clip(path: Path, answers: dict[str, Any]) -> Clip:
     from degense.engine.data.readers import ClipOptions, open_clip
 
-    options: ClipOptions = replace(ClipOptions(), **answers)
-    return open_clip(path, options)
+    return open_clip(path, ClipOptions(**answers))
 
 
 def clip_facts(clip: Clip) -> list[tuple[str, str]]:

@@ -18,18 +18,12 @@ def install(shell: Shell) -> None:
     exporter, menu = Exporter(viewer), ("File", "Export")
     shell.provide(exporter)
 
+    def has_3d() -> bool:
+        return session.has_scene() and viewer.splats is not None
+
     shell.add_actions(
         Action("export.picture", "Frame as shown…", exporter.ask_for_frame, menu, ("Ctrl+E",), lambda: session.frames > 0, group=1),
-        Action(
-            "export.view3d",
-            "3D view as shown…",
-            exporter.ask_for_screenshot,
-            menu,
-            ("Ctrl+Shift+E",),
-            lambda: session.has_scene() and viewer.splats is not None,
-            group=1,
-            help="screenshot",
-        ),
+        Action("export.view3d", "3D view as shown…", exporter.ask_for_screenshot, menu, ("Ctrl+Shift+E",), has_3d, None, 1, "screenshot"),
         *(
             Action(f"export.{name}", f"{entry.title}…", partial(exporter.ask, name), menu, (), session.has_scene, group=1)
             for name, entry in FORMATS.items()

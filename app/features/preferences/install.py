@@ -13,7 +13,7 @@ THEME_TITLES: tuple[tuple[Theme, str], ...] = (("dark", "Dark"), ("light", "Ligh
 
 
 def install(shell: Shell) -> None:
-    preferences, menu = Preferences(shell), ("View", "Theme")
+    preferences, menu, words = Preferences(shell), ("View", "Theme"), "colours dark light operating room"
 
     def in_force(theme: Theme) -> bool:
         return shell.settings.value.theme == theme
@@ -23,12 +23,7 @@ def install(shell: Shell) -> None:
         Action("edit.preferences", "Preferences…", preferences.show, ("Edit",), ("Ctrl+,",), group=9, help="settings shortcuts theme"),
         *(
             Action(
-                f"theme.{name}",
-                title,
-                partial(preferences.change, "Theme", theme=name),
-                menu,
-                checked=partial(in_force, name),
-                help="colours dark light operating room",
+                f"theme.{name}", title, partial(preferences.change, "Theme", theme=name), menu, checked=partial(in_force, name), help=words
             )
             for name, title in THEME_TITLES
         ),

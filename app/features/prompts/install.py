@@ -19,19 +19,10 @@ def install(shell: Shell) -> None:
         return
     for channel, urgency in (("answers", 30), ("areas", 85), (QUERY, 80)):
         shell.worker.add_channel(channel, urgency)
-    query, menu = PromptStatistics(viewer, controls.bar), ("Inspect",)
+    query, menu, words = PromptStatistics(viewer, controls.bar), ("Inspect",), "prompts label maps masks segment"
     shell.provide(query)
     shell.add_actions(
         Action("query.clip", "Query whole clip", query.ask, menu, ("Q",), query.can_ask, group=3, help="prompts area over time masks"),
-        Action(
-            "query.save",
-            "Query whole clip into a folder…",
-            query.ask_for_folder,
-            menu,
-            (),
-            query.can_ask,
-            group=3,
-            help="prompts label maps masks segment",
-        ),
+        Action("query.save", "Query whole clip into a folder…", query.ask_for_folder, menu, (), query.can_ask, None, 3, words),
         Action("query.stop", "Stop the query", query.stop, menu, (), lambda: query.running, group=3, help="cancel prompts"),
     )

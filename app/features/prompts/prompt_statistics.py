@@ -21,6 +21,7 @@ from degense.app.session.view_state import ViewState
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
+Action = Callable[[], object]
 #: The worker's channel of queries.
 QUERY = "query"
 #: The areas of other frames are computed when nothing was drawn for so long, milliseconds: so that scrubbing does not wait for them.
@@ -95,19 +96,13 @@ class PromptStatistics(QObject):
         if self.running:  # the whole clip is being asked already
             self._quiet.start()
         elif wanted := self.areas.missing(view_state, scene.frames, self.session.frame):
-            self._submit("areas", scene, view_state, wanted, self._show_strips, self.shell.say)
+            self._submit("areas", scene, wanted, self._show_strips, self.shell.say)
 
     def _submit(
-        self,
-        channel: str,
-        scene: Scene,
-        view_state: ViewState,
-        frames: list[int],
-        done: Callable[[], None],
-        failed: Callable[[str], None],
-        progress: Callable[[], None] = lambda: None,
+        self, channel: str, scene: Scene, frames: list[int], done: Action, failed: Callable[[str], None], progress: Action = lambda: None
     ) -> None:
         """Compute, keep and show the areas in some frames."""
+        view_state = self.session.view_state
 
         def found(step: tuple[int, dict[str, float]]) -> None:
             frame, shares = step
@@ -162,7 +157,7 @@ class PromptStatistics(QObject):
 
         self.worker.cancel("areas")  # it would compute the same frames
         self.shell.set_busy("Querying the whole clip", 0.0)
-        self._submit(QUERY, scene, view_state, frames, done, failed, progress)
+        self._submit(QUERY, scene, frames, done, failed, progress)
         self.shell.refresh()
 
     def ask_for_folder(self) -> None:

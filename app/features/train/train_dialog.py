@@ -56,22 +56,13 @@ class TrainDialog(forms.Dialog):
         self.poses = _choice("Camera", words.POSES_WORDS)
         self.fit = QCheckBox("Fit the budget to the clip")
         self.iterations = forms.number("Iterations", most=1_000_000, step=500, zero="as the preset")
-        self.gaussians = forms.number("Gaussians", most=5_000_000, step=5000, zero="as the preset")
+        self.max_gaussians = forms.number("Gaussians", most=5_000_000, step=5000, zero="as the preset")
         self.seed = forms.number("Seed", most=2**31 - 1)
         self._place = forms.PathLine("Run folder", lambda at: QFileDialog.getSaveFileName(self, "Folder for the run", at, "")[0])
         self.out = self._place.line
         self.out.setText(str(free_path(clip.path.parent / f"{clip.path.stem}-run")))
-        self._controls = {
-            "preset": self.preset,
-            "routing": self.routing,
-            "teacher": self.teacher,
-            "device": self.device,
-            "poses": self.poses,
-            "fit": self.fit,
-            "iterations": self.iterations,
-            "max_gaussians": self.gaussians,
-            "seed": self.seed,
-        }
+        names = ("preset", "routing", "teacher", "device", "poses", "fit", "iterations", "max_gaussians", "seed")
+        self._controls: dict[str, QWidget] = {name: getattr(self, name) for name in names}
         self.table = SettingsTable()
         self.cost, self.complaint = QLabel(wordWrap=True, accessibleName="Cost"), forms.complaint()
         self.buttons = QDialogButtonBox()
@@ -130,7 +121,7 @@ class TrainDialog(forms.Dialog):
             ("Device", self.device, words.DEVICE_WORDS),
             ("Budget", self.fit, words.FIT_WORDS),
             ("Iterations", self.iterations, words.ITERATION_WORDS),
-            ("Gaussians", self.gaussians, words.GAUSSIAN_WORDS),
+            ("Gaussians", self.max_gaussians, words.GAUSSIAN_WORDS),
             ("Seed", self.seed, words.SEED_WORDS),
         )
         for row, (title, control, said) in enumerate(rows):
