@@ -35,6 +35,7 @@ from degense.widgets.keys import ARROWS, PRESS, keep_keys
 from degense.widgets.theme import error_colour
 
 Layout = TypeVar("Layout", bound=QBoxLayout)
+Named = TypeVar("Named", bound=QWidget)
 #: What a layout holds: widgets, layouts, either with a stretch factor, or a free space in pixels (0: a stretch).
 Item = QWidget | QLayout | tuple[QWidget | QLayout, int] | int
 
@@ -53,6 +54,13 @@ class Painted:
 
 class PaintedWidget(Painted, QWidget):
     """A plain widget that paints itself."""
+
+
+def named(widget: Named, name: str, tip: str = "") -> Named:
+    """The widget, with its name for those who cannot see it and a tooltip."""
+    widget.setAccessibleName(name)
+    widget.setToolTip(tip)
+    return widget
 
 
 def row(*items: Item, spacing: int = 6, parent: QWidget | None = None) -> QHBoxLayout:
@@ -101,14 +109,17 @@ def choice(
 
 def number(name: str, least: int = 0, most: int = 1_000_000, step: int = 1, zero: str = "") -> QSpinBox:
     """A whole number; `zero` is shown in place of the least one."""
-    return QSpinBox(accessibleName=name, minimum=least, maximum=most, singleStep=step, groupSeparatorShown=True, specialValueText=zero)
+    box = named(QSpinBox(minimum=least, maximum=most, singleStep=step), name)
+    box.setGroupSeparatorShown(True)
+    box.setSpecialValueText(zero)
+    return box
 
 
 def decimal(name: str, least: float, most: float, step: float = 1.0, suffix: str = "", zero: str = "", decimals: int = 1) -> QDoubleSpinBox:
     """A number; `zero` is shown in place of the least one."""
-    return QDoubleSpinBox(
-        accessibleName=name, decimals=decimals, minimum=least, maximum=most, singleStep=step, suffix=suffix, specialValueText=zero
-    )
+    box = named(QDoubleSpinBox(decimals=decimals, minimum=least, maximum=most, singleStep=step, suffix=suffix), name)
+    box.setSpecialValueText(zero)
+    return box
 
 
 def value(control: QWidget) -> Any:
@@ -128,7 +139,7 @@ def enter(control: QWidget, value: Any) -> None:
     elif isinstance(control, QCheckBox):
         control.setChecked(value)
     elif isinstance(control, QSpinBox | QDoubleSpinBox):
-        control.setValue(control.minimum() if value is None else value)
+        control.setValue(control.minimum() if value is None else value)  # type: ignore[arg-type]
 
 
 def changed(control: QWidget) -> SignalInstance:
@@ -141,7 +152,8 @@ def changed(control: QWidget) -> SignalInstance:
 
 def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushButton:
     """A button that Space and Enter press."""
-    made = QPushButton(title, toolTip=tip)
+    made = QPushButton(title)
+    made.setToolTip(tip)
     made.clicked.connect(lambda checked: clicked())
     keep_keys(made, PRESS)
     return made
@@ -149,8 +161,9 @@ def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushBut
 
 def label(text: str = "", *, name: str = "", secondary: bool = False, wrap: bool = True) -> QLabel:
     """Plain text, never taken for markup; a secondary one is quieter."""
-    kind = "secondary" if secondary else ""
-    return QLabel(text, textFormat=Qt.TextFormat.PlainText, accessibleName=name, wordWrap=wrap, objectName=kind)
+    made = named(QLabel(text, textFormat=Qt.TextFormat.PlainText, wordWrap=wrap), name)
+    made.setObjectName("secondary" if secondary else "")
+    return made
 
 
 def complaint() -> QLabel:
@@ -164,14 +177,15 @@ def complaint() -> QLabel:
 
 def scrolled(content: QWidget, name: str = "") -> QScrollArea:
     """A frameless area in which a widget is scrolled that has no room."""
-    area = QScrollArea(widgetResizable=True, accessibleName=name, frameShape=QFrame.Shape.NoFrame)
+    area = named(QScrollArea(widgetResizable=True), name)
+    area.setFrameShape(QFrame.Shape.NoFrame)
     area.setWidget(content)
     return area
 
 
 def tabs(**pages: QWidget) -> QTabWidget:
     """Pages under their titles; an underscore stands for a space."""
-    made = QTabWidget(documentMode=True, accessibleName="Pages")
+    made = named(QTabWidget(documentMode=True), "Pages")
     for title, page in pages.items():
         made.addTab(page, title.replace("_", " "))
     return made
@@ -181,7 +195,9 @@ class Dialog(QDialog):
     """A window over another one, `name` is its object name; it is gone when it is closed."""
 
     def __init__(self, parent: QWidget, name: str, title: str, width: int, height: int) -> None:
-        super().__init__(parent, objectName=name, windowTitle=title)
+        super().__init__(parent)
+        self.setObjectName(name)
+        self.setWindowTitle(title)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(width, height)
 
@@ -197,8 +213,8 @@ class PathLine(QWidget):
 
     def __init__(self, name: str, browse: Callable[[str], str]) -> None:
         super().__init__()
-        self.line = QLineEdit(accessibleName=name)
-        choose = QPushButton("Choose…", accessibleName=f"Choose {name[0].lower()}{name[1:]}")
+        self.line = named(QLineEdit(), name)
+        choose = named(QPushButton("Choose…"), f"Choose {name[0].lower()}{name[1:]}")
         choose.clicked.connect(lambda: self.line.setText(browse(self.line.text()) or self.line.text()))
         row((self.line, 1), choose, parent=self)
 

@@ -41,7 +41,8 @@ class Docks(QObject):
         self._tabs: list[QDockWidget] = []
         self._below: list[QWidget] = []
         self._heights: dict[QDockWidget, int] = {}
-        self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False, objectName="views")
+        self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
+        self.views.setObjectName("views")
         centre = QWidget()
         self._centre = forms.column((self.views, 1), margin=0, spacing=0, parent=centre)
         window.setCentralWidget(centre)
@@ -66,7 +67,8 @@ class Docks(QObject):
         hidden : bool
             Whether it is closed at first; the bottom ones always are.
         """
-        dock = QDockWidget(title, self.window, objectName=title)
+        dock = QDockWidget(title, self.window)
+        dock.setObjectName(title)
         if place == "tab":
             widget = forms.scrolled(widget, title)
             widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
@@ -127,7 +129,7 @@ class Docks(QObject):
 
     def _add_status_bar(self) -> None:
         bar = self.window.statusBar()
-        self.busy_text, self.busy_bar = QLabel(), QProgressBar(textVisible=False, accessibleName="What is being done")
+        self.busy_text, self.busy_bar = QLabel(), forms.named(QProgressBar(textVisible=False), "What is being done")
         self.busy_bar.setFixedWidth(140)
         self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         bar.addPermanentWidget(self.busy_text)

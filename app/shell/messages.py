@@ -79,14 +79,15 @@ def show_about(parent: QWidget) -> None:
 
 def show_text(parent: QWidget, title: str, text: str) -> QDialog:
     """A window with text in fixed columns."""
-    view = QPlainTextEdit(text, readOnly=True, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap, accessibleName=title)
+    view = forms.named(QPlainTextEdit(text, readOnly=True, lineWrapMode=QPlainTextEdit.LineWrapMode.NoWrap), title)
     view.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
     return _dialog(parent, title, view, 760, 480)
 
 
 def show_page(parent: QWidget, title: str, html: str) -> QDialog:
     """A window with a page to read."""
-    view = QTextBrowser(accessibleName=title, html=html)
+    view = forms.named(QTextBrowser(), title)
+    view.setHtml(html)
     view.document().setDocumentMargin(14)
     return _dialog(parent, title, view, 720, 640)
 

@@ -19,8 +19,9 @@ class Palette(QDialog):
         super().__init__(parent, Qt.WindowType.Popup)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self._registry, self._run_action = registry, run
-        self.input = QLineEdit(placeholderText="What do you want to do?", accessibleName="What do you want to do?")
-        self.list = QListWidget(accessibleName="Actions that fit", focusPolicy=Qt.FocusPolicy.NoFocus)
+        self.input = forms.named(QLineEdit(placeholderText="What do you want to do?"), "What do you want to do?")
+        self.list = forms.named(QListWidget(), "Actions that fit")
+        self.list.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         forms.column(self.input, self.list, parent=self)
         self.input.textChanged.connect(self._fill)
         self.input.returnPressed.connect(self._run)

@@ -51,13 +51,13 @@ class AnnotationPanel(QWidget):
         self.classes.recoloured.connect(state.recolour_class)
         self._tools = QButtonGroup(self)
         self._buttons: dict[str, QPushButton] = {}
-        tip = "Size of the brush; keys [ and ]"
-        self._slider = QSlider(Qt.Orientation.Horizontal, accessibleName="Size of the brush", toolTip=tip, maximum=8 * OCTAVE - 8)
+        self._slider = forms.named(QSlider(Qt.Orientation.Horizontal), "Size of the brush", "Size of the brush; keys [ and ]")
+        self._slider.setMaximum(8 * OCTAVE - 8)
         self._slider.valueChanged.connect(lambda step: tool.choose(radius=SMALLEST * 2 ** (step / OCTAVE)))
         keep_keys(self._slider, ARROWS)
         self._size = QLabel()
         self._size.setMinimumWidth(self.fontMetrics().horizontalAdvance("200 px "))
-        self._new = QLineEdit(placeholderText="Another class…", accessibleName="Name of another class")
+        self._new = forms.named(QLineEdit(placeholderText="Another class…"), "Name of another class")
         self._new.returnPressed.connect(self._add_class)
         keep_keys(self._new, TYPING)
         self._lock = self._combo("Paint only inside a class, whatever the tool covers")
@@ -66,7 +66,9 @@ class AnnotationPanel(QWidget):
         self._status.addItems(STATUSES)
         self._status.activated.connect(lambda row: self._attempt(lambda: state.set_status(STATUSES[row])))
         self.frame, self.summary = forms.label(), forms.label(secondary=True)
-        self._progress = QProgressBar(textVisible=False, maximumHeight=8, maximum=1000, accessibleName="Progress", visible=False)
+        self._progress = forms.named(QProgressBar(textVisible=False, maximum=1000), "Progress")
+        self._progress.setMaximumHeight(8)
+        self._progress.hide()
         forms.column(
             self._tool_buttons(),
             forms.row(QLabel("Size"), (self._slider, 1), self._size),
@@ -88,7 +90,10 @@ class AnnotationPanel(QWidget):
         grid = QGridLayout()
         grid.setSpacing(4)
         for index, kind in enumerate(TOOLS):
-            button = QToolButton(text=kind.title, toolTip=kind.description, accessibleName=kind.title, objectName=kind.name, checkable=True)
+            button = forms.named(QToolButton(), kind.title, kind.description)
+            button.setText(kind.title)
+            button.setObjectName(kind.name)
+            button.setCheckable(True)
             button.setSizePolicy(self.sizePolicy().Policy.Expanding, self.sizePolicy().Policy.Fixed)
             button.clicked.connect(partial(self.state.tool.choose, kind.name))
             keep_keys(button, PRESS)
@@ -99,11 +104,12 @@ class AnnotationPanel(QWidget):
     def _button_row(self, **buttons: str) -> QHBoxLayout:
         """Buttons for actions of this feature: their names and what stands on them."""
         made = {f"annotate.{name.replace('_', '-')}": text for name, text in buttons.items()}
-        self._buttons |= {action: forms.button(text, lambda action=action: self.shell.menus.run(action)) for action, text in made.items()}
+        self._buttons |= {action: forms.button(text, partial(self._press, action)) for action, text in made.items()}
         return forms.row(*(self._buttons[action] for action in made), spacing=4)
 
     def _combo(self, tip: str) -> QComboBox:
-        box = QComboBox(toolTip=tip, accessibleName=tip, focusPolicy=Qt.FocusPolicy.TabFocus, minimumContentsLength=9)
+        box = forms.named(QComboBox(minimumContentsLength=9), tip, tip)
+        box.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         return box
 
@@ -115,6 +121,9 @@ class AnnotationPanel(QWidget):
             button.setToolTip(f"{action.text()} ({keys})" if keys else action.text())
             button.setEnabled(action.isEnabled())
             action.enabledChanged.connect(button.setEnabled)
+
+    def _press(self, action: str) -> None:
+        self.shell.menus.run(action)
 
     def button(self, action: str) -> QPushButton:
         return self._buttons[action]

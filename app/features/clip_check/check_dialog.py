@@ -56,7 +56,7 @@ class CheckDialog(forms.Dialog):
         self.panel = RenderPanel()
         self.panel.setAccessibleName("Frame of the clip")
         self.aspect = forms.choice("What the frame shows", tuple(ASPECTS.items()))
-        self.frame = QSlider(Qt.Orientation.Horizontal, accessibleName="Frame")
+        self.frame = forms.named(QSlider(Qt.Orientation.Horizontal), "Frame")
         self.frame_words = QLabel()
         self.complaint = forms.complaint()
         self.found: dict[str, QLabel] = {}

@@ -22,7 +22,9 @@ class Facts(QScrollArea):
     train_requested = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent, accessibleName="Clip and run", widgetResizable=True, frameShape=QFrame.Shape.NoFrame)
+        super().__init__(parent, widgetResizable=True)
+        self.setAccessibleName("Clip and run")
+        self.setFrameShape(QFrame.Shape.NoFrame)
         inside, self.next_steps = QWidget(), QWidget()
         self.text = QLabel("Nothing is open.", wordWrap=True, textFormat=Qt.TextFormat.RichText)
         self.text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)

@@ -25,8 +25,10 @@ class HistoryList(QListWidget):
     position_chosen = Signal(int)
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        tip = "Click an entry to undo or redo up to it"
-        super().__init__(parent, accessibleName="History", toolTip=tip, focusPolicy=Qt.FocusPolicy.TabFocus)
+        super().__init__(parent)
+        self.setAccessibleName("History")
+        self.setToolTip("Click an entry to undo or redo up to it")
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         for wanted in (self.itemClicked, self.itemActivated):
             wanted.connect(lambda item: self.position_chosen.emit(self.row(item)))
         self.set_entries((), 0)

@@ -105,4 +105,6 @@ class PreferencesDialog(forms.Dialog):
 
 
 def _selectable(text: str) -> QLabel:
-    return QLabel(text, objectName="secondary", wordWrap=True, textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)
+    label = forms.label(text, secondary=True)
+    label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+    return label

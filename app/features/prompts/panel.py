@@ -43,7 +43,7 @@ class PromptBar(QWidget):
         super().__init__(parent)
         self.setAccessibleName("Prompts")
         self._rows: list[PromptRow] = []
-        self._field = QLineEdit(self, accessibleName="New prompt", clearButtonEnabled=True, maxLength=200)
+        self._field = forms.named(QLineEdit(self, clearButtonEnabled=True, maxLength=200), "New prompt")
         self._field.setPlaceholderText("Name what to find (or “not …”), then Enter")
         keep_keys(self._field, TYPING)
         self._words = QStringListModel(self)
@@ -63,11 +63,13 @@ class PromptBar(QWidget):
         self._refined.clicked.connect(self.refined_toggled)
         keep_keys(self._refined, PRESS)
         self.histogram = SimilarityHistogram(self)
-        self.histogram.threshold_dragged.connect(lambda threshold: self._slider.setValue(round(threshold * _STEPS)))
+        self.histogram.threshold_dragged.connect(self._dragged)
         self.histogram.hide()
-        self._slider = QSlider(Qt.Orientation.Horizontal, self, maximum=_STEPS, singleStep=_STEPS // 100, pageStep=_STEPS // 20)
-        self._slider.setAccessibleName("Similarity threshold")
-        self._slider.setToolTip("Similarity above which a pixel belongs to the mask")
+        slider, tip = QSlider(Qt.Orientation.Horizontal, self), "Similarity above which a pixel belongs to the mask"
+        self._slider = forms.named(slider, "Similarity threshold", tip)
+        self._slider.setRange(0, _STEPS)
+        self._slider.setSingleStep(_STEPS // 100)
+        self._slider.setPageStep(_STEPS // 20)
         self._slider.setMinimumWidth(60)
         self._slider.valueChanged.connect(self._threshold_moved)
         keep_keys(self._slider, ARROWS)
@@ -183,6 +185,9 @@ class PromptBar(QWidget):
         self.remove_prompt(row)
         self._field.setFocus(Qt.FocusReason.OtherFocusReason)
         self.prompt_removed.emit(row)
+
+    def _dragged(self, threshold: float) -> None:
+        self._slider.setValue(round(threshold * _STEPS))
 
     def _threshold_moved(self) -> None:
         self._threshold_text.setText(f"{self.threshold():.3f}")

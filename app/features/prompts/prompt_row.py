@@ -18,7 +18,8 @@ class _Swatch(forms.Painted, QToolButton):
     """A button that shows a colour."""
 
     def __init__(self, text: str, colour: QColor, parent: QWidget) -> None:
-        super().__init__(parent, accessibleName=f"Colour of {text}", toolTip="Change the colour", focusPolicy=Qt.FocusPolicy.TabFocus)
+        super().__init__(parent)
+        forms.named(self, f"Colour of {text}", "Change the colour").setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.colour = colour
         self.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         keep_keys(self, PRESS)
@@ -67,7 +68,9 @@ class PromptRow(QFrame):
     negated = Signal(bool)
 
     def __init__(self, text: str, colour: QColor, visible: bool, parent: QWidget, negative: bool = False) -> None:
-        super().__init__(parent, objectName="chip", accessibleName=f"Prompt {text}")
+        super().__init__(parent)
+        self.setObjectName("chip")
+        self.setAccessibleName(f"Prompt {text}")
         self.text = text
         self.error = ""
         self.visible, self.negative = visible, negative

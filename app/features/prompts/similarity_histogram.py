@@ -26,7 +26,8 @@ class SimilarityHistogram(PaintedWidget):
     threshold_dragged = Signal(float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent, accessibleName="Histogram of the similarities")
+        super().__init__(parent)
+        self.setAccessibleName("Histogram of the similarities")
         self.setToolTip("How many pixels are how similar to each prompt; drag the line to move the threshold")
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setCursor(Qt.CursorShape.SplitHCursor)

@@ -64,7 +64,7 @@ class TrainDialog(forms.Dialog):
         names = ("preset", "routing", "teacher", "device", "poses", "fit", "iterations", "max_gaussians", "seed")
         self._controls: dict[str, QWidget] = {name: getattr(self, name) for name in names}
         self.table = SettingsTable()
-        self.cost, self.complaint = QLabel(wordWrap=True, accessibleName="Cost"), forms.complaint()
+        self.cost, self.complaint = forms.named(QLabel(wordWrap=True), "Cost"), forms.complaint()
         self.buttons = QDialogButtonBox()
         self.start = self.buttons.addButton("Add to queue" if queued else "Start", QDialogButtonBox.ButtonRole.AcceptRole)
         self.buttons.addButton(QDialogButtonBox.StandardButton.Cancel)
