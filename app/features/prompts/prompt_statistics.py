@@ -21,7 +21,7 @@ from degense.app.session.view_state import ViewState
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
-Action = Callable[[], object]
+Action = Callable[[], None]
 #: The worker's channel of queries.
 QUERY = "query"
 #: The areas of other frames are computed when nothing was drawn for so long, milliseconds: so that scrubbing does not wait for them.
