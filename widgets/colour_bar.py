@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from matplotlib.ticker import MaxNLocator
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QPainter, QPalette
 from PySide6.QtWidgets import QComboBox, QFormLayout, QLineEdit, QSizePolicy, QWidget
@@ -11,8 +12,8 @@ from PySide6.QtWidgets import QComboBox, QFormLayout, QLineEdit, QSizePolicy, QW
 from degense.engine.colour_maps import COLOUR_MAPS, colour_table
 from degense.widgets import forms
 from degense.widgets.keys import TYPING, keep_keys
+from degense.widgets.numbers import short
 from degense.widgets.qt_images import to_qimage
-from degense.widgets.ticks import linear_ticks, short
 
 #: Percentages of the values beyond each end that are offered.
 CLIPS = (0.0, 0.5, 1.0, 2.0, 5.0)
@@ -21,31 +22,33 @@ _MODE_TITLES = {"frame": "This frame", "sequence": "Whole sequence", "fixed": "F
 RANGE_MODES = tuple(_MODE_TITLES)
 
 
-class _Gradient(forms.PaintedWidget):
-    """The bar itself with its ticks."""
+class Gradient(forms.PaintedWidget):
+    """The bar itself, so many pixels wide, with its ticks."""
 
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
+    def __init__(self, width: int = 20) -> None:
+        super().__init__()
+        self._bar = width
         self.low, self.high, self.cmap = 0.0, 1.0, COLOUR_MAPS[0]
         self.setAccessibleName("Colours and their numbers")
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.setMinimumHeight(120)
 
     def sizeHint(self) -> QSize:
-        return QSize(90, 200)
+        return QSize(self._bar + 70, 200)
 
     def _paint(self, painter: QPainter) -> None:
         metrics = painter.fontMetrics()
         edge = metrics.height() / 2 + 1
-        bar = QRectF(2, edge, 20, max(self.height() - 2 * edge, 1))
+        bar = QRectF(2, edge, self._bar, max(self.height() - 2 * edge, 1))
         painter.drawImage(bar, to_qimage(colour_table(self.cmap)[::-1, None]))
         painter.setPen(self.palette().color(QPalette.ColorRole.Mid))
         painter.drawRect(bar)
         painter.setPen(self.palette().color(QPalette.ColorRole.WindowText))
         ends = [self.low, self.high]
-        inner = linear_ticks(self.low, self.high, max(2, int(bar.height() / (3 * metrics.height()))))
+        count = max(2, int(bar.height() / (3 * metrics.height())))
+        inner = MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(self.low, self.high)
         clear = 1.2 * metrics.height() / max(bar.height(), 1) * (self.high - self.low)
-        for value in ends + [v for v in inner if min(abs(v - end) for end in ends) > clear]:
+        for value in ends + [v for v in inner if self.low + clear < v < self.high - clear]:
             y = bar.bottom() - (value - self.low) / ((self.high - self.low) or 1.0) * bar.height()
             painter.drawLine(round(bar.right()), round(y), round(bar.right()) + 4, round(y))
             label = QRectF(bar.right() + 7, y - metrics.height() / 2, self.width(), metrics.height())
@@ -65,7 +68,7 @@ class ColourBar(QWidget):
         self.setAccessibleName("Colour bar")
         self._title, self._unit = "", ""
         self._heading = forms.label()
-        self._gradient = _Gradient(self)
+        self._gradient = Gradient()
         self._mode_box = forms.choice("Range of the colours", _MODE_TITLES.items(), lambda: self.range_mode_changed.emit(self.range_mode()))
         self._map_box = forms.choice("Colour map", [(name, name) for name in COLOUR_MAPS], self._map_chosen)
         shares = [(share, f"clip {share:g} %" if share else "clip none") for share in CLIPS]

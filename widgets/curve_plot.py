@@ -3,47 +3,65 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from html import escape
 
 import numpy as np
-from PySide6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPalette, QPen, QPolygonF
-from PySide6.QtWidgets import QSizePolicy, QWidget
+import pyqtgraph as pg
+from PySide6.QtCore import QEvent, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPalette
+from PySide6.QtWidgets import QWidget
 
-from degense.widgets.forms import PaintedWidget
+from degense.widgets.numbers import short
 from degense.widgets.theme import class_colour, faded
-from degense.widgets.ticks import linear_ticks, log_ticks, pieces, short
 
-#: Larger values (and, on a logarithmic axis, smaller ones than its inverse) are gaps: the axis could not be computed.
+#: Larger values are gaps: the axis could not be computed.
 LARGEST = 1e100
 
 
-@dataclass
-class _Series:
-    colour: QColor
-    x: list[float]
-    y: list[float]
-    band: tuple[np.ndarray, np.ndarray] | None = None
+class _Axis(pg.AxisItem):
+    """Logarithmic, it has powers of ten, with their doubles and fives where the range is short: pyqtgraph's own labels overlap."""
+
+    def logTickValues(self, low: float, high: float, size: float, linear: object) -> list[tuple[float, list[float]]]:
+        factors, stride = (1, 2, 5) if high - low <= 2 else (1,), max(1, round(30 * (high - low) / size))
+        decades = range(math.floor(low), math.ceil(high) + 1, stride)
+        return [(1.0, [value for decade in decades for factor in factors if low <= (value := decade + math.log10(factor)) <= high])]
 
 
-class CurvePlot(PaintedWidget):
-    """Curves with round ticks, a legend, a cursor line and a read-out under the pointer. Values that are not finite leave gaps."""
+class CurvePlot(pg.GraphicsView):
+    """Curves with a legend, a cursor line and a read-out under the pointer.
+
+    Values that are not finite leave gaps; with a logarithmic axis (`log`) also those that are not positive.
+    """
 
     x_clicked = Signal(float)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None, log: bool = False) -> None:
         super().__init__(parent)
         self.setAccessibleName("Plot")
-        self.setMouseTracking(True)
-        self.setMinimumSize(140, 90)
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
-        self._series: dict[str, _Series] = {}
-        self._cursor: float | None = None
-        self._log = False
-        self._x_label, self._y_label = "frame", ""
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self._plot = layout = pg.GraphicsLayout()  # no PlotItem: its menus outlive it
+        self.setCentralItem(layout)
+        self._legend = layout.addLabel("", 0, 1, justify="left")
+        self._box = layout.addViewBox(1, 1, enableMenu=False)
+        self._axes = _Axis("left"), _Axis("bottom")
+        for axis, place in zip(self._axes, ((1, 0), (2, 1)), strict=True):
+            layout.addItem(axis, *place)
+            axis.linkToView(self._box)
+            axis.setZValue(-1)
+            axis.enableAutoSIPrefix(False)
+            axis.setGrid(60)
+        layout.layout.setSpacing(0)
+        layout.layout.setContentsMargins(2, 2, 10, 2)
+        layout.geometryChanged.connect(lambda: self._axes[1].showLabel(self.height() > 130))
+        self._log = log
+        self._axes[0].setLogMode(y=log)
+        self._series: dict[str, list[pg.GraphicsObject]] = {}  # the curve, its lone points, its band
+        self._labels = "frame", ""
         self._message = "Nothing to plot yet"
-        self._pointer: float | None = None  # widget x of the pointer
-        self._pressed = False
+        self._cursor, self._pointer = pg.InfiniteLine(), pg.InfiniteLine()
+        self._apply_palette()
+        self.set_labels()
+        self.clear()
 
     def set_series(
         self,
@@ -56,227 +74,132 @@ class CurvePlot(PaintedWidget):
         """Add or replace a curve, x ascending. A band (low, high), as long as the curve, is shaded behind it."""
         if len(x) != len(y):
             raise ValueError(f"the curve {name!r} has {len(x)} positions and {len(y)} values")
-        if colour is None:
-            colour = self._series[name].colour if name in self._series else class_colour(len(self._series))
-        self._series[name] = _Series(colour, [float(v) for v in x], [float(v) for v in y], band)
-        self.update()
+        old = self._series.pop(name, [])
+        for item in old:
+            self._box.removeItem(item)
+        colour = colour or (old[0].opts["pen"].color() if old else class_colour(len(self._series)))
+        x, y = np.asarray(x, float), np.where((np.abs(y) < LARGEST) & (np.asarray(y) > (0.0 if self._log else -LARGEST)), y, np.nan)
+        known = np.pad(np.isfinite(y), 1)
+        alone = known[1:-1] & ~known[:-2] & ~known[2:]
+        pen, style = pg.mkPen(colour, width=1.6), {"connect": "finite", "antialias": True, "autoDownsample": True}
+        items = [pg.PlotDataItem(x, y, pen=pen, **style)]
+        items += [pg.PlotDataItem(x[alone], y[alone], pen=None, symbol="o", symbolPen=None, symbolBrush=colour, symbolSize=3.2)]
+        for item in items:
+            item.setLogMode(False, self._log)
+        if band is not None:
+            unknown = ~np.isfinite(band[0] + band[1]) | alone
+            edges = [pg.PlotCurveItem(x, np.where(unknown, np.nan, edge), connect="finite") for edge in band]
+            items.append(pg.FillBetweenItem(*edges, brush=faded(colour, 45)))
+        for item in items:
+            self._box.addItem(item)
+        self._series[name] = items
+        self._show_legend()
 
     def append(self, name: str, x: float, y: float) -> None:
         """Add one point to a curve, which is made when it does not exist."""
-        if name not in self._series:
-            self.set_series(name, np.zeros(0), np.zeros(0))
-        self._series[name].x.append(float(x))
-        self._series[name].y.append(float(y))
-        self.update()
+        before = self.points(name) if name in self._series else ([], [])
+        self.set_series(name, np.append(before[0], x), np.append(before[1], y))
+
+    def points(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and values of a curve."""
+        return self._series[name][0].getOriginalDataset()
 
     def clear(self) -> None:
+        self._box.clear()
         self._series.clear()
-        self.update()
+        for line in (self._cursor, self._pointer):
+            line.hide()
+            self._box.addItem(line, ignoreBounds=True)
+        self._show_legend()
 
     def series_names(self) -> list[str]:
         return list(self._series)
 
     def set_cursor(self, x: float | None) -> None:
-        self._cursor = x
-        self.update()
-
-    def set_log_y(self, on: bool) -> None:
-        """Logarithmic values; those that are not positive leave gaps."""
-        self._log = on
-        self.update()
+        self._cursor.setVisible(x is not None)
+        self._cursor.setValue(x or 0.0)
 
     def set_labels(self, x: str = "frame", y: str = "") -> None:
-        self._x_label, self._y_label = x, y
-        self.update()
+        self._labels = x, y
+        self._axes[1].setLabel(x)
+        self._show_legend()
+
+    def hide_axes(self) -> None:
+        """Show nothing but the curves, from 0 to 1."""
+        self._box.setXRange(0.0, 1.0, padding=0.01)
+        for item in (*self._axes, self._legend):
+            item.hide()
 
     def set_message(self, text: str) -> None:
         """What to say when there is no curve."""
         self._message = text
-        self.update()
+        self.viewport().update()
 
     def sizeHint(self) -> QSize:
         return QSize(320, 180)
 
-    # Geometry
+    def minimumSizeHint(self) -> QSize:
+        return QSize(140, 90)
 
-    def _values(self, series: _Series) -> np.ndarray:
-        """What is plotted of the values; NaN, a gap, where a value is not finite, absurd, or not positive on a logarithmic axis."""
-        y = np.asarray(series.y, float)
-        y = np.where(np.abs(y) < LARGEST, y, np.nan)
-        return np.log10(y, where=y > 1 / LARGEST, out=np.full(len(y), np.nan)) if self._log else y
-
-    def _limits(self) -> tuple[float, float, float, float] | None:
-        """(x low, x high, y low, y high) of the finite points, y in plotted units, or None without any."""
-        xs = [np.asarray(s.x) for s in self._series.values() if s.x]
-        ys = [self._values(s) for s in self._series.values() if s.y]
-        ys += [edge for s in self._series.values() if s.band is not None and not self._log for edge in s.band]
-        if not xs:
-            return None
-        y = np.concatenate(ys)
-        y = y[np.isfinite(y)]
-        if not len(y):
-            return None
-        x = np.concatenate(xs)
-        x0, x1, y0, y1 = float(x.min()), float(x.max()), float(y.min()), float(y.max())
-        if x1 == x0:
-            x0, x1 = x0 - 0.5, x1 + 0.5
-        pad = 0.06 * (y1 - y0) or 0.1 * abs(y1) or 0.5
-        return x0, x1, (0.0 if not self._log and y0 >= 0 and y0 - pad < 0 else y0 - pad), y1 + pad
-
-    def _layout(self) -> tuple[QRectF, tuple[float, float, float, float], list[tuple[float, str]]] | None:
-        """The plotting rectangle, its limits, and the y ticks as (plotted value, text)."""
-        limits = self._limits()
-        if limits is None:
-            return None
-        metrics = self.fontMetrics()
-        legend = metrics.height() + 6
-        bottom = metrics.height() + 6 + (metrics.height() if self._x_label and self.height() > 130 else 0)
-        count = max(2, int((self.height() - legend - bottom) / (2.2 * metrics.height())))
-        if self._log:
-            ticks = [(math.log10(v), short(v, 2)) for v in log_ticks(10 ** limits[2], 10 ** limits[3], count)]
-        else:
-            ticks = [(v, short(v, 4)) for v in linear_ticks(limits[2], limits[3], count)]
-        left = max([metrics.horizontalAdvance(text) for _, text in ticks], default=20) + 10
-        return QRectF(left, legend, max(self.width() - left - 10, 10), max(self.height() - legend - bottom, 10)), limits, ticks
-
-    # Painting
-
-    def _paint(self, painter: QPainter) -> None:
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.fillRect(self.rect(), self.palette().color(QPalette.ColorRole.AlternateBase))
-        quiet = self.palette().color(QPalette.ColorRole.PlaceholderText)
-        layout = self._layout()
-        if layout is None:
-            painter.setPen(quiet)
-            painter.drawText(
-                self.rect().adjusted(12, 12, -12, -12), Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap.value, self._message
-            )
-            return
-        area, limits, y_ticks = layout
-        self._paint_axes(painter, area, limits, y_ticks, quiet)
-        painter.save()
-        painter.setClipRect(area.adjusted(-1, -1, 1, 1))
-        for series in self._series.values():
-            self._paint_curve(painter, series, area, limits)
-        if self._cursor is not None:
-            painter.setPen(QPen(self.palette().color(QPalette.ColorRole.Accent), 1.4))
-            x = self._to_x(self._cursor, area, limits)
-            painter.drawLine(QPointF(x, area.top()), QPointF(x, area.bottom()))
-        painter.restore()
-        self._paint_legend(painter, area, limits)
-
-    def _paint_axes(self, painter: QPainter, area: QRectF, limits: tuple, y_ticks: list[tuple[float, str]], quiet: QColor) -> None:
-        metrics = painter.fontMetrics()
-        grid = faded(self.palette().color(QPalette.ColorRole.Mid), 110)
-        for value, text in y_ticks:
-            y = self._to_y(value, area, limits)
-            painter.setPen(grid)
-            painter.drawLine(QPointF(area.left(), y), QPointF(area.right(), y))
-            painter.setPen(quiet)
-            painter.drawText(QRectF(0, y - 10, area.left() - 5, 20), Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter, text)
-        for value in linear_ticks(limits[0], limits[1], max(2, int(area.width() / 45))):
-            x = self._to_x(value, area, limits)
-            painter.setPen(grid)
-            painter.drawLine(QPointF(x, area.top()), QPointF(x, area.bottom()))
-            painter.setPen(quiet)
-            text = short(value, 6)
-            width = metrics.horizontalAdvance(text)
-            painter.drawText(QPointF(min(x - width / 2, self.width() - width - 1), area.bottom() + 2 + metrics.ascent()), text)
-        if self._x_label and self.height() > 130:
-            painter.setPen(quiet)
-            label = QRectF(area.left(), self.height() - metrics.height() - 2, area.width(), metrics.height())
-            painter.drawText(label, Qt.AlignmentFlag.AlignHCenter, self._x_label)
-
-    def _paint_curve(self, painter: QPainter, series: _Series, area: QRectF, limits: tuple) -> None:
-        x, y = np.asarray(series.x), self._values(series)
-        # A long run has more points than pixels; one point a half pixel is all that can be seen.
-        keep = max(1, len(x) // (2 * max(int(area.width()), 1)))
-        if series.band is not None and not self._log:
-            self._paint_band(painter, series, area, limits)
-        painter.setPen(QPen(series.colour, 1.6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin))
-        for run in pieces(y):
-            chosen = run if keep == 1 else np.unique(np.append(run[::keep], run[-1]))
-            points = [QPointF(self._to_x(x[i], area, limits), self._to_y(y[i], area, limits)) for i in chosen]
-            if len(points) == 1:
-                painter.setBrush(series.colour)
-                painter.drawEllipse(points[0], 1.6, 1.6)
-                painter.setBrush(Qt.BrushStyle.NoBrush)
-            else:
-                painter.drawPolyline(QPolygonF(points))
-
-    def _paint_band(self, painter: QPainter, series: _Series, area: QRectF, limits: tuple) -> None:
-        assert series.band is not None
-        low, high = series.band
-        for run in pieces(np.asarray(low) + high):
-            there = [QPointF(self._to_x(series.x[i], area, limits), self._to_y(high[i], area, limits)) for i in run]
-            back = [QPointF(self._to_x(series.x[i], area, limits), self._to_y(low[i], area, limits)) for i in run[::-1]]
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(faded(series.colour, 45))
-            painter.drawPolygon(QPolygonF(there + back))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-
-    def _paint_legend(self, painter: QPainter, area: QRectF, limits: tuple) -> None:
+    def _show_legend(self) -> None:
         """Names in a row on top; under the pointer, with the values there."""
-        metrics = painter.fontMetrics()
-        text_colour = self.palette().color(QPalette.ColorRole.Text)
-        at = self._pointed_x(area, limits)
-        pen = area.left()
-        lead = self._y_label if at is None else f"{self._x_label} {short(at, 6)}"
-        if lead:
-            painter.setPen(self.palette().color(QPalette.ColorRole.PlaceholderText))
-            painter.drawText(QPointF(pen, metrics.ascent() + 3), lead)
-            pen += metrics.horizontalAdvance(lead) + 12
-        if at is not None:
-            painter.setPen(QPen(text_colour, 1, Qt.PenStyle.DotLine))
-            x = self._to_x(at, area, limits)
-            painter.drawLine(QPointF(x, area.top()), QPointF(x, area.bottom()))
-        for name, series in self._series.items():
-            text = name
-            if at is not None and series.x:
-                nearest = int(np.argmin(np.abs(np.asarray(series.x) - at)))
-                text = f"{name} {short(series.y[nearest], 4)}"
-            painter.setPen(QPen(series.colour, 2.4))
-            painter.drawLine(QPointF(pen, 3 + metrics.ascent() * 0.65), QPointF(pen + 12, 3 + metrics.ascent() * 0.65))
-            painter.setPen(text_colour)
-            painter.drawText(QPointF(pen + 16, metrics.ascent() + 3), text)
-            pen += 16 + metrics.horizontalAdvance(text) + 12
+        at = self._pointer.value() if self._pointer.isVisible() else None
+        lead = self._labels[1] if at is None else f"{self._labels[0]} {short(at, 6)}"
+        texts = [f'<span style="color: {self.palette().placeholderText().color().name()}">{escape(lead)}</span>']
+        for name in self._series:
+            x, y = self.points(name)
+            near = "" if at is None or not len(x) else f" {short(y[np.argmin(np.abs(x - at))], 4)}"
+            colour = self._series[name][0].opts["pen"].color().name()
+            texts.append(f'<b style="color: {colour}">—</b> {escape(name + near)}')
+        self._legend.setText("&nbsp;&nbsp; ".join(texts), color=self.palette().text().color())
+        self._legend.setMinimumWidth(0)
+        self._plot.setVisible(any(np.isfinite(self.points(name)[1]).any() for name in self._series))
 
-    def _to_x(self, value: float, area: QRectF, limits: tuple) -> float:
-        return area.left() + (value - limits[0]) / (limits[1] - limits[0]) * area.width()
-
-    def _to_y(self, value: float, area: QRectF, limits: tuple) -> float:
-        return area.bottom() - (value - limits[2]) / (limits[3] - limits[2]) * area.height()
-
-    def _pointed_x(self, area: QRectF, limits: tuple) -> float | None:
-        """The position of a point of a curve nearest to the pointer."""
-        if self._pointer is None or not area.left() - 4 <= self._pointer <= area.right() + 4:
-            return None
-        wanted = limits[0] + (self._pointer - area.left()) / area.width() * (limits[1] - limits[0])
-        x = np.concatenate([np.asarray(s.x) for s in self._series.values()])
-        return float(x[np.argmin(np.abs(x - wanted))])
+    def _apply_palette(self) -> None:
+        colours = self.palette()
+        self.setBackground(colours.alternateBase().color())
+        for axis in self._axes:
+            axis.setPen(colours.mid().color())
+            axis.setTextPen(colours.placeholderText().color())
+        self._cursor.setPen(colours.accent().color(), width=1.4)
+        self._pointer.setPen(colours.text().color(), style=Qt.PenStyle.DotLine)
 
     # Events
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        self._pointer = event.position().x()
-        if self._pressed:
-            self._click()
-        self.update()
+    def x_at(self, event: QMouseEvent) -> float:
+        """The position on the x axis under the pointer."""
+        self._box.updateAutoRange()
+        return self._box.mapSceneToView(event.position()).x()
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        if event.button() == Qt.MouseButton.LeftButton:
-            self._pointer = event.position().x()
-            self._pressed = True
-            self._click()
+    def _point(self, event: QMouseEvent) -> None:
+        """Show the values at the point of a curve that is nearest to the pointer; with the left button down it is clicked."""
+        self._pointer.setVisible(self._plot.isVisible())
+        if self._plot.isVisible():
+            x = np.concatenate([self.points(name)[0] for name in self._series])
+            self._pointer.setValue(x[np.argmin(np.abs(x - self.x_at(event)))])
+            if event.buttons() & Qt.MouseButton.LeftButton:
+                self.x_clicked.emit(self._pointer.value())
+        self._show_legend()
+
+    mousePressEvent = mouseMoveEvent = _point
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        self._pressed = False
+        """A click is told when the button goes down."""
 
     def leaveEvent(self, event: QEvent) -> None:
-        self._pointer = None
-        self.update()
+        self._pointer.hide()
+        self._show_legend()
 
-    def _click(self) -> None:
-        layout = self._layout()
-        if layout is not None and (x := self._pointed_x(layout[0], layout[1])) is not None:
-            self.x_clicked.emit(x)
+    def paintEvent(self, event: QPaintEvent) -> None:
+        super().paintEvent(event)
+        if not self._plot.isVisible():
+            with QPainter(self.viewport()) as painter:
+                painter.setPen(self.palette().color(QPalette.ColorRole.PlaceholderText))
+                flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap.value
+                painter.drawText(self.rect().adjusted(12, 12, -12, -12), flags, self._message)
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.PaletteChange and hasattr(self, "_pointer"):  # also called from the base class's constructor
+            self._apply_palette()
+            self._show_legend()

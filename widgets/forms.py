@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
-from PySide6.QtCore import Qt, SignalInstance
+from PySide6.QtCore import QSignalBlocker, Qt, SignalInstance
 from PySide6.QtGui import QPainter, QPaintEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -251,17 +251,29 @@ def search(of: QTableWidget, columns: Sequence[int], hint: str) -> QLineEdit:
     return made
 
 
-def write(of: QTableWidget, row: int, column: int, text: str, bold: bool) -> QTableWidgetItem:
+def write(of: QTableWidget, row: int, column: int, text: str, bold: bool = False) -> QTableWidgetItem:
     """Write into a cell, which is made where there is none."""
     item = of.item(row, column)
     if item is None:
         item = QTableWidgetItem()
         of.setItem(row, column, item)
-    item.setText(text)
-    font = item.font()
-    font.setBold(bold)
-    item.setFont(font)
+    if item.text() != text:
+        item.setText(text)
+    if item.font().bold() != bold:
+        font = item.font()
+        font.setBold(bold)
+        item.setFont(font)
     return item
+
+
+def fill(of: QTableWidget, rows: Sequence[Sequence[str]], right: bool = False) -> None:
+    """Show these rows and no others, aligned to the left or the right. Cells are reused; the table tells nobody."""
+    side = Qt.AlignmentFlag.AlignRight if right else Qt.AlignmentFlag.AlignLeft
+    with QSignalBlocker(of):
+        of.setRowCount(len(rows))
+        for row, cells in enumerate(rows):
+            for column, text in enumerate(cells):
+                write(of, row, column, text).setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
 
 
 def texts(of: QTableWidget) -> list[tuple[str, ...]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, QSize, Qt
@@ -12,7 +12,6 @@ from PySide6.QtWidgets import QSizePolicy, QSlider, QToolTip, QWidget
 from degense.widgets.forms import Painted
 from degense.widgets.keys import ARROWS, keep_keys
 from degense.widgets.theme import faded
-from degense.widgets.ticks import pieces
 
 _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
 
@@ -126,7 +125,7 @@ class FrameTrack(Painted, QSlider):
         scale = (height - 3) / max(float(values[finite].max()), 1e-12)
         # No more points than pixels: of the frames that share a pixel the largest value is drawn.
         step = max(1, len(values) // max(self.width(), 1))
-        for run in pieces(values):
+        for run in _pieces(values):
             peaks = [(run[i], max(float(values[run[i : i + step]].max()), 0.0)) for i in range(0, len(run), step)]
             points = [QPointF(self._x(frame), height - scale * peak) for frame, peak in peaks]
             line = QPainterPath(points[0])
@@ -171,14 +170,17 @@ class FrameTrack(Painted, QSlider):
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         step = 10 if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else 1
-        if event.key() in (Qt.Key.Key_Left, Qt.Key.Key_Down):
-            self.setValue(self.value() - step)
-        elif event.key() in (Qt.Key.Key_Right, Qt.Key.Key_Up):
-            self.setValue(self.value() + step)
-        elif event.key() == Qt.Key.Key_PageUp:
-            self.setValue(self.value() - self.pageStep())
-        elif event.key() == Qt.Key.Key_PageDown:
-            self.setValue(self.value() + self.pageStep())
+        key, page = Qt.Key, self.pageStep()
+        steps = {
+            key.Key_Left: -step,
+            key.Key_Down: -step,
+            key.Key_Right: step,
+            key.Key_Up: step,
+            key.Key_PageUp: -page,
+            key.Key_PageDown: page,
+        }
+        if event.key() in steps:
+            self.setValue(self.value() + steps[event.key()])
         else:
             super().keyPressEvent(event)
 
@@ -191,3 +193,9 @@ class FrameTrack(Painted, QSlider):
             QToolTip.showText(event.globalPos(), "\n".join(lines), self)
             return True
         return super().event(event)
+
+
+def _pieces(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Indices of each run of finite values, [n] each, one after another."""
+    known = np.flatnonzero(np.isfinite(values))
+    return (run for run in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(run))

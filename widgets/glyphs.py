@@ -2,61 +2,32 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QPainter, QPainterPath, QPaintEvent, QPalette, QPen, QPolygonF
+from collections.abc import Callable
+
+from PySide6.QtCore import QRectF, QSize, Qt
+from PySide6.QtGui import QPainter, QPaintEvent, QPalette
+from PySide6.QtSvg import QSvgRenderer
 from PySide6.QtWidgets import QToolButton, QWidget
 
 from degense.widgets.keys import PRESS, keep_keys
 
+_EYE = "M1.5 8Q8 .5 14.5 8 8 15.5 1.5 8M10.2 8A2.2 2.2 0 1 1 5.8 8 2.2 2.2 0 1 1 10.2 8"
 
-def _polygon(*points: tuple[float, float]) -> QPainterPath:
-    path = QPainterPath()
-    path.addPolygon(QPolygonF([QPointF(x, y) for x, y in points]))
-    path.closeSubpath()
-    return path
-
-
-def _bar(x: float, y: float, width: float, height: float) -> QPainterPath:
-    path = QPainterPath()
-    path.addRect(QRectF(x, y, width, height))
-    return path
-
-
-def _lines(*lines: tuple[tuple[float, float], ...]) -> QPainterPath:
-    path = QPainterPath()
-    for first, *rest in lines:
-        path.moveTo(*first)
-        for point in rest:
-            path.lineTo(*point)
-    return path
-
-
-def _eye(open_: bool) -> QPainterPath:
-    path = QPainterPath()
-    path.moveTo(1.5, 8)
-    path.quadTo(8, 0.5, 14.5, 8)
-    path.quadTo(8, 15.5, 1.5, 8)
-    path.addEllipse(QPointF(8, 8), 2.2, 2.2)
-    if not open_:
-        path.addPath(_lines(((2.5, 13.5), (13.5, 2.5))))
-    return path
-
-
-#: name → (path in a 16 × 16 box, filled?)
+#: name → (SVG path in a 16 × 16 box, filled?)
 _GLYPHS = {
-    "play": (_polygon((4, 2), (14, 8), (4, 14)), True),
-    "pause": (_bar(3.5, 2.5, 3.2, 11).united(_bar(9.3, 2.5, 3.2, 11)), True),
-    "next": (_polygon((3, 3), (10, 8), (3, 13)).united(_bar(11, 3, 2, 10)), True),
-    "previous": (_polygon((13, 3), (6, 8), (13, 13)).united(_bar(3, 3, 2, 10)), True),
-    "first": (_polygon((9.5, 3), (4.5, 8), (9.5, 13)).united(_polygon((15, 3), (10, 8), (15, 13))).united(_bar(1.5, 3, 2, 10)), True),
-    "last": (_polygon((6.5, 3), (11.5, 8), (6.5, 13)).united(_polygon((1, 3), (6, 8), (1, 13))).united(_bar(12.5, 3, 2, 10)), True),
-    "cross": (_lines(((4, 4), (12, 12)), ((12, 4), (4, 12))), False),
-    "up": (_lines(((3, 10), (8, 5), (13, 10))), False),
-    "down": (_lines(((3, 6), (8, 11), (13, 6))), False),
-    "plus": (_lines(((8, 3), (8, 13)), ((3, 8), (13, 8))), False),
-    "minus": (_lines(((3, 8), (13, 8))), False),
-    "eye": (_eye(True), False),
-    "eye-off": (_eye(False), False),
+    "play": ("M4 2 14 8 4 14Z", True),
+    "pause": ("M3.5 2.5h3.2v11h-3.2ZM9.3 2.5h3.2v11h-3.2Z", True),
+    "next": ("M3 3 10 8 3 13ZM11 3h2v10h-2Z", True),
+    "previous": ("M13 3 6 8 13 13ZM3 3h2v10h-2Z", True),
+    "first": ("M9.5 3 4.5 8 9.5 13ZM15 3 10 8 15 13ZM1.5 3h2v10h-2Z", True),
+    "last": ("M6.5 3 11.5 8 6.5 13ZM1 3 6 8 1 13ZM12.5 3h2v10h-2Z", True),
+    "cross": ("M4 4 12 12M12 4 4 12", False),
+    "up": ("M3 10 8 5 13 10", False),
+    "down": ("M3 6 8 11 13 6", False),
+    "plus": ("M8 3V13M3 8H13", False),
+    "minus": ("M3 8H13", False),
+    "eye": (_EYE, False),
+    "eye-off": (_EYE + "M2.5 13.5 13.5 2.5", False),
 }
 
 
@@ -70,11 +41,13 @@ class GlyphButton(QToolButton):
         What it does: accessible name and tooltip.
     """
 
-    def __init__(self, glyph: str, name: str, parent: QWidget | None = None) -> None:
+    def __init__(self, glyph: str, name: str, parent: QWidget | None = None, clicked: Callable[[], object] | None = None) -> None:
         super().__init__(parent)
         self.setAutoRaise(True)
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         keep_keys(self, PRESS)
+        if clicked is not None:
+            self.clicked.connect(lambda checked: clicked())
         self.set_glyph(glyph, name)
 
     def set_glyph(self, glyph: str, name: str) -> None:
@@ -91,18 +64,10 @@ class GlyphButton(QToolButton):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         super().paintEvent(event)
-        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
-            self._paint(painter)
-
-    def _paint(self, painter: QPainter) -> None:
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         group = QPalette.ColorGroup.Active if self.isEnabled() else QPalette.ColorGroup.Disabled
-        colour = self.palette().color(group, QPalette.ColorRole.ButtonText)
-        scale = 0.58 * min(self.width(), self.height()) / 16
-        painter.translate(self.width() / 2, self.height() / 2)
-        painter.scale(scale, scale)
-        painter.translate(-8, -8)
-        if self._filled:
-            painter.fillPath(self._path, colour)
-        else:
-            painter.strokePath(self._path, QPen(colour, 1.6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+        colour = self.palette().color(group, QPalette.ColorRole.ButtonText).name()
+        style = f'fill="{colour}"' if self._filled else f'fill="none" stroke="{colour}" stroke-width="1.6" stroke-linecap="round"'
+        svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><path d="{self._path}" {style}/></svg>'
+        side = 0.58 * min(self.width(), self.height())
+        with QPainter(self) as painter:  # ended even when painting fails; Qt crashes on a painter left open
+            QSvgRenderer(svg.encode()).render(painter, QRectF((self.width() - side) / 2, (self.height() - side) / 2, side, side))

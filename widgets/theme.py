@@ -45,6 +45,8 @@ QToolTip { color: palette(tool-tip-text); background: palette(tool-tip-base); bo
 QGroupBox { border: 1px solid palette(mid); border-radius: 4px; margin-top: 8px; padding-top: 6px; }
 QGroupBox::title { subcontrol-origin: margin; left: 8px; padding: 0 3px; }
 QLabel#viewNote { color: palette(window-text); background: palette(window); border-radius: 4px; padding: 2px 6px; }
+QFrame#viewBar { background: rgba(0, 0, 0, 150); border-radius: 4px; }
+QFrame#viewBar > QWidget { color: white; background: none; }
 QLabel#secondary { color: palette(placeholder-text); }
 QToolButton { padding: 3px; border: 1px solid transparent; border-radius: 4px; }
 QToolButton:hover { background: palette(midlight); }

@@ -69,16 +69,15 @@ class Timeline(QWidget):
 
         self.track = FrameTrack(self)
         self.track.valueChanged.connect(self._scrubbed)
-        self._play_button = GlyphButton("play", "Play", self)
-        self._play_button.clicked.connect(self.toggle_play)
-        moves = [("first", "First frame", lambda: self.step(-self._count)), ("previous", "Previous frame", lambda: self.step(-1))]
-        moves += [("next", "Next frame", lambda: self.step(1)), ("last", "Last frame", lambda: self.step(self._count))]
-        self._move_buttons = []
-        for glyph, name, action in moves:
-            button = GlyphButton(glyph, name, self)
-            button.setAutoRepeat(glyph in ("previous", "next"))
-            button.clicked.connect(action)
-            self._move_buttons.append(button)
+        self._play_button = GlyphButton("play", "Play", clicked=self.toggle_play)
+        self._move_buttons = [
+            GlyphButton("first", "First frame", clicked=lambda: self.step(-self._count)),
+            GlyphButton("previous", "Previous frame", clicked=lambda: self.step(-1)),
+            GlyphButton("next", "Next frame", clicked=lambda: self.step(1)),
+            GlyphButton("last", "Last frame", clicked=lambda: self.step(self._count)),
+        ]
+        for button in self._move_buttons[1:3]:
+            button.setAutoRepeat(True)
         speeds = [(speed, f"{speed:g} ×") for speed in SPEEDS]
         self._speed_box = forms.choice("Playback speed", speeds, lambda: self.speed_changed.emit(self.speed()))
         self._speed_box.setToolTip("Playback speed")
@@ -114,9 +113,6 @@ class Timeline(QWidget):
 
     def count(self) -> int:
         return self._count
-
-    def fps(self) -> float:
-        return self._fps
 
     def frame(self) -> int:
         return self.track.value()

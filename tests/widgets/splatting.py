@@ -57,7 +57,7 @@ def draw_offscreen(
     try:
         plotter.set_background(background)
         painter = ScenePainter(plotter)
-        painter.set_splats(tamed(means, quats, scales, opacities), colours)
+        painter.set_splats(tamed(means, quats, scales, opacities, colours))
         painter.set_camera(camera)
         painter.sort()
         plotter.render()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from degense.widgets.splats.camera_moves import letterboxed
-from degense.widgets.splats.gaussians import as_bytes
+from degense.widgets.splats.gaussians import tamed
 from degense.widgets.splats.scene_painter import projection_matrix
 from tests.widgets.splatting import draw_offscreen, psnr, splatted
 
@@ -74,5 +74,6 @@ def test_letterbox_keeps_the_picture_whole_and_centred(camera, size, rng):
 
 
 def test_colours_become_bytes():
-    assert as_bytes(np.array([[-1.0, 0.5, 2.0]])).tolist() == [[0, 128, 255]]
-    assert as_bytes(np.array([[1, 2, 3]], np.uint8)).tolist() == [[1, 2, 3]]
+    one = np.zeros((1, 3)), np.ones((1, 4)), np.ones((1, 3)), np.ones(1)
+    assert tamed(*one, np.array([[-1.0, 0.5, 2.0]])).colours.tolist() == [[0, 128, 255]]
+    assert tamed(*one, np.array([[1, 2, 3]], np.uint8)).colours.tolist() == [[1, 2, 3]]

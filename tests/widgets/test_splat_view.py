@@ -21,9 +21,15 @@ LEFT, NONE, SHIFT = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, Q
 
 
 @pytest.fixture
-def view(show, splats, camera):
+def background(monkeypatch):
+    """Gives the 3D view a background of another colour than the theme's."""
+    return lambda *rgb: monkeypatch.setattr("degense.widgets.splats.splat_view.frame_background", lambda palette: QColor(*rgb))
+
+
+@pytest.fixture
+def view(show, splats, camera, background):
+    background(0, 0, 0)
     view = show(SplatView(), 192, 160)
-    view.set_background(QColor(0, 0, 0))
     view.camera.lock(camera)
     view.set_splats(*splats)
     yield view
@@ -91,13 +97,14 @@ def test_points_and_splats_share_nothing_that_one_could_spoil(view, qtbot, splat
         qtbot.waitUntil(lambda truth=truth: psnr(to_array(view.focusProxy().grabFramebuffer()), truth) > 45)
 
 
-def test_snapshots_rendered_elsewhere(show, qtbot, splats, camera):
+def test_snapshots_rendered_elsewhere(show, qtbot, splats, camera, background):
     """Each change requests a snapshot: coarse ones in quick succession, a fine one at last; it fills the view."""
     asked: list = []
 
     def drawn(request):
         return np.full((request.camera.height, request.camera.width, 3), request.background, np.uint8)
 
+    background(10, 200, 30)
     view = show(SplatView(draw=drawn), 192, 160)
 
     def draw():
@@ -107,7 +114,6 @@ def test_snapshots_rendered_elsewhere(show, qtbot, splats, camera):
     view.snapshot_wanted.connect(draw)
     view.camera.lock(camera)
     assert not asked  # there is nothing to draw
-    view.set_background(QColor(10, 200, 30))
     assert view.grab().toImage().pixelColor(96, 150).green() == 200
     view.set_splats(*splats)
     view.highlight(None)

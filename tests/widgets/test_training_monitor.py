@@ -68,13 +68,13 @@ def test_any_term_of_the_loss_can_be_plotted(monitor):
     monitor.set_progress(TrainingProgress(50, 100, 0.25, 21.0, losses={"l1": 0.2, "ssim": 0.05}))
     monitor.set_progress(TrainingProgress(75, 100, 0.125, 22.0, losses={"l1": 0.1, "ssim": 0.02, "flow": 0.005}))
     assert [menu.itemText(i) for i in range(menu.count())] == ["loss", "l1", "ssim", "flow"]
-    assert (plot.series_names(), plot._series["loss"].y) == (["loss"], [0.5, 0.25, 0.125])
+    assert (plot.series_names(), list(plot.points("loss")[1])) == (["loss"], [0.5, 0.25, 0.125])
     menu.setCurrentText("ssim")
-    assert (plot.series_names(), plot._series["ssim"].x, plot._series["ssim"].y) == (["ssim"], [50, 75], [0.05, 0.02])
+    assert [list(numbers) for numbers in plot.points("ssim")] == [[50, 75], [0.05, 0.02]]
     monitor.set_progress(TrainingProgress(100, 100, 0.1, losses={"ssim": 0.01}))
-    assert plot._series["ssim"].y == [0.05, 0.02, 0.01]
+    assert list(plot.points("ssim")[1]) == [0.05, 0.02, 0.01]
     menu.setCurrentText("loss")
-    assert plot._series["loss"].y == [0.5, 0.25, 0.125, 0.1]
+    assert list(plot.points("loss")[1]) == [0.5, 0.25, 0.125, 0.1]
 
 
 def test_cancel_asks_nothing_and_says_that_it_stops(monitor):

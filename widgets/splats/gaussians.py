@@ -10,25 +10,18 @@ import numpy as np
 HIGHLIGHT, MARKED = np.array([255, 64, 255], np.float32), 0.6
 
 
-def as_bytes(colours: np.ndarray) -> np.ndarray:
-    """Colours as uint8; floats are taken to lie in [0, 1]."""
-    colours = np.asarray(colours)
-    if colours.dtype == np.uint8:
-        return colours
-    return (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-
-
 class Gaussians(NamedTuple):
-    """What can be drawn: float32 means [N, 3], unit quats [N, 4] (wxyz), scales [N, 3], opacities [N], all finite."""
+    """What can be drawn: float32 means [N, 3], unit quats [N, 4] (wxyz), scales [N, 3], opacities [N], all finite; uint8 colours [N, 3]."""
 
     means: np.ndarray
     quats: np.ndarray
     scales: np.ndarray
     opacities: np.ndarray
+    colours: np.ndarray
 
 
-def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray) -> Gaussians:
-    """Gaussians with quaternions of any length made units (zero: no rotation).
+def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> Gaussians:
+    """Gaussians with quaternions of any length made units (zero: no rotation), from colours uint8 or float in [0, 1].
 
     One with a number that is not finite is made invisible and put where a finite one lies: it would fill VTK's screen with garbage.
     """
@@ -44,14 +37,16 @@ def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: n
     if not (lengths > 0.0).all():
         quats = np.where(lengths > 0.0, quats, np.array([1.0, 0.0, 0.0, 0.0], np.float32))
         lengths = np.where(lengths > 0.0, lengths, np.float32(1.0))
-    return Gaussians(means, quats / lengths, scales, opacities)
+    if colours.dtype != np.uint8:
+        colours = (np.clip(colours, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+    return Gaussians(means, quats / lengths, scales, opacities, colours)
 
 
-def highlighted(colours: np.ndarray, opacities: np.ndarray, indices: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Colours uint8 [N, 3] and opacities [N] with some splats in magenta and opaque enough to be seen; None marks nothing."""
+def highlighted(gaussians: Gaussians, indices: np.ndarray | None) -> Gaussians:
+    """The same with some splats in magenta and opaque enough to be seen; None marks nothing."""
     if indices is None:
-        return colours, opacities
-    colours, opacities = colours.copy(), opacities.copy()
+        return gaussians
+    colours, opacities = gaussians.colours.copy(), gaussians.opacities.copy()
     colours[indices] = (HIGHLIGHT * np.float32(MARKED) + colours[indices] * np.float32(1 - MARKED)).astype(np.uint8)
     opacities[indices] = np.maximum(opacities[indices], MARKED)
-    return colours, opacities
+    return gaussians._replace(opacities=opacities, colours=colours)

@@ -14,7 +14,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
 from degense.engine.camera import Camera
-from degense.widgets.splats.gaussians import Gaussians, as_bytes
+from degense.widgets.splats.gaussians import Gaussians
 
 #: Screen-space dilation of every splat, squared pixels: what rasterizers of Gaussians add against aliasing.
 LOWPASS = 0.3
@@ -62,22 +62,15 @@ class ScenePainter:
         plotter.renderer.SetUseOIT(False)
         plotter.renderer.camera_set = True  # otherwise pyvista frames the scene its own way at the first rendering
 
-    def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None:
-        """Show other splats, with colours [N, 3] (uint8, or float in [0, 1]). Call `sort` before they are to be right."""
+    def set_splats(self, gaussians: Gaussians) -> None:
+        """Show other splats. Call `sort` before they are to be right."""
         self._means = gaussians.means
         if self._mesh is None or self._mesh.n_points != len(gaussians.means):
-            self._build(gaussians, as_bytes(colours))
+            self._build(gaussians)
         else:
             self._mesh.points = gaussians.means
-            self._fill(self._mesh, gaussians, as_bytes(colours))
+            self._fill(self._mesh, gaussians)
         self._fill_cloud()
-
-    def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
-        """Change only colours [N, 3] and opacities [N]."""
-        if self._mesh is not None:
-            self._mesh.point_data["colour"] = as_bytes(colours)
-            self._mesh.point_data["opacity"] = np.asarray(opacities, np.float32).reshape(-1)
-            self._fill_cloud()
 
     def set_camera(self, camera: Camera, lowpass_scale: float = 1.0) -> None:
         """Show the scene through `camera`, whose image fills the viewport. Call `sort` before the splats are to be right.
@@ -140,14 +133,14 @@ class ScenePainter:
         far = max(float(depth.max()), 1e-6) * 1.5
         return far * 1e-3, far
 
-    def _build(self, gaussians: Gaussians, colours: np.ndarray) -> None:
+    def _build(self, gaussians: Gaussians) -> None:
         if self._actor is not None:
             self._plotter.remove_actor([self._actor, self._points], render=False)
             self._actor, self._points, self._mesh, self._cloud = None, None, None, None
         if not len(gaussians.means):
             return
         mesh = pv.PolyData(gaussians.means)
-        self._fill(mesh, gaussians, colours)
+        self._fill(mesh, gaussians)
         plain = {"scalars": "colour", "rgb": True, "lighting": False, "render": False, "reset_camera": False, "show_scalar_bar": False}
         actor = self._plotter.add_mesh(mesh, style="points_gaussian", emissive=False, **plain)
         mapper = actor.mapper
@@ -160,14 +153,14 @@ class ScenePainter:
         mapper.SetLowpassMatrix(self._lowpass[0], 0.0, self._lowpass[1])
         step = _every(len(gaussians.means))
         cloud = pv.PolyData(gaussians.means[::step].copy())
-        cloud.point_data["colour"] = colours[::step].copy()
+        cloud.point_data["colour"] = gaussians.colours[::step].copy()
         points = self._plotter.add_mesh(cloud, style="points", point_size=3.0, **plain)
         points.visibility = False
         self._mesh, self._actor, self._points, self._cloud = mesh, actor, points, cloud
 
     @staticmethod
-    def _fill(mesh: pv.PolyData, gaussians: Gaussians, colours: np.ndarray) -> None:
+    def _fill(mesh: pv.PolyData, gaussians: Gaussians) -> None:
         mesh.point_data["rotation"] = gaussians.quats
         mesh.point_data["scale"] = gaussians.scales
         mesh.point_data["opacity"] = gaussians.opacities
-        mesh.point_data["colour"] = colours
+        mesh.point_data["colour"] = gaussians.colours

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from PySide6.QtCore import QEvent, QPointF, Qt, QTimer, Signal
-from PySide6.QtGui import QCloseEvent, QColor, QResizeEvent
+from PySide6.QtGui import QCloseEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QVBoxLayout, QWidget
 
 from degense.widgets.keys import ARROWS, keep_keys
+from degense.widgets.qt_images import rgb
 from degense.widgets.splats.camera_moves import splat_at
-from degense.widgets.splats.gaussians import Gaussians, as_bytes, highlighted, tamed
+from degense.widgets.splats.gaussians import Gaussians, highlighted, tamed
 from degense.widgets.splats.snapshot_surface import SnapshotDrawer, SnapshotRequest, SnapshotSurface
 from degense.widgets.splats.splat_camera import CameraMouse, SplatCamera
-from degense.widgets.splats.surface import Surface
 from degense.widgets.theme import frame_background
+
+if TYPE_CHECKING:
+    from degense.widgets.splats.vtk_surface import VtkSurface
 
 
 class SplatView(QWidget):
@@ -48,11 +53,11 @@ class SplatView(QWidget):
         if draw is None:
             from degense.widgets.splats.vtk_surface import VtkSurface  # takes a second to load
 
-            self._surface: Surface = VtkSurface(self)
+            self._surface: VtkSurface | SnapshotSurface = VtkSurface(self)
+            self._canvas = self._surface.widget
         else:
-            self._surface = self._snapshots = SnapshotSurface(self, draw)
+            self._surface = self._canvas = self._snapshots = SnapshotSurface(self, draw)
             self._snapshots.wanted.connect(self.snapshot_wanted)
-        self._canvas = self._surface.widget
         self._canvas.setAccessibleName("Splats")
         self._canvas.setAcceptDrops(False)
         keep_keys(self._canvas, ARROWS | {Qt.Key.Key_R, Qt.Key.Key_Plus, Qt.Key.Key_Minus, Qt.Key.Key_Equal})
@@ -65,16 +70,14 @@ class SplatView(QWidget):
         self._note.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self._note.move(8, 8)
         self._gaussians: Gaussians | None = None
-        self._colours = np.zeros((0, 3), np.uint8)
+        self._shown: Gaussians | None = None  # with the highlight
         self._highlight: np.ndarray | None = None
-        self._background: QColor | None = None
         self._closed = False
         self.camera = SplatCamera(self._canvas)
         self.camera.changed.connect(self._apply_camera)
         self._mouse = CameraMouse(self._canvas, self.camera)
         self._mouse.clicked.connect(self._clicked)
         self._paint_background()
-        self._apply_camera()
 
     def set_splats(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
         """Show other splats (arrays as in `tamed`; colours [N, 3], uint8 or float in [0, 1]).
@@ -85,10 +88,8 @@ class SplatView(QWidget):
             return
         if self._gaussians is None or len(means) != len(self._gaussians.means):
             self._highlight = None
-        self._gaussians = tamed(means, quats, scales, opacities)
-        self._colours, self.camera.means = as_bytes(colours), self._gaussians.means
-        shown, opacities = highlighted(self._colours, self._gaussians.opacities, self._highlight)
-        self._surface.set_splats(self._gaussians._replace(opacities=opacities), shown)
+        self._gaussians = tamed(means, quats, scales, opacities, colours)
+        self._shown, self.camera.means = highlighted(self._gaussians, self._highlight), self._gaussians.means
         self._apply_camera()
 
     def highlight(self, indices: np.ndarray | None) -> None:
@@ -97,34 +98,30 @@ class SplatView(QWidget):
         if marked is None and self._highlight is None:
             return
         self._highlight = marked
-        if self._gaussians is not None and not self._closed:
-            self._surface.set_colours(*highlighted(self._colours, self._gaussians.opacities, marked))
-
-    def set_background(self, colour: QColor | None) -> None:
-        """A colour of one's own, or None for the theme's."""
-        self._background = colour
-        self._paint_background()
+        if self._gaussians is not None:
+            self._shown = highlighted(self._gaussians, marked)
+            self._apply_camera()
 
     def snapshot_request(self) -> SnapshotRequest | None:
         """What is to be rendered now; None when there is nothing, or VTK draws."""
         return self._snapshots.request() if self._snapshots is not None and not self._closed else None
 
-    def show_snapshot(self, rgb: np.ndarray) -> None:
+    def show_snapshot(self, image: np.ndarray) -> None:
         """Show a render of `snapshot_request`, uint8 [H, W, 3]."""
         if self._snapshots is not None and not self._closed:
-            self._snapshots.take(rgb)
+            self._snapshots.take(image)
 
     def screenshot_image(self) -> np.ndarray:
         """What is on the screen, uint8 [H, W, 3] in device pixels."""
         self.camera.rest()
-        return self._surface.grab()
+        return self._surface.grab_image()
 
     def pick(self, x: float, y: float) -> int:
         """Index of the splat that one sees at a position in the widget (logical pixels), −1 for none."""
         if self._gaussians is None:
             return -1
         ratio = self._canvas.devicePixelRatioF()
-        return splat_at(x * ratio, y * ratio, self.camera.viewport(), *self._gaussians)
+        return splat_at(x * ratio, y * ratio, self.camera.viewport(), *self._gaussians[:4])
 
     def _clicked(self, position: QPointF) -> None:
         self.picked.emit(self.pick(position.x(), position.y()))
@@ -135,10 +132,13 @@ class SplatView(QWidget):
         self._note.setText(self.camera.note())
         self._note.adjustSize()
         self._note.setVisible(self._gaussians is not None)
-        self._surface.set_camera(self.camera.viewport(), self.camera.lowpass_scale(), moving=self.camera.is_moving())
+        if self._shown is not None:
+            wanted = SnapshotRequest(self._shown, self.camera.viewport(), rgb(frame_background(self.palette())))
+            self._surface.show_splats(wanted, self.camera.lowpass_scale(), self.camera.is_moving())
 
     def _paint_background(self) -> None:
-        self._surface.set_background(self._background or frame_background(self.palette()))
+        self._surface.set_background(frame_background(self.palette()))
+        self._apply_camera()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

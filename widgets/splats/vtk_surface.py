@@ -7,36 +7,35 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 from pyvistaqt import QtInteractor
 
-from degense.engine.camera import Camera
 from degense.widgets.qt_images import to_array
 from degense.widgets.splats.gaussians import Gaussians
 from degense.widgets.splats.scene_painter import ScenePainter
+from degense.widgets.splats.snapshot_surface import SnapshotRequest
 
 
 class VtkSurface:
-    """A `Surface` that draws points while the camera moves, and sorted splats when it rests."""
+    """Draws points while the camera moves, and sorted splats when it rests."""
 
     def __init__(self, parent: QWidget) -> None:
         self.widget = QtInteractor(parent, auto_update=False, multi_samples=0)
         self._painter = ScenePainter(self.widget)
-
-    def set_splats(self, gaussians: Gaussians, colours: np.ndarray) -> None:
-        self._painter.set_splats(gaussians, colours)
-
-    def set_colours(self, colours: np.ndarray, opacities: np.ndarray) -> None:
-        self._painter.set_colours(colours, opacities)
-        self.widget.update()
+        self._gaussians: Gaussians | None = None
 
     def set_background(self, colour: QColor) -> None:
         self.widget.renderer.SetBackground(colour.redF(), colour.greenF(), colour.blueF())
         self.widget.update()
 
-    def set_camera(self, camera: Camera, lowpass_scale: float, moving: bool) -> None:
+    def show_splats(self, wanted: SnapshotRequest, lowpass_scale: float, moving: bool) -> None:
+        """Show splats through a camera whose image fills the widget; `lowpass_scale` as in `ScenePainter.set_camera`."""
+        if wanted.gaussians is not self._gaussians:
+            self._gaussians = wanted.gaussians
+            self._painter.set_splats(wanted.gaussians)
         self._painter.show_points(moving)
-        self._painter.set_camera(camera, lowpass_scale)
+        self._painter.set_camera(wanted.camera, lowpass_scale)
         if not moving:
             self._painter.sort()
         self.widget.update()
 
-    def grab(self) -> np.ndarray:
+    def grab_image(self) -> np.ndarray:
+        """What is on the screen when nothing moves, uint8 [H, W, 3] in device pixels."""
         return to_array(self.widget.grabFramebuffer())

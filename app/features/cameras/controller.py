@@ -24,25 +24,21 @@ class Cameras(QObject):
         super().__init__(viewer)
         self.viewer, self.shell, self.session = viewer, viewer.shell, viewer.session
         session = self.session
-        self.panel = CameraList()
+        self.book = CameraBook(session.undo)
+        self.panel = CameraList(self.book, self.shell.say)
         self.dock = self.shell.add_dock("Cameras", self.panel, hidden=True)
         self.shell.closed.connect(self.land)
-        self.book = CameraBook(session.undo)
         session.register("cameras", self.book)
         self._flight: CameraPath | None = None
         self._started = 0.0
         self._timer = QTimer(self, interval=TICK_MS)
         self._timer.timeout.connect(self._fly_on)
-        self.book.changed.connect(lambda record: self._list())
+        self.book.changed.connect(lambda record: self.shell.refresh())
         session.opened.connect(self._opened)
         shown = self.panel
         shown.add_requested.connect(self.add)
-        shown.remove_requested.connect(self.book.remove)
-        shown.move_requested.connect(self._move)
         shown.update_requested.connect(self._update)
         shown.chosen.connect(self.go)
-        shown.renamed.connect(lambda row, name: self._change(row, name=name))
-        shown.timed.connect(lambda row, seconds: self._change(row, seconds=seconds))
         shown.flight_requested.connect(self.fly)
         shown.movie_requested.connect(self.ask_for_movie)
 
@@ -54,10 +50,7 @@ class Cameras(QObject):
 
     def _opened(self) -> None:
         self.land()
-        self._list()
-
-    def _list(self, current: int | None = None) -> None:
-        self.panel.set_rows([(stop.name, stop.frame, stop.seconds) for stop in self.book.stops], current)
+        self.panel.refresh()
         self.shell.refresh()
 
     # Editing
@@ -71,22 +64,12 @@ class Cameras(QObject):
         if self.can_add():
             current = self.panel.current()
             place = self.book.add(self._camera(), float(self.session.frame), current if current >= 0 else None)
-            self._list(place)
+            self.panel.refresh(place)
             self.shell.docks.bring(self.dock)
-
-    def _move(self, row: int, step: int) -> None:
-        self._list(self.book.move(row, step))
 
     def _update(self, row: int) -> None:
         if self.can_add():
             self.book.change(row, camera=self._camera(), frame=float(self.session.frame))
-
-    def _change(self, row: int, **changes: object) -> None:
-        try:
-            self.book.change(row, **changes)
-        except ValueError as error:
-            self.shell.say(f"{str(error)[0].upper()}{str(error)[1:]}.")
-            self._list()
 
     # Going there
 
@@ -104,7 +87,7 @@ class Cameras(QObject):
         count = len(self.book.stops)
         if count:
             row = (self.panel.current() + step) % count
-            self._list(row)
+            self.panel.refresh(row)
             self.go(row)
 
     def _show_from(self, camera: Camera) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QTableWidgetItem, QWidget
 
+from degense.app.features.cameras.state import LONGEST_SECONDS, CameraBook
 from degense.widgets import forms
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import TYPING, keep_keys
@@ -15,32 +16,35 @@ _NAME, _FRAME, _SECONDS = range(3)
 
 
 class CameraList(QWidget):
-    """Rows of name, frame and seconds to the next row; name and seconds are edited in place. Signals give the row first."""
+    """Rows of name, frame and seconds to the next row; name and seconds are edited in place.
+
+    Parameters
+    ----------
+    book : CameraBook
+        What is listed and edited.
+    say : callable
+        Called with a sentence when an edit is refused.
+    """
 
     add_requested = Signal()
-    remove_requested = Signal(int)
-    move_requested = Signal(int, int)
     update_requested = Signal(int)
     chosen = Signal(int)
-    renamed = Signal(int, str)
-    timed = Signal(int, float)
     flight_requested = Signal()
     movie_requested = Signal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, book: CameraBook, say: Callable[[str], None]) -> None:
+        super().__init__()
         self.setAccessibleName("Cameras")
+        self._book, self._say = book, say
         self._table = forms.table("Cameras and the path between them", ["Name", "Frame", "Seconds to next"], editable=True)
         self._table.itemChanged.connect(self._edited)
         self._table.itemClicked.connect(lambda item: self.chosen.emit(item.row()))
         keep_keys(self._table, TYPING)
         self._hint = forms.label("Move the camera in the 3D view, then add it. Two or more cameras make a path.", secondary=True)
-        add = GlyphButton("plus", "Add the present camera")
-        add.clicked.connect(self.add_requested)
-        remove, up, down = (GlyphButton(*about) for about in (("cross", "Remove the chosen camera"), ("up", "Earlier"), ("down", "Later")))
-        remove.clicked.connect(lambda: self.remove_requested.emit(self.current()))
-        up.clicked.connect(lambda: self.move_requested.emit(self.current(), -1))
-        down.clicked.connect(lambda: self.move_requested.emit(self.current(), 1))
+        add = GlyphButton("plus", "Add the present camera", clicked=self.add_requested.emit)
+        remove = GlyphButton("cross", "Remove the chosen camera", clicked=lambda: book.remove(self.current()))
+        up = GlyphButton("up", "Earlier", clicked=lambda: self.refresh(book.move(self.current(), -1)))
+        down = GlyphButton("down", "Later", clicked=lambda: self.refresh(book.move(self.current(), 1)))
         tip = "Put the present camera and frame into the chosen row"
         update = forms.button("Update", lambda: self.update_requested.emit(self.current()), tip)
         self._fly = forms.button("Fly along", self.flight_requested.emit, "Move the 3D view along the path; again to stop")
@@ -49,16 +53,17 @@ class CameraList(QWidget):
         top = forms.row(add, remove, up, down, 0, update, self._fly, movie, spacing=4)
         forms.column(top, self._hint, (self._table, 1), parent=self)
         self._table.itemSelectionChanged.connect(self._enable)
-        self.set_rows(())
+        book.changed.connect(lambda record: self.refresh())
+        self.refresh()
 
-    def set_rows(self, rows: Sequence[tuple[str, float, float]], current: int | None = None) -> None:
-        """List (name, frame, seconds); the last row has no way to a next one."""
-        current = self.current() if current is None else current
+    def refresh(self, current: int | None = None) -> None:
+        """List the stops, and choose one; the last has no way to a next one."""
+        current, rows = self.current() if current is None else current, self._book.stops
         self._table.blockSignals(True)
         self._table.setRowCount(len(rows))
-        for i, (name, frame, seconds) in enumerate(rows):
+        for i, stop in enumerate(rows):
             last = i == len(rows) - 1
-            for column, text in enumerate((name, f"{frame:g}", "" if last else f"{seconds:g}")):
+            for column, text in enumerate((stop.name, f"{stop.frame:g}", "" if last else f"{stop.seconds:g}")):
                 item = QTableWidgetItem(text)
                 if column == _FRAME or (column == _SECONDS and last):
                     item.setFlags(item.flags() & ~Qt.ItemFlag.ItemIsEditable)
@@ -89,11 +94,10 @@ class CameraList(QWidget):
             button.setEnabled(path)
 
     def _edited(self, item: QTableWidgetItem) -> None:
-        if item.column() == _NAME:
-            self.renamed.emit(item.row(), item.text().strip())
-        elif item.column() == _SECONDS:
-            try:
-                seconds = float(item.text().replace(",", "."))
-            except ValueError:
-                seconds = 0.0  # which the owner refuses, and shows the old one again
-            self.timed.emit(item.row(), seconds)
+        """Take what was typed, or show the old text again."""
+        try:
+            typed = {"name": item.text().strip()} if item.column() == _NAME else {"seconds": float(item.text().replace(",", "."))}
+            self._book.change(item.row(), **typed)
+        except ValueError:
+            self._say(f"A stop has a name and a duration of up to {LONGEST_SECONDS:g} s.")
+            self.refresh()

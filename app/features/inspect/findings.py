@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QWidget
 
 from degense.app.features.inspect.findings_files import findings_sheet, findings_table
-from degense.app.features.inspect.findings_list import RankingList
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.view_rendering import layer_request
@@ -16,26 +16,38 @@ from degense.app.session.targets import Spot
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from degense.widgets import forms
+from degense.widgets.keys import ARROWS, keep_keys
 
 if TYPE_CHECKING:
     from degense.engine.layers.ranking import Finding, Ranking
 
 
 class Findings(QObject):
-    """Fills the list while it searches; another layer clears it."""
+    """Fills its list while it searches; another layer clears it."""
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
         self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
         self.ranking: Ranking | None = None
-        self.list = RankingList()
-        self.dock = self.shell.add_dock("Findings", self.list)
-        self.list.search_requested.connect(self.search)
-        self.list.kind_changed.connect(lambda kind: self._list())
-        self.list.chosen.connect(self._go)
-        session = self.session
-        session.opened.connect(self._clear)
-        session.view_state_changed.connect(self._view_state_changed)
+        panel = QWidget()
+        panel.setAccessibleName("Worst frames and places")
+        self._kinds = forms.choice("What is listed", (("frames", "Worst frames"), ("places", "Worst places")), self._list)
+        find = forms.button("Find", self.search, "Search all frames of the layer that is shown")
+        self._note = forms.label(secondary=True)
+        self.table = forms.table("Findings", ["", "", ""])
+        self.table.currentCellChanged.connect(lambda row, *_: self._go(row) if row >= 0 else None)
+        keep_keys(self.table, ARROWS)
+        forms.column(forms.row((self._kinds, 1), find), self._note, (self.table, 1), parent=panel)
+        self.dock = self.shell.add_dock("Findings", panel)
+        self._say("")
+        self.session.opened.connect(self._clear)
+        self.session.view_state_changed.connect(self._view_state_changed)
+
+    def _say(self, text: str) -> None:
+        """What is listed, or why nothing is."""
+        self._note.setText(text)
+        self._note.setVisible(bool(text))
 
     def can_search(self) -> bool:
         """Whether the layer that is shown has worst places."""
@@ -47,31 +59,34 @@ class Findings(QObject):
         scene, view_state = self.session.scene, self.session.view_state
         layer = get_layer(view_state.layer)
         if scene is None or not self.can_search():
-            self.list.set_note("Show a layer of motion first, such as displacement, speed or spurious warp.")
+            self._say("Show a layer of motion first, such as displacement, speed or spurious warp.")
             return
         from degense.engine.layers.ranking import rank
 
         request = layer_request(view_state, 0)
         self.shell.docks.bring(self.dock)
-        self.worker.submit("rank", lambda: rank(scene, layer, request), self._take, self.list.set_note, self._take)
+        self.worker.submit("rank", lambda: rank(scene, layer, request), self._take, self._say, self._take)
 
     def _take(self, ranking: Ranking) -> None:
         self.ranking = ranking
         assert self.session.scene is not None
         frames, title = self.session.scene.frames, get_layer(ranking.layer).title
         searching = ranking.done < frames
-        self.list.set_note(f"{title}: looking, {ranking.done} of {frames} frames" if searching else title)
+        self._say(f"{title}: looking, {ranking.done} of {frames} frames" if searching else title)
         self._list()
 
     def findings(self) -> tuple[Finding, ...]:
         """What is listed."""
         if self.ranking is None:
             return ()
-        return self.ranking.frames if self.list.kind() == "frames" else self.ranking.places
+        return self.ranking.frames if self._kinds.currentData() == "frames" else self.ranking.places
 
     def _list(self) -> None:
+        """Write the list. Nothing is chosen."""
         unit = self.ranking.unit if self.ranking is not None else ""
-        self.list.set_findings(unit, [(f.frame, f.x, f.y, f.value) for f in self.findings()])
+        self.table.setHorizontalHeaderLabels(["Frame", "Place [px]", f"Value [{unit}]" if unit else "Value"])
+        self.table.setCurrentCell(-1, -1)
+        forms.fill(self.table, [(str(f.frame), f"{f.x:.0f}, {f.y:.0f}", f"{f.value:.3g}") for f in self.findings()], right=True)
         self.shell.refresh()
 
     def _go(self, row: int) -> None:
@@ -82,13 +97,15 @@ class Findings(QObject):
         self.dock.raise_()  # the probe's panel came to the front
 
     def go_on(self, step: int) -> None:
-        """To the next finding, or back."""
-        self.list.choose(step)
+        """To the next finding, or back, round and round."""
+        if count := self.table.rowCount():
+            row = self.table.currentRow()
+            self.table.setCurrentCell((row + step) % count if row >= 0 else 0, 0)
 
     def _clear(self) -> None:
         self.worker.cancel("rank")
         self.ranking = None
-        self.list.set_note("")
+        self._say("")
         self._list()
 
     def _view_state_changed(self, before: ViewState, after: ViewState) -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QWidget
 
 from degense.app.features.inspect.curves import Curves, follow, to_csv
 from degense.app.features.inspect.probe_maps import ProbeMaps, probe_maps
@@ -19,8 +17,6 @@ from degense.app.session.targets import Found, Region, Spot, Target, material
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
-from degense.widgets import forms
-from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.panel_tools import RegionTool
 from degense.widgets.qt_images import to_array
 
@@ -35,12 +31,8 @@ class Probe(QObject):
         super().__init__(viewer)
         self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
         session = self.session
-        self.panel, self.similarity = ProbePanel(), CurvePlot()
-        self.similarity.set_labels("frame", "cosine")
-        self.similarity.hide()
-        both = QWidget()
-        forms.column((self.panel, 3), (self.similarity, 2), margin=0, parent=both)
-        self.dock = self.shell.add_dock("Probe", both, height=420)
+        self.panel = ProbePanel()
+        self.dock = self.shell.add_dock("Probe", self.panel, height=420)
         self._maps: ProbeMaps | None = None
         self._cursor: tuple[int, int] | None = None
         self._tools = {"rectangle": RegionTool(False, self), "lasso": RegionTool(True, self)}
@@ -57,7 +49,6 @@ class Probe(QObject):
         session.probe_changed.connect(self._probe_changed)
         session.view_state_changed.connect(self._view_state_changed)
         session.frame_changed.connect(self._frame_changed)
-        self.similarity.x_clicked.connect(lambda x: session.go_to(round(x)))
 
     def _opened(self) -> None:
         self._maps = self._cursor = None
@@ -166,7 +157,7 @@ class Probe(QObject):
         self._draw_maps()
 
     def _frame_changed(self, frame: int) -> None:
-        self._set_cursor(frame)
+        self.panel.set_cursor(frame)
         self._mark(self.session.probe)
 
     def _mark(self, place: Target | None) -> None:
@@ -218,19 +209,13 @@ class Probe(QObject):
         name = f"{shown} [{curves.units[shown]}]" if curves.units[shown] else shown
         probe.plot.set_series(name, curves.frames, mean, probe.palette().text().color(), (low, high))
         for text, values in curves.similarity.items():
-            self.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
-        self.similarity.setVisible(bool(curves.similarity))
-        self._set_cursor(self.session.frame)
+            probe.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
+        probe.similarity.setVisible(bool(curves.similarity))
+        self.panel.set_cursor(self.session.frame)
 
     def _clear_curves(self) -> None:
         self.curves = None
-        self.panel.plot.clear()
-        self.similarity.clear()
-        self.similarity.hide()
-
-    def _set_cursor(self, frame: int) -> None:
-        self.panel.plot.set_cursor(frame)
-        self.similarity.set_cursor(frame)
+        self.panel.clear_curves()
 
     # Saving
 
@@ -247,11 +232,7 @@ class Probe(QObject):
         if path.suffix.lower() == ".csv":
             write_text(path, to_csv(self.curves))
         else:
-            shown = [self.panel.plot, self.similarity] if self.curves.similarity else [self.panel.plot]
-            plots = [to_array(plot.grab().toImage()) for plot in shown]
-            width = max(plot.shape[1] for plot in plots)
-            edge = [np.pad(plot, ((0, 0), (0, width - plot.shape[1]), (0, 0)), mode="edge") for plot in plots]
-            write_png(path, np.concatenate(edge))
+            write_png(path, to_array(self.panel.plots.grab().toImage()))
 
 
 def _decides(view_state: ViewState) -> tuple[float, str, tuple[str, ...]]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QColor, QPixmap
-from PySide6.QtWidgets import QFrame, QHeaderView, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QFrame, QHeaderView, QWidget
 
 from degense.widgets import forms
 from degense.widgets.curve_plot import CurvePlot
@@ -18,7 +18,7 @@ FEWEST_ROWS = 4
 
 
 class ProbePanel(QWidget):
-    """A table of values and a plot of curves (`plot`) for one place, which follows the pointer or is pinned."""
+    """A table of values and `plots` of curves for one place, which follows the pointer or is pinned: a layer's, and similarities."""
 
     frame_clicked = Signal(int)
     unpin_requested = Signal()
@@ -28,37 +28,33 @@ class ProbePanel(QWidget):
         self.setAccessibleName("Probe")
         self._place = forms.label()
         self._swatch = forms.label(name="Colour under the cursor", wrap=False)
-        self._unpin = GlyphButton("cross", "Follow the pointer again")
-        self._unpin.clicked.connect(self.unpin_requested)
+        self._unpin = GlyphButton("cross", "Follow the pointer again", clicked=self.unpin_requested.emit)
         self._table = forms.table("Values", ["", ""])
         self._table.setFrameShape(QFrame.Shape.NoFrame)
         self._table.viewport().setAutoFillBackground(False)
         self._table.horizontalHeader().hide()
         self._table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
         keep_keys(self._table, ARROWS)
-        self.plot = CurvePlot()
+        self.plot, self.similarity = CurvePlot(), CurvePlot()
         self.plot.setAccessibleName("Values over time")
         self.plot.set_message("Click in the 2D view to follow a place through time")
-        self.plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
-        forms.column(forms.row(self._swatch, (self._place, 1), self._unpin), (self._table, 3), (self.plot, 2), parent=self)
+        self.similarity.setAccessibleName("Similarity over time")
+        self.similarity.set_labels("frame", "cosine")
+        for plot in (self.plot, self.similarity):
+            plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
+        self.plots = QWidget()
+        forms.column(self.plot, self.similarity, margin=0, spacing=0, parent=self.plots)
+        forms.column(forms.row(self._swatch, (self._place, 1), self._unpin), (self._table, 3), (self.plots, 3), parent=self)
         self.clear()
 
     def set_values(self, rows: Sequence[tuple[str, str]]) -> None:
-        """Show (label, text) pairs in this order. Cells are reused: this is called at every movement of the pointer."""
-        if self._table.rowCount() != len(rows):
-            self._table.setRowCount(len(rows))
-            header = self._table.verticalHeader()
-            self._table.setMinimumHeight(header.defaultSectionSize() * min(max(len(rows), 1), FEWEST_ROWS) + 2)
-            self._table.setMaximumHeight(header.defaultSectionSize() * max(len(rows), 1) + 2)
-        for i, texts in enumerate(rows):
-            for column, text in enumerate(texts):
-                item = self._table.item(i, column)
-                if item is None:
-                    item = QTableWidgetItem()
-                    self._table.setItem(i, column, item)
-                if item.text() != text:
-                    item.setText(text)
-                    item.setToolTip(text)
+        """Show (label, text) pairs in this order."""
+        height = self._table.verticalHeader().defaultSectionSize()
+        self._table.setMinimumHeight(height * min(max(len(rows), 1), FEWEST_ROWS) + 2)
+        self._table.setMaximumHeight(height * max(len(rows), 1) + 2)
+        forms.fill(self._table, rows)
+        for row, cells in enumerate(rows):
+            self._table.item(row, 1).setToolTip(cells[1])
 
     def set_colour(self, colour: QColor | None) -> None:
         """A swatch of the colour there; None hides it."""
@@ -74,8 +70,17 @@ class ProbePanel(QWidget):
         self._place.setText(text or "Under the pointer")
         self._unpin.setVisible(bool(text))
 
+    def set_cursor(self, frame: int) -> None:
+        self.plot.set_cursor(frame)
+        self.similarity.set_cursor(frame)
+
+    def clear_curves(self) -> None:
+        self.plot.clear()
+        self.similarity.clear()
+        self.similarity.hide()
+
     def clear(self) -> None:
         self.set_values([])
         self.set_colour(None)
         self.set_pinned("")
-        self.plot.clear()
+        self.clear_curves()

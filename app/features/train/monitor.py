@@ -99,8 +99,7 @@ class TrainingMonitor(QWidget):
         self._facts = {name: forms.label("–", name=name, wrap=False) for name in _FACTS}
         self._note = forms.label(secondary=True)
         self._note.hide()
-        self._plot = _curve_plot("Loss", "loss", "The loss curve appears here")
-        self._plot.set_log_y(True)
+        self._plot = _curve_plot("Loss", "loss", "The loss curve appears here", log=True)
         self._term = forms.choice("Term of the loss that is plotted", [(None, TOTAL)])
         self._term.currentIndexChanged.connect(self._plot_term)
         self._scores = _curve_plot("PSNR", "PSNR [dB]", "The PSNR of the training frames appears here")
@@ -259,9 +258,9 @@ class TrainingMonitor(QWidget):
             self.pause_requested.emit()
 
 
-def _curve_plot(name: str, unit: str, message: str) -> CurvePlot:
+def _curve_plot(name: str, unit: str, message: str, log: bool = False) -> CurvePlot:
     """An empty plot over iterations."""
-    plot = CurvePlot()
+    plot = CurvePlot(log=log)
     plot.setAccessibleName(name)
     plot.set_labels("iteration", unit)
     plot.set_message(message)

@@ -16,7 +16,6 @@ from degense.app.features.viewer.sequence_ranges import SequenceRanges
 from degense.app.features.viewer.view_bar import ViewBar
 from degense.app.features.viewer.view_rendering import (
     EXCLUDED,
-    SplatArrays,
     View,
     ViewRequest,
     draw_clip,
@@ -30,6 +29,7 @@ from degense.widgets.splats.camera_moves import letterboxed
 
 if TYPE_CHECKING:
     from degense.app.shell.shell import Shell
+    from degense.widgets.splats.gaussians import Gaussians
     from degense.widgets.splats.splat_view import SplatView
 
 WELCOME = "Drop a clip or a run here, or open one from the File menu.\nFile ▸ Demo shows a finished scene."
@@ -78,7 +78,7 @@ class Viewer(QObject):
         shell.docks.views.addWidget(self.panel)
         shell.installEventFilter(self)
         self.view: View | None = None
-        self._splats: SplatArrays | None = None  # that the 3D view has
+        self._splats: Gaussians | None = None  # that the 3D view has
         self.milliseconds: deque[float] = deque(maxlen=200)
         self._ranges = SequenceRanges(shell, self.request, self._failed)
         self._camera: Camera | None = None
@@ -109,8 +109,8 @@ class Viewer(QObject):
 
     def add_splat_view(self) -> None:
         """Put the 3D view at the left of the 2D view."""
+        from degense.widgets.splats.snapshot_surface import has_gpu
         from degense.widgets.splats.splat_view import SplatView
-        from degense.widgets.splats.surface import has_gpu
 
         views = self.shell.docks.views
         self.splats = splats = SplatView(draw=None if has_gpu() else draw_snapshot)
@@ -181,7 +181,7 @@ class Viewer(QObject):
         arrays = view.splats if view.complete or not same_frame else None
         if arrays is not None and arrays is not self._splats and self.splats is not None:
             self._splats = arrays
-            self.splats.set_splats(arrays.means, arrays.quats, arrays.scales, arrays.opacities, arrays.colours)
+            self.splats.set_splats(*arrays)
             self._aim()
         if view.complete:
             self._frame_drawn()

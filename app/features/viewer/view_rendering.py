@@ -12,6 +12,7 @@ from degense.app.features.viewer.layer_images import get_layer
 from degense.app.session.view_state import ViewState
 from degense.engine.colour_maps import colourise, greyed, mask_overlay
 from degense.engine.errors import DegenseError
+from degense.widgets.splats.gaussians import Gaussians
 
 if TYPE_CHECKING:
     from degense.engine.camera import Camera
@@ -57,17 +58,6 @@ class ViewRequest:
 
 
 @dataclass(frozen=True)
-class SplatArrays:
-    """Gaussians as the 3D view wants them: float32 means [N, 3], quats [N, 4] wxyz, scales [N, 3], opacities [N]; uint8 colours [N, 3]."""
-
-    means: np.ndarray
-    quats: np.ndarray
-    scales: np.ndarray
-    opacities: np.ndarray
-    colours: np.ndarray
-
-
-@dataclass(frozen=True)
 class View:
     """One instant, drawn.
 
@@ -91,7 +81,7 @@ class View:
     unit: str
     cmap: str
     observed: np.ndarray | None
-    splats: SplatArrays | None
+    splats: Gaussians | None
     masks: np.ndarray | None = None
     complete: bool = True
     uncertain: str = ""
@@ -146,7 +136,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
 
 def splat_arrays(
     scene: Scene, layer: Layer, query: LayerRequest, view_state: ViewState, span: tuple[float, float] | None, cmap: str
-) -> SplatArrays:
+) -> Gaussians:
     """The Gaussians of an instant in the layer's colours, tinted where a visible prompt finds them."""
     splats = scene.splats(query.frame)
     values = layer.splats(scene, query)
@@ -161,7 +151,7 @@ def splat_arrays(
         if (uncertain := layer.uncertain_splats(scene, query)) is not None:
             colours = greyed(colours, uncertain)
     means, quats, scales, opacities = (tensor.cpu().numpy() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
-    return SplatArrays(means, quats, scales, opacities, colours)
+    return Gaussians(means, quats, scales, opacities, colours)
 
 
 def tinted(colours: np.ndarray, found: np.ndarray, view_state: ViewState) -> np.ndarray:
@@ -192,7 +182,8 @@ def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
     from degense.engine.raster import rasterize
     from degense.engine.splats import Splats
 
-    values = (*request.gaussians, request.colours.astype(np.float32) / 255, np.empty((len(request.colours), 0), np.float32))
+    *shapes, colours = request.gaussians
+    values = (*shapes, colours.astype(np.float32) / 255, np.empty((len(colours), 0), np.float32))
     splats = Splats(*(torch.from_numpy(np.ascontiguousarray(array)) for array in values))
     background = torch.tensor(request.background, dtype=torch.float32) / 255
     drawn = rasterize(splats, splats.colors, request.camera, background=background)

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 from degense.app.session.targets import Found, Region, Spot, material
 from degense.engine.layers import LAYERS, LayerRequest
+from degense.widgets import forms
 from tests.app import installed as on
 
 LEFT = Qt.MouseButton.LeftButton
@@ -98,14 +99,14 @@ def test_the_mask_of_a_prompt_is_followed(qtbot, opened, idle):
 
 
 def test_the_worst_places_are_listed_and_gone_to(qtbot, opened, idle, screenshot, saved_as):
-    session, panel, listed = opened.session, on.viewer(opened).panel, on.findings(opened).list
+    session, panel, listed = opened.session, on.viewer(opened).panel, on.findings(opened).table
     panel.setFocus()
     assert not opened.menus.actions["inspect.rank"].isEnabled()  # colour has no worst places
     qtbot.keyClick(panel, Qt.Key.Key_6)
     qtbot.keyClick(panel, Qt.Key.Key_W, Qt.KeyboardModifier.ShiftModifier)
     idle()
     findings = on.findings(opened).findings()
-    assert len(findings) == len(listed.rows()) > 3
+    assert len(findings) == len(forms.texts(listed)) > 3
     assert [finding.value for finding in findings] == sorted((finding.value for finding in findings), reverse=True)
     panel.setFocus()
     qtbot.keyClick(panel, Qt.Key.Key_N)
@@ -127,7 +128,7 @@ def test_the_worst_places_are_listed_and_gone_to(qtbot, opened, idle, screenshot
     idle()
     assert cv2.imread(str(sheet)).shape[1] == 4 * 320
     session.view.set_layer("speed")
-    assert listed.rows() == []
+    assert forms.texts(listed) == []
     idle()
 
 

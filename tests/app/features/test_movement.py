@@ -139,8 +139,8 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
     opened.session.go_to(8)
     idle()
     sizes: list[int] = []
-    take = splats._snapshots.widget.show_image
-    splats._snapshots.widget.show_image = lambda rgb: (sizes.append(rgb.shape[1]), take(rgb))
+    take = splats._snapshots.take
+    splats._snapshots.take = lambda rgb: (sizes.append(rgb.shape[1]), take(rgb))
     for _ in range(2):
         sizes.clear()
         for _ in range(2):
@@ -148,7 +148,7 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
             idle()
         qtbot.waitUntil(lambda: len(sizes) > 2 and sizes[-1] == splats._canvas.width())
         assert min(sizes) == splats._canvas.width() // 2
-        shown = to_array(splats._canvas._image)
+        shown = to_array(splats._canvas.pixmap().toImage())
         rendered = opened.session.scene.renderer.draw(8, splats.camera.current(), ("rgb",))
         covered = rendered["alpha"] > 0.99
         assert np.abs(shown[covered] / 255 - rendered["rgb"][covered]).max() < 0.03
@@ -156,7 +156,7 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
 
 def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, monkeypatch, screenshot):
     """In the whole window, although OpenGL is slow here: time, camera, highlight, screenshot and closing."""
-    monkeypatch.setattr("degense.widgets.splats.surface.has_gpu", lambda: True)
+    monkeypatch.setattr("degense.widgets.splats.snapshot_surface.has_gpu", lambda: True)
     window = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
     qtbot.addWidget(window)
     with qtbot.waitSignal(on.viewer(window).splats_added):

@@ -34,8 +34,8 @@ def test_clicking_follows_the_spot(opened, idle, screenshot):
     idle()
     indices, weights = material(session.scene, Spot(8, 48.5, 40.5))
     moved = [session.scene.states.displacement(frame)[indices].numpy() @ weights for frame in range(10)]
-    assert on.probe(opened).similarity.series_names() == ["gallbladder"]
-    assert on.probe(opened).similarity.isVisible()
+    assert on.probe(opened).panel.similarity.series_names() == ["gallbladder"]
+    assert on.probe(opened).panel.similarity.isVisible()
     curves = on.probe(opened).curves
     assert np.allclose(curves.layers["displacement"][0], moved, atol=1e-5)
     screenshot(opened, "probe")
@@ -47,7 +47,7 @@ def test_clicking_follows_the_spot(opened, idle, screenshot):
     assert np.allclose(on.probe(opened).curves.layers["displacement"][0], moved, atol=1e-5)  # still the spot of frame 8
     on.probe(opened).panel.unpin_requested.emit()
     assert session.probe is None
-    assert not on.probe(opened).similarity.isVisible()
+    assert not on.probe(opened).panel.similarity.isVisible()
 
 
 def test_the_next_click_cancels_the_last(opened, idle):
