@@ -56,23 +56,25 @@ class Gradient(forms.PaintedWidget):
 
 
 class ColourBar(QWidget):
-    """A vertical colour bar with its range: of this frame, of the whole sequence, or fixed by hand."""
+    """A vertical colour bar with its range: of this frame, of the whole sequence, or fixed by hand.
 
-    range_mode_changed = Signal(str)
-    range_edited = Signal(float, float)
-    cmap_changed = Signal(str)
-    clip_changed = Signal(float)
+    Signals
+    -------
+    changed(changes)
+        What the user chose, a dict of some of: mode, low, high, cmap, clip.
+    """
+
+    changed = Signal(dict)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Colour bar")
-        self._title, self._unit = "", ""
         self._heading = forms.label()
         self._gradient = Gradient()
-        self._mode_box = forms.choice("Range of the colours", _MODE_TITLES.items(), lambda: self.range_mode_changed.emit(self.range_mode()))
+        self._mode_box = forms.choice("Range of the colours", _MODE_TITLES.items(), self._mode_chosen)
         self._map_box = forms.choice("Colour map", [(name, name) for name in COLOUR_MAPS], self._map_chosen)
         shares = [(share, f"clip {share:g} %" if share else "clip none") for share in CLIPS]
-        self._clip_box = forms.choice("Share of the values beyond each end", shares, lambda: self.clip_changed.emit(self.clip()))
+        self._clip_box = forms.choice("Share of the values beyond each end", shares, lambda: self.changed.emit({"clip": self.clip()}))
         self._clip_box.setToolTip("Share of the values beyond each end of the range, so that a few strays do not darken the rest")
         for box in (self._mode_box, self._clip_box, self._map_box):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
@@ -94,13 +96,8 @@ class ColourBar(QWidget):
         self.set_clip(1.0)
         self._show_range()
 
-    def set_title(self, title: str) -> None:
-        self._title = title
-        self._show_heading()
-
-    def set_unit(self, unit: str) -> None:
-        self._unit = unit
-        self._show_heading()
+    def set_title(self, title: str, unit: str = "") -> None:
+        self._heading.setText(f"{title} [{unit}]" if unit else title)
 
     def set_cmap(self, name: str) -> None:
         colour_table(name)
@@ -139,9 +136,6 @@ class ColourBar(QWidget):
     def range_mode(self) -> str:
         return self._mode_box.currentData()
 
-    def _show_heading(self) -> None:
-        self._heading.setText(f"{self._title} [{self._unit}]" if self._unit else self._title)
-
     def _show_range(self) -> None:
         for field, value in ((self._low_field, self._gradient.low), (self._high_field, self._gradient.high)):
             field.setText(short(value, 5))
@@ -165,11 +159,14 @@ class ColourBar(QWidget):
             self._show_range()
             return
         self.set_range(low, high)
-        if self.range_mode() != "fixed":
-            self.set_range_mode("fixed")
-            self.range_mode_changed.emit("fixed")
-        self.range_edited.emit(low, high)
+        self.set_range_mode("fixed")
+        self._mode_chosen()
+
+    def _mode_chosen(self) -> None:
+        """A fixed range begins as the one that is shown."""
+        low, high = self.range()
+        self.changed.emit({"mode": self.range_mode(), "low": low, "high": high})
 
     def _map_chosen(self) -> None:
         self.set_cmap(self._map_box.currentText())
-        self.cmap_changed.emit(self.cmap())
+        self.changed.emit({"cmap": self.cmap()})

@@ -42,6 +42,8 @@ def findings_sheet(
     """A PNG with the layer at each of the worst findings, circled, the worst first. Yields (fraction, words)."""
     from dataclasses import replace
 
+    from skimage.util import montage
+
     if not findings:
         raise DegenseError("Nothing has been found yet, so there is nothing to draw.")
     layer, shown = get_layer(ranking.layer), findings[:PICTURES]
@@ -58,10 +60,9 @@ def findings_sheet(
         words = f"{done + 1}  frame {finding.frame}  {finding.value:.3g} {ascii_unit(ranking.unit)}"
         cv2.putText(caption, words, (6, LINE - 8), FONT, 0.5, (INK,) * 3, 1, cv2.LINE_AA)
         tiles.append(np.vstack([tile, caption]))
-    blank = np.full_like(tiles[0], BACKGROUND)
-    tiles += [blank] * (-len(tiles) % min(ACROSS, len(tiles)))
     across = min(ACROSS, len(tiles))
-    write_png(out, np.vstack([np.hstack(tiles[i : i + across]) for i in range(0, len(tiles), across)]))
+    shape = (-(-len(tiles) // across), across)
+    write_png(out, montage(tiles, fill=[BACKGROUND] * 3, grid_shape=shape, channel_axis=-1))
     return f"{out}: {len(shown)} frames"
 
 

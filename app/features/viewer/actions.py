@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import get_args
 
 from degense.app.features.viewer.controller import Viewer
 from degense.app.session.view_state import Compare
@@ -11,23 +12,9 @@ from degense.app.shell.messages import show_page
 from degense.engine.layer_titles import LAYER_TITLES
 
 #: Keys of the layers that have one.
-LAYER_KEYS = {
-    "rgb": "1",
-    "depth": "2",
-    "features": "3",
-    "similarity": "4",
-    "mask": "5",
-    "displacement": "6",
-    "warp": "7",
-    "observability": "8",
-    "speed": "9",
-}
-COMPARES: tuple[tuple[Compare, str], ...] = (
-    ("off", "Compare: off"),
-    ("wipe", "Compare: wipe"),
-    ("blink", "Compare: blink"),
-    ("difference", "Compare: difference"),
-)
+KEYED_LAYERS = ("rgb", "depth", "features", "similarity", "mask", "displacement", "warp", "observability", "speed")
+LAYER_KEYS = dict(zip(KEYED_LAYERS, "123456789", strict=True))
+COMPARES: tuple[Compare, ...] = get_args(Compare)
 
 
 def add_actions(viewer: Viewer) -> None:
@@ -48,13 +35,14 @@ def add_actions(viewer: Viewer) -> None:
         run, can = partial(view.set_layer, name), partial(can_show, name)
         return Action(f"layer.{name}", title, run, ("View", "Layer"), keys, can, lambda: session.has_scene() and state().layer == name)
 
-    def compare_action(name: Compare, title: str) -> Action:
+    def compare_action(name: Compare) -> Action:
         run, menu = partial(view.set_compare, name), ("View", "Compare")
-        return Action(f"compare.{name}", title, run, menu, (), can_compare, lambda: state().compare == name, help="recorded frame")
+        title, chosen = f"Compare: {name}", lambda: state().compare == name
+        return Action(f"compare.{name}", title, run, menu, (), can_compare, chosen, help="recorded frame")
 
     viewer.shell.add_actions(
         *(layer_action(*entry) for entry in LAYER_TITLES.items()),
-        *(compare_action(*entry) for entry in COMPARES),
+        *(compare_action(name) for name in COMPARES),
         Action("compare.next", "Next way to compare", partial(_next_compare, viewer), ("View", "Compare"), ("C",), can_compare, group=1),
     )
     _add_view_actions(viewer)
@@ -96,8 +84,7 @@ def _add_view_actions(viewer: Viewer) -> None:
 
 
 def _next_compare(viewer: Viewer) -> None:
-    names = [name for name, _ in COMPARES]
-    viewer.session.view.set_compare(names[(names.index(viewer.session.view_state.compare) + 1) % len(names)])
+    viewer.session.view.set_compare(COMPARES[(COMPARES.index(viewer.session.view_state.compare) + 1) % len(COMPARES)])
 
 
 def _show_layer_help(viewer: Viewer) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import get_args
+from typing import Any
 
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QSizePolicy, QWidget
@@ -12,7 +12,7 @@ from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.layer_list import LayerList
 from degense.app.features.viewer.view_rendering import View
-from degense.app.session.view_state import ColourRange, RangeMode, ViewState
+from degense.app.session.view_state import ViewState
 from degense.widgets import forms
 from degense.widgets.colour_bar import ColourBar
 
@@ -33,10 +33,7 @@ class LayerControls(QObject):
         layers.layer_changed.connect(session.view.set_layer)
         layers.opacity_changed.connect(session.view.set_overlay_opacity)
         layers.masks_toggled.connect(session.view.set_masks_shown)
-        bar.range_mode_changed.connect(self._range_mode_changed)
-        bar.range_edited.connect(lambda low, high: self._set_range(mode="fixed", low=low, high=high))
-        bar.cmap_changed.connect(lambda cmap: self._set_range(cmap=cmap))
-        bar.clip_changed.connect(lambda clip: self._set_range(clip=clip))
+        bar.changed.connect(self._set_range)
         session.opened.connect(self._opened)
         session.view_state_changed.connect(lambda before, after: self._show(after))
         viewer.drawn.connect(self._show_span)
@@ -66,7 +63,7 @@ class LayerControls(QObject):
         self.layers.set_opacity(state.overlay_opacity)
         self.layers.set_masks_shown(state.masks_shown)
         layer, chosen = get_layer(state.layer), state.range(state.layer)
-        self.colour_bar.set_title(layer.title)
+        self.colour_bar.set_title(layer.title, layer.unit(scene))
         self.colour_bar.set_cmap(chosen.cmap or layer.cmap)
         self.colour_bar.set_range_mode(chosen.mode)
         self.colour_bar.set_clip(chosen.clip)
@@ -74,16 +71,9 @@ class LayerControls(QObject):
     def _show_span(self, view: View) -> None:
         if view.span is not None:
             self.colour_bar.set_range(*view.span)
-            self.colour_bar.set_unit(view.unit)
             self.colour_bar.set_cmap(view.cmap)
         self.colour_bar.setVisible(view.span is not None)
 
-    def _range_mode_changed(self, mode: str) -> None:
-        if mode in get_args(RangeMode):
-            low, high = self.colour_bar.range()
-            self._set_range(mode=mode, low=low, high=high)
-
-    def _set_range(self, **changes: object) -> None:
+    def _set_range(self, changes: dict[str, Any]) -> None:
         layer = self.session.view_state.layer
-        chosen: ColourRange = replace(self.session.view_state.range(layer), **changes)  # type: ignore[arg-type]
-        self.session.view.set_range(layer, chosen)
+        self.session.view.set_range(layer, replace(self.session.view_state.range(layer), **changes))

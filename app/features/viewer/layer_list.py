@@ -54,12 +54,8 @@ class LayerList(QWidget):
         """Offer other layers: (name, title, unit, description). The first becomes current unless the current one is among them."""
         current = self.current()
         for button in self._buttons.values():
-            self._group.removeButton(button)
-            self._list.removeWidget(button)
-            button.hide()
-            button.deleteLater()
+            button.setParent(None)
         self._buttons.clear()
-        self._tips.clear()
         rows = len(layers) if len(layers) < TWO_COLUMNS_FROM else (len(layers) + 1) // 2
         for place, (name, title, unit, description) in enumerate(layers):
             button = QRadioButton(f"{title}  [{unit}]" if unit else title, self)

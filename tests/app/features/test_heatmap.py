@@ -41,12 +41,11 @@ def test_range_of_the_frame_the_sequence_and_fixed(opened, idle):
     session.go_to(2)
     idle()
     whole = on.viewer(opened).view.span
-    bar.range_mode_changed.emit("frame")
+    bar.changed.emit({"mode": "frame"})
     idle()
     assert on.viewer(opened).view.span[1] < whole[1]
     assert bar.range_mode() == "frame"
-    bar.range_mode_changed.emit("fixed")
-    bar.range_edited.emit(0.0, 123.0)
+    bar.changed.emit({"mode": "fixed", "low": 0.0, "high": 123.0})
     session.go_to(9)
     idle()
     assert on.viewer(opened).view.span == bar.range() == (0.0, 123.0)
@@ -64,7 +63,7 @@ def test_another_colour_map_is_used_in_both_views(opened, idle):
     opened.session.view.set_layer("depth")
     idle()
     before = on.viewer(opened).view
-    on.layers(opened).colour_bar.cmap_changed.emit("magma")
+    on.layers(opened).colour_bar.changed.emit({"cmap": "magma"})
     idle()
     after = on.viewer(opened).view
     assert not np.array_equal(before.rgb, after.rgb)
