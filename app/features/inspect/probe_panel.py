@@ -44,7 +44,7 @@ class ProbePanel(QWidget):
             plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
         self.plots = QWidget()
         forms.column(self.plot, self.similarity, margin=0, spacing=0, parent=self.plots)
-        forms.column(forms.row(self._swatch, (self._place, 1), self._unpin), (self._table, 3), (self.plots, 3), parent=self)
+        forms.column(forms.row(self._swatch, (self._place, 1), self._unpin), (self._table, 3), (self.plots, 2), parent=self)
         self.clear()
 
     def set_values(self, rows: Sequence[tuple[str, str]]) -> None:
