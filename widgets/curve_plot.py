@@ -97,8 +97,8 @@ class CurvePlot(pg.GraphicsView):
 
     def append(self, name: str, x: float, y: float) -> None:
         """Add one point to a curve, which is made when it does not exist."""
-        before = self.points(name) if name in self._series else ([], [])
-        self.set_series(name, np.append(before[0], x), np.append(before[1], y))
+        xs, ys = self.points(name) if name in self._series else (np.zeros(0), np.zeros(0))
+        self.set_series(name, np.append(xs, x), np.append(ys, y))
 
     def points(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Positions and values of a curve."""
@@ -126,7 +126,8 @@ class CurvePlot(pg.GraphicsView):
 
     def hide_axes(self) -> None:
         """Show nothing but the curves, from 0 to 1."""
-        self._box.setXRange(0.0, 1.0, padding=0.01)
+        self._box.setXRange(0.0, 1.0, padding=0.0)
+        self._plot.layout.setContentsMargins(4, 3, 4, 3)
         for item in (*self._axes, self._legend):
             item.hide()
 

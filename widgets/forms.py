@@ -273,7 +273,9 @@ def fill(of: QTableWidget, rows: Sequence[Sequence[str]], right: bool = False) -
         of.setRowCount(len(rows))
         for row, cells in enumerate(rows):
             for column, text in enumerate(cells):
-                write(of, row, column, text).setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
+                item = write(of, row, column, text)
+                item.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
+                item.setToolTip(text)
 
 
 def texts(of: QTableWidget) -> list[tuple[str, ...]]:

@@ -179,8 +179,8 @@ class FrameTrack(Painted, QSlider):
             key.Key_PageUp: -page,
             key.Key_PageDown: page,
         }
-        if event.key() in steps:
-            self.setValue(self.value() + steps[event.key()])
+        if (move := steps.get(Qt.Key(event.key()))) is not None:
+            self.setValue(self.value() + move)
         else:
             super().keyPressEvent(event)
 

@@ -53,8 +53,6 @@ class ProbePanel(QWidget):
         self._table.setMinimumHeight(height * min(max(len(rows), 1), FEWEST_ROWS) + 2)
         self._table.setMaximumHeight(height * max(len(rows), 1) + 2)
         forms.fill(self._table, rows)
-        for row, cells in enumerate(rows):
-            self._table.item(row, 1).setToolTip(cells[1])
 
     def set_colour(self, colour: QColor | None) -> None:
         """A swatch of the colour there; None hides it."""
