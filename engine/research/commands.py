@@ -120,7 +120,8 @@ def compare(
     pictures = comparison.pictures(scores, seeds[0])
     facts = _clip_facts(opened, scores[0].runs[0]) | {
         "teacher": comparison.teacher,
-        "budget": f"preset {config.preset}, {config.iterations:,} steps, at most {config.max_gaussians:,} Gaussians, the same for all",
+        "budget": f"preset {config.preset}, {config.iterations:,} steps, at most {config.max_gaussians:,} Gaussians, the same for all"
+        + "; degensegs has as many steps more, in which its deformation is frozen" * ("degensegs" in chosen),
         "seeds": ", ".join(map(str, seeds)),
     }
     paths = write_scores(out, f"Systems on {opened.name}", facts, scores, opened.classes, pictures, baselines)

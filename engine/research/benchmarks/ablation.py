@@ -113,18 +113,18 @@ def effects(found: Found, options: BenchOptions) -> Table:
     without, with_ = DECODERS
     compared: list[tuple[str, Variant, str, Variant, str]] = []
     for angular, loss in ((False, "L1"), (True, "angular")):
-        for before, after in ((without, without), (with_, with_), (without, with_)):
-            decoder = before if before == after else f"{before} → {after}"
-            compared.append((f"S-G decoupling, {loss}, {decoder}", ("coupled", angular), before, ("paper", angular), after))
+        for one, other in ((without, without), (with_, with_), (without, with_)):
+            decoders = one if one == other else f"{one} → {other}"
+            compared.append((f"S-G decoupling, {loss}, {decoders}", ("coupled", angular), one, ("paper", angular), other))
     compared += [
         (f"AASD, {'decoupled' if routing == 'paper' else 'coupled'}, {d}", (routing, False), d, (routing, True), d)
         for routing in ROUTINGS
         for d in DECODERS
     ]
     rows: list[dict[str, Cell]] = []
-    for name, before, decoder, after, other in compared:
+    for name, before, decoder, after, decoder_after in compared:
         gains = [
-            100 * (b["miou"][other] - a["miou"][decoder])
+            100 * (b["miou"][decoder_after] - a["miou"][decoder])
             for scene in found[before]
             for a, b in zip(found[before][scene], found[after][scene], strict=True)
         ]
