@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, TypeAlias, get_args, get_type_hints
 
 #: The stages of a training, in their order. `coarse` and `joint` are steps of the trainer; `semantics` is the distillation after them.
-STAGES = ("poses", "load", "flow", "teacher", "coarse", "joint", "semantics")
+STAGES = ("poses", "load", "teacher", "flow", "coarse", "joint", "semantics")
 
 
 @dataclass(frozen=True)

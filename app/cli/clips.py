@@ -36,7 +36,7 @@ def info(options: argparse.Namespace) -> None:
         from degense.engine.data.poses import find_cameras
 
         with closing(Bar()) as bar:
-            clip = find_cameras(clip, bar)
+            clip = find_cameras(clip, bar, labelled=bool(clip.labelled_frames))
     print(describe(clip))
 
 

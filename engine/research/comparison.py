@@ -90,7 +90,7 @@ class SystemComparison:
         Cancelled
             When `stop()` asked to leave. The training that was under way goes on from there the next time.
         """
-        clip = find_cameras(self.clip, progress) if self.clip.poses != "given" else self.clip
+        clip = find_cameras(self.clip, progress, labelled=self.teacher == "labels") if self.clip.poses != "given" else self.clip
         jobs = [(method, seed) for method in methods for seed in seeds]
         scores: dict[str, list[dict[str, Any]]] = {method: [] for method in methods}
         for done, (method, seed) in enumerate(jobs):

@@ -77,7 +77,10 @@ def prepare(
     events: Events,
     stop: Callable[[], bool],
 ) -> Inputs:
-    """Find the cameras, read the clip, measure optical flow, ask the teacher. Raises Cancelled when `stop()` asks to leave.
+    """Find the cameras, read the clip, ask the teacher, measure optical flow. Raises Cancelled when `stop()` asks to leave.
+
+    Label maps are read only where the teacher is "labels", and only those of the frames that it teaches. What another teacher takes for
+    instruments is left out of the flow, so it is asked first. Of held-out frames nothing is read.
 
     Parameters
     ----------
@@ -86,25 +89,30 @@ def prepare(
     teacher, encoder
         See `engine.training.train`.
     """
+    name = teacher or default_teacher(clip)
     if clip.poses != "given":
         if run is None:
-            clip = find_cameras(clip, begin_stage("poses", events, stop))
+            clip = find_cameras(clip, begin_stage("poses", events, stop), labelled=name == "labels")
         else:
             clip = with_cameras(clip, run.cameras, run.info.get("provenance", {}).get("poses", "as the run has them"))
     tell = begin_stage("load", events, stop)
-    name = teacher or default_teacher(clip)
     frames = TrainingFrames(clip, config.max_pixels, device)
     if encoder is not None and name == "none":
         raise DegenseError("an encoder gives a teacher's classes their vectors, and there is no teacher; choose one, or no encoder")
     chosen = None if name == "none" else teacher_by_name(name, clip, encoder)
     tell(0.5, "reading the clip")
-    flow = FlowSupervision(frames, begin_stage("flow", events, stop)) if config.flow > 0 and len(clip.train_frames) > 1 else None
-    if chosen is None:
-        return Inputs(clip, frames, flow, name, None, None)
-    tell = begin_stage("teacher", events, stop)
-    asked = with_cached_targets(chosen, tell)
-    semantics = SemanticTargets(asked, frames, flow, tell, guided=config.guided, rarity=config.rarity, max_rank=config.max_rank)
-    return Inputs(clip, frames, flow, name, asked, semantics)
+    semantics = None
+    if chosen is not None:
+        tell = begin_stage("teacher", events, stop)
+        chosen = with_cached_targets(chosen, tell)
+        semantics = SemanticTargets(chosen, frames, tell, guided=config.guided, rarity=config.rarity, max_rank=config.max_rank)
+    flow = None
+    if config.flow > 0 and len(clip.train_frames) > 1:
+        tell = begin_stage("flow", events, stop)
+        flow = FlowSupervision(frames, lambda f, text: tell(0.9 * f, text), semantics.tools if semantics is not None else None)
+        if semantics is not None:
+            semantics.propagate(flow, lambda f, text: tell(0.9 + 0.1 * f, text))
+    return Inputs(clip, frames, flow, name, chosen, semantics)
 
 
 def build_model(inputs: Inputs, config: TrainConfig) -> SceneModel:

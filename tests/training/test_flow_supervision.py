@@ -8,9 +8,9 @@ from degense.engine.camera import Camera
 from degense.engine.motion import consistent
 from degense.engine.raster.camera_tensors import project, unproject, view_and_lens
 from degense.engine.training.flow.motion_error import look_up, motion_error, surface_visibility
-from degense.engine.training.flow.supervision import FlowSupervision, Pair, tissue_pixels
+from degense.engine.training.flow.supervision import FlowSupervision, Pair
 from degense.engine.training.frames import TrainingFrames
-from tests.fakes import MemoryClip, MovingWall
+from tests.fakes import MovingWall
 
 CPU = torch.device("cpu")
 
@@ -163,16 +163,15 @@ def test_tools_and_their_surroundings_have_no_flow():
         for pair in pairs:
             assert not pair.weight[0].numpy()[17:43, 27:63].any()
 
-    class Tool(MemoryClip):
-        def __init__(self):
-            super().__init__()
-            self.classes = ("liver", "grasper")
-
-    frames = TrainingFrames(Tool(), 1 << 20, CPU)
-    tissue = tissue_pixels(frames, 4)
-    assert not tissue[Tool().place(4)].any()
-    assert np.array_equal(tissue, frames.valid(4) & (Tool().labels(4) != 1))
-    assert np.array_equal(tissue_pixels(TrainingFrames(MemoryClip(), 1 << 20, CPU), 4), frames.valid(4))
+    clip = MovingWall(6, velocity=SLIDING)
+    tool = np.zeros(clip.size[::-1], bool)
+    tool[hole] = True
+    frames = TrainingFrames(clip, 1 << 20, CPU)
+    told = FlowSupervision(frames, tools=lambda frame: tool if frame == 2 else None)
+    for frame, pairs in told.pairs.items():
+        for pair in pairs:
+            assert pair.weight[0].numpy()[25:35, 35:55].any() == (frame != 2 and pair.to != 2)
+            assert frame != 2 or not pair.weight[0].numpy()[17:43, 27:63].any()
 
 
 @pytest.mark.parametrize(("source", "frame"), [(0, 4), (4, 0), (2, 4), (3, 3), (0, 0)])

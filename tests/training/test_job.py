@@ -41,7 +41,7 @@ def test_it_learns_and_leaves_a_run(tmp_path, routing):
     progress = [e for e in events if isinstance(e, TrainingProgress)]
     assert progress[-1].psnr > progress[0].psnr + 3
     stages = [e.stage for e in events if isinstance(e, Stage)]
-    assert stages == ["load", "flow", "teacher", "coarse", "joint", *(["semantics"] if routing == "isolated" else [])]
+    assert stages == ["load", "teacher", "flow", "coarse", "joint", *(["semantics"] if routing == "isolated" else [])]
     assert events[-1] == Done(str(tmp_path / "run"))
     assert (tmp_path / "run" / "previews" / "last.png").stat().st_size > 100
     log = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]

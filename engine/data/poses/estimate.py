@@ -56,13 +56,14 @@ class PoseEstimate:
         return ""
 
 
-def estimate_poses(clip: Clip, progress: Progress = silent) -> PoseEstimate:
+def estimate_poses(clip: Clip, progress: Progress = silent, *, labelled: bool = False) -> PoseEstimate:
     """Estimate the pose of every frame from the training frames.
 
-    Points of key frames with depth are followed by optical flow (instruments, masked pixels, reflections and plain surfaces left out), and
-    all poses are fitted at once so that one rigid motion explains most of them; what it does not explain is left to deformation. Held-out
-    frames are never read: their poses, and those of frames that show nothing, follow from their neighbours' by least acceleration.
-    Deterministic.
+    Points of key frames with depth are followed by optical flow (masked pixels, reflections and plain surfaces left out), and all poses
+    are fitted at once so that one rigid motion explains most of them; what it does not explain is left to deformation. Held-out frames
+    are never read: their poses, and those of frames that show nothing, follow from their neighbours' by least acceleration. With
+    `labelled`, what the label maps of training frames call an instrument is left out too; else instruments are among what the one motion
+    does not explain. Deterministic.
 
     With measured depth the poses are metric. With a prior they are in its unit, and its errors of shape turn into errors of the poses.
 
@@ -73,7 +74,7 @@ def estimate_poses(clip: Clip, progress: Progress = silent) -> PoseEstimate:
     frames = clip.train_frames
     if len(frames) < 2:
         raise Lost("a single frame shows no motion")
-    views = Views(clip, frames[0])
+    views = Views(clip, frames[0], labelled)
     if min(views.size) < SIDE:
         raise Lost(f"pictures of {clip.size[0]} × {clip.size[1]} are too small to follow tissue in them")
     keys, tracks = follow_tissue(views, frames, progress)
@@ -111,15 +112,20 @@ def _judge(tracks: list[Track], viewmats: np.ndarray, camera: Camera) -> tuple[f
     return max(0.0, 1 - residual / way), float(np.average(shares, weights=weights))
 
 
-def find_cameras(clip: Clip, progress: Progress = silent) -> Clip:
+def find_cameras(clip: Clip, progress: Progress = silent, *, labelled: bool = False) -> Clip:
     """The clip with its cameras found, when it wishes so (`Clip.poses`); its provenance says what came of it.
 
     "auto" keeps the camera still unless a moving one explains at least three quarters of the motion seen and no area stands still.
+
+    Parameters
+    ----------
+    labelled : bool
+        Whether label maps of training frames may be read for where instruments are: only for a training whose teacher they are.
     """
     if clip.poses == "given":
         return clip
     try:
-        found = estimate_poses(clip, progress)
+        found = estimate_poses(clip, progress, labelled=labelled)
     except Lost as reason:
         return with_cameras(clip, clip.cameras, f"assumed: the camera stands still; {reason}")
     if clip.poses == "auto" and found.doubt:

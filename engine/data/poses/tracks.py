@@ -1,4 +1,4 @@
-"""Reduced frames of a clip, without instruments and at a median depth of 1; points of key frames, followed into other frames."""
+"""Reduced frames of a clip, without known instruments and at a median depth of 1; points of key frames, followed into other frames."""
 
 from __future__ import annotations
 
@@ -26,18 +26,25 @@ SIDE = 32  # pixels: pictures smaller than this are too small for optical flow a
 class Views:
     """Reduced frames. Nothing is kept: every frame is read once or twice.
 
+    Parameters
+    ----------
+    first : int
+        The frame that the unit is taken from.
+    labelled : bool
+        Whether label maps may be read for where instruments are.
+
     Attributes
     ----------
     unit : float
         Lengths here = lengths of the clip × `unit`, chosen so that the median depth of frame `first` is 1 (1 where it has none).
     """
 
-    def __init__(self, clip: Clip, first: int):
+    def __init__(self, clip: Clip, first: int, labelled: bool = False):
         self.clip, self.unit = clip, 1.0
         width, height = clip.size
         self.factor = min(1.0, (PIXELS / (width * height)) ** 0.5)
         self.camera: Camera = clip.cameras[0].scaled(self.factor)
-        self._instruments = instruments(clip.classes)
+        self._instruments = instruments(clip.classes) if labelled else []
         depth = self.depth(first)[self.tissue(first)]
         self.unit = 1 / float(np.median(depth[depth > 0])) if (depth > 0).any() else 1.0
 
@@ -51,7 +58,7 @@ class Views:
         return cv2.resize(self.clip.frame(index), self.size, interpolation=cv2.INTER_AREA)
 
     def tissue(self, index: int) -> np.ndarray:
-        """Valid pixels that no label map calls an instrument, away from the edges of both, bool [h, w]."""
+        """Valid pixels that no label map calls an instrument, if any may be read, away from the edges of both, bool [h, w]."""
         valid = self.clip.valid(index)
         if self._instruments and (labels := self.clip.labels(index)) is not None:
             valid = valid & ~np.isin(labels, self._instruments)

@@ -58,8 +58,8 @@ def motion_observability(model: SceneModel, frames: TrainingFrames, flow: FlowSu
 def revealed_motion(frames: TrainingFrames, flow: FlowSupervision, index: int) -> np.ndarray:
     """s(p, t) for one training frame, float32 [h, w] at the size of the flow: 1 where the recording shows how far tissue has moved.
 
-    That is where its way to the reference frame is the same forwards and backwards, begins and ends on valid pixels that are no
-    instrument, and texture pins it down (`engine.motion.confidence`); else 0.
+    That is where its way to the reference frame is the same forwards and backwards, begins and ends on valid pixels that the teacher calls
+    no instrument, and texture pins it down (`engine.motion.confidence`); else 0.
     """
     reference = frames.clip.train_frames[0]
     frame = cv2.resize(frames.image(index), flow.size, interpolation=cv2.INTER_AREA)

@@ -5,6 +5,7 @@ A photometric loss alone lets Gaussians fade and change colour in place. Flow sh
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import tee
@@ -18,7 +19,6 @@ from degense.engine.motion import consistent, follow, sample, steps_between
 from degense.engine.progress import Progress, silent
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.vocabulary import instruments
 
 FLOW_PIXELS = 100_000
 PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller frames; four pairs a frame, six bytes each
@@ -54,9 +54,13 @@ class FlowSupervision:
     ----------
     frames : TrainingFrames
     progress : Progress
+    tools : callable, optional
+        The pixels of a training frame that the teacher calls an instrument, bool [H, W] at the working size, None where it does not say:
+        they are no tissue. Without it only what the clip itself masks is left out, and that flow forwards and backwards must agree is all
+        that keeps the motion of an instrument from the tissue beside it.
     """
 
-    def __init__(self, frames: TrainingFrames, progress: Progress = silent):
+    def __init__(self, frames: TrainingFrames, progress: Progress = silent, tools: Callable[[int], np.ndarray | None] | None = None):
         self.frames = frames
         width, height = frames.size
         train = frames.clip.train_frames
@@ -64,7 +68,8 @@ class FlowSupervision:
         shrink = min(1.0, (pixels / (width * height)) ** 0.5)
         self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
         small = [cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train]
-        tissue = [self._inside(tissue_pixels(frames, i)) for i in train]
+        seen = {} if tools is None else {i: tool for i in train if (tool := tools(i)) is not None}
+        tissue = [self._inside(frames.valid(i) & ~seen[i] if i in seen else frames.valid(i)) for i in train]
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
 
         neighbours, steps = tee(steps_between(small))
@@ -187,15 +192,3 @@ def from_nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:
 def _relative(pair: Pair) -> np.ndarray:
     """A pair's flow as float32 [h, w, 2], fractions of the image's width and height."""
     return pair.flow.float().cpu().numpy().transpose(1, 2, 0)
-
-
-def tissue_pixels(frames: TrainingFrames, index: int) -> np.ndarray:
-    """Valid pixels that no label map calls an instrument, bool [H, W] at the working size."""
-    valid = frames.valid(index)
-    clip = frames.clip
-    tools = instruments(clip.classes)
-    labels = clip.labels(index) if tools and index in clip.labelled_frames else None
-    if labels is None:
-        return valid
-    tool = np.isin(labels, tools).astype(np.uint8)
-    return valid & (cv2.resize(tool, frames.size, interpolation=cv2.INTER_NEAREST) == 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ import torch
 from torch import Tensor
 
 from degense.engine.errors import DegenseError
+from degense.engine.latest import Latest
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics import Basis, fit_basis
 from degense.engine.semantics.basis import unit_rows
@@ -24,9 +24,11 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import region_smoothness
 from degense.engine.training.semantic.guided_upsampling import upsample_to_regions
 from degense.engine.training.semantic.patches import Patches, PatchTarget
+from degense.engine.vocabulary import instruments
 
 SPARSE = 0.25  # a teacher that labels a smaller share of the training frames has its labels warped to the others
 SIMILARITY_POWER = 8  # of the cosine with which vectors count as of one kind
+NAMED = 0.5  # cosine to a class's vector from which a label is of that class; of image features without classes, all texts are farther
 BASIS_VECTORS = 20_000  # of all frames' vectors, that the basis is fitted to
 TARGET_BYTES = 3 << 28  # of supervision kept
 PIXEL_BYTES = 24  # of one pixel's: its label, its patch, and what a target holds
@@ -36,7 +38,6 @@ Answer = tuple[np.ndarray, np.ndarray]
 #: Distance of rows of latents [P, d], [P, d] → [P].
 Distance = Callable[[Tensor, Tensor], Tensor]
 
-Value = TypeVar("Value")
 Vectors = TypeVar("Vectors", np.ndarray, Tensor)
 
 
@@ -67,25 +68,6 @@ class Target:
     region_count: int
 
 
-class Latest(OrderedDict[int, Value]):
-    """Values of at most `capacity` frames; the frame least recently used makes room."""
-
-    def __init__(self, capacity: int):
-        super().__init__()
-        self.capacity = capacity
-
-    def latest(self, frame: int) -> Value | None:
-        if frame in self:
-            self.move_to_end(frame)
-        return self.get(frame)
-
-    def keep(self, frame: int, value: Value) -> Value:
-        self[frame] = value
-        if len(self) > self.capacity:
-            self.popitem(last=False)
-        return value
-
-
 class SemanticTargets:
     """All supervision of a clip. That of a frame is made when it is needed and kept while there is room: a long clip's would not fit.
 
@@ -94,8 +76,6 @@ class SemanticTargets:
     teacher : Teacher
         Asked about its own frames only, so held-out frames stay held out.
     frames : TrainingFrames
-    flow : FlowSupervision, optional
-        Warps the labels of a teacher that has few frames to the others.
     progress : Progress
     guided : bool
         Whether the vectors of a coarse teacher are upsampled to the superpixels of the frames (`upsample_to_regions`).
@@ -107,9 +87,9 @@ class SemanticTargets:
     ----------
     basis : Basis
     frames : list of int
-        Frames that have a target.
+        Frames that have a target: those that the teacher labels, until `propagate` adds others.
     labelled_frames : list of int
-        Those that the teacher itself labels; to the others its labels are warped along the optical flow.
+        Those that the teacher itself labels.
     pixelwise : bool
         As the teacher has it.
     upsampled : bool
@@ -120,7 +100,6 @@ class SemanticTargets:
         self,
         teacher: Teacher,
         frames: TrainingFrames,
-        flow: FlowSupervision | None = None,
         progress: Progress = silent,
         *,
         guided: bool = True,
@@ -131,15 +110,16 @@ class SemanticTargets:
         self.upsampled = guided and not teacher.pixelwise
         self._rarity = rarity
         self._confidence: Mapping[int, Tensor] = {}
-        self._teacher, self._working, self._flow = teacher, frames, flow
+        self._teacher, self._working = teacher, frames
+        self._flow: FlowSupervision | None = None
         clip = frames.clip
         width, height = frames.size
         capacity = max(2, TARGET_BYTES // (width * height * PIXEL_BYTES))
-        self._answers, self._targets, self._patches = Latest[Answer](capacity), Latest[Target](capacity), Latest[PatchTarget](capacity)
+        self._answers, self._targets, self._patches = (Latest(capacity) for _ in range(3))
         self.labelled_frames: list[int] = []
         vectors, counts = [], []
         for done, i in enumerate(teacher.frames):
-            progress(0.7 * done / len(teacher.frames), "asking the teacher")
+            progress(done / len(teacher.frames), "asking the teacher")
             if (answer := self._answer(i)) is not None:
                 self.labelled_frames.append(i)
                 vectors.append(answer[0])
@@ -148,16 +128,39 @@ class SemanticTargets:
             raise DegenseError(
                 f"{clip.path}: the teacher {teacher.name!r} labels no training frame; train with --teacher none or add label maps"
             )
-        anchors = None if teacher.pixelwise or not clip.classes else teacher.encoder.encode(clip.classes)
+        self._classes = teacher.encoder.encode(clip.classes) if clip.classes else None
+        anchors = None if teacher.pixelwise else self._classes
         self.basis: Basis = _basis(np.concatenate(vectors), np.concatenate(counts), anchors, max_rank)
         self._source = {i: i for i in self.labelled_frames}
-        if flow is not None and len(self.labelled_frames) < SPARSE * len(clip.train_frames):
-            for done, i in enumerate(clip.train_frames):
-                progress(0.7 + 0.3 * done / len(clip.train_frames), "warping labels along with the tissue")
-                source = min(self.labelled_frames, key=lambda s: abs(s - i))
-                if i not in self._source and (self._labels(i, source)[1] >= 0).any():
-                    self._source[i] = source
         self.frames = sorted(self._source)
+
+    def propagate(self, flow: FlowSupervision, progress: Progress = silent) -> None:
+        """Warp the labels of a teacher that labels few training frames to the others, along the optical flow."""
+        train = self._working.clip.train_frames
+        if len(self.labelled_frames) >= SPARSE * len(train):
+            return
+        self._flow = flow
+        for done, i in enumerate(train):
+            progress(done / len(train), "warping labels along with the tissue")
+            source = min(self.labelled_frames, key=lambda s: abs(s - i))
+            if i not in self._source and (self._labels(i, source)[1] >= 0).any():
+                self._source[i] = source
+        self.frames = sorted(self._source)
+
+    def tools(self, frame: int) -> np.ndarray | None:
+        """Pixels that the teacher calls an instrument, bool [H, W] at the working size: of all classes' vectors that of an instrument is
+        nearest to theirs, with a cosine above `NAMED`.
+
+        None where the teacher does not say: on frames that it does not label, and in clips that name no instruments.
+        """
+        tools = instruments(self._working.clip.classes)
+        answer = self._answer(frame) if tools and frame in self.labelled_frames else None
+        if answer is None or self._classes is None:
+            return None
+        vectors, index = answer
+        alike = vectors @ self._classes.T
+        tool = np.isin(alike.argmax(1), tools) & (alike.max(1) > NAMED)
+        return (index >= 0) & tool[index]
 
     def reweighted(self, confidence: Mapping[int, Tensor]) -> SemanticTargets:
         """The same targets with each pixel's weight times the confidence of its label.
@@ -173,15 +176,18 @@ class SemanticTargets:
 
     def _answer(self, frame: int) -> Answer | None:
         """The teacher's answer for a frame, if it has one, upsampled if it is to be."""
-        if frame in self._answers or (answer := self._teacher_answer(frame)) is None:
-            return self._answers.latest(frame)
-        if self.upsampled:
-            vectors, index = answer
-            image = self._working.image(frame)
-            regions = superpixels(image)
-            vectors = upsample_to_regions(vectors, index, image, regions)
-            answer = vectors, np.where((index >= 0) & (np.linalg.norm(vectors, axis=1)[regions] > 0), regions, -1).astype(np.int32)
-        return self._answers.keep(frame, answer)
+        make = self._upsampled_answer if self.upsampled else self._teacher_answer
+        return self._answers.get(frame, lambda: make(frame))
+
+    def _upsampled_answer(self, frame: int) -> Answer | None:
+        answer = self._teacher_answer(frame)
+        if answer is None:
+            return None
+        vectors, index = answer
+        image = self._working.image(frame)
+        regions = superpixels(image)
+        vectors = upsample_to_regions(vectors, index, image, regions)
+        return vectors, np.where((index >= 0) & (np.linalg.norm(vectors, axis=1)[regions] > 0), regions, -1).astype(np.int32)
 
     def _teacher_answer(self, frame: int) -> Answer | None:
         """The teacher's own answer at the working size; −1 also where the frame is not valid."""
@@ -206,9 +212,7 @@ class SemanticTargets:
 
     def target(self, frame: int) -> Target:
         """The supervision of one of `frames`."""
-        found = self._targets.latest(frame)
-        if found is None:
-            found = self._targets.keep(frame, self._target(frame, *self._labels(frame, self._source[frame])))
+        found = self._targets.get(frame, lambda: self._target(frame, *self._labels(frame, self._source[frame])))
         confidence = self._confidence.get(frame)
         return found if confidence is None else replace(found, weight=found.weight * confidence[found.index])
 
@@ -235,20 +239,20 @@ class SemanticTargets:
 
     def patch_target(self, frame: int) -> PatchTarget:
         """The teacher's own patches of one of `labelled_frames`, with which the means over them are compared."""
-        if (found := self._patches.latest(frame)) is not None:
-            return found
+        return self._patches.get(frame, lambda: self._patch_target(frame))
+
+    def _patch_target(self, frame: int) -> PatchTarget:
         answer = self._teacher_answer(frame)
         assert answer is not None
         vectors, index = answer
         size = np.bincount(index[index >= 0], minlength=len(vectors))
         weight = size * self._weights(vectors, size)
         device = self._working.device
-        target = PatchTarget(
+        return PatchTarget(
             Patches.of(index, len(vectors), device),
             torch.from_numpy(self.basis.project(vectors)).float().to(device),
             torch.from_numpy(weight / weight.sum()).float().to(device),
         )
-        return self._patches.keep(frame, target)
 
     def loss(self, latent: Tensor, frame: int, distance: Distance, region_weight: float) -> dict[str, Tensor]:
         """Terms of the loss of a drawn latent map [H, W, d].

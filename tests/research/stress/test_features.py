@@ -143,8 +143,8 @@ def test_supervision_is_kept_only_while_there_is_room(monkeypatch):
     for frame in [*tight.frames, *tight.frames]:
         for name, value in vars(ample.target(frame)).items():
             assert np.array_equal(value, getattr(tight.target(frame), name)), name
-    assert len(tight._targets) == 3
-    assert len(ample._targets) == len(ample.frames)
+    assert tight._targets.size == 3
+    assert ample._targets.size == len(ample.frames)
     kept = ample.target(0)
     assert sum(part.nbytes for part in (kept.index, kept.pixels, kept.weight, kept.regions)) <= 48 * 40 * semantics.PIXEL_BYTES
 

@@ -28,7 +28,10 @@ def prepared(clip, max_pixels=1 << 20, motion=False):
     frames = TrainingFrames(clip, max_pixels, CPU)
     flow = FlowSupervision(frames) if motion else None
     teacher = LabelTeacher(clip, EmbeddedEncoder())
-    return frames, flow, teacher, SemanticTargets(teacher, frames, flow)
+    targets = SemanticTargets(teacher, frames)
+    if flow is not None:
+        targets.propagate(flow)
+    return frames, flow, teacher, targets
 
 
 def drawn(targets, frame, size):
