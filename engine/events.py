@@ -28,12 +28,12 @@ class Step:
 
 @dataclass(frozen=True)
 class TrainingProgress:
-    """Means over the steps since the last such event."""
+    """Means over the steps since the last such event. Steps of the distillation count on from those of the trainer."""
 
     iteration: int  # steps made
-    iterations: int  # all that will be made
+    iterations: int  # all that will be made up to the end of the stage
     loss: float | None = None
-    psnr: float | None = None  # dB over the valid pixels of the training frames
+    psnr: float | None = None  # dB over the valid pixels of the training frames; None in the distillation, which draws no colours
     gaussians: int | None = None
     seconds: float | None = None  # since the training began or was resumed
     eta: float | None = None  # seconds until its end

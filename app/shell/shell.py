@@ -127,6 +127,7 @@ class Shell(QMainWindow):
         def finished(result: Any) -> None:
             self.set_busy()
             self.attempt(lambda: (done or self.say)(result))
+            self.refresh()
 
         def broken(message: str) -> None:
             self.set_busy()

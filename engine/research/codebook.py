@@ -21,7 +21,7 @@ from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import rows_of
-from degense.engine.training.semantic.distillation import backprojected_targets
+from degense.engine.training.semantic.distillation import Report, backprojected_targets
 from degense.engine.training.semantic.targets import SemanticTargets
 
 INSTANCE = 6  # length of an instance feature
@@ -39,9 +39,10 @@ def fit_codebook(
     config: TrainConfig,
     stop: Callable[[], bool] = lambda: False,
     progress: Progress = silent,
+    report: Report = lambda *_: None,
 ) -> bool:
     """Give every Gaussian of a finished geometry the latent of its cluster, in place; False when `stop()` asked to leave."""
-    features = instance_features(model, targets, frames, config, stop, lambda f, text: progress(0.8 * f, text))
+    features = instance_features(model, targets, frames, config, stop, lambda f, text: progress(0.8 * f, text), report)
     if features is None:
         return False
     clusters = two_levels(features.cpu().numpy(), model.canonical["means"].detach().cpu().numpy(), CODES, config.seed)
@@ -55,7 +56,13 @@ def fit_codebook(
 
 
 def instance_features(
-    model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, config: TrainConfig, stop: Callable[[], bool], progress: Progress
+    model: SceneModel,
+    targets: SemanticTargets,
+    frames: TrainingFrames,
+    config: TrainConfig,
+    stop: Callable[[], bool],
+    progress: Progress,
+    report: Report = lambda *_: None,
 ) -> Tensor | None:
     """A unit vector [N, `INSTANCE`] for each Gaussian, alike within segments of the frames and unlike between them; None when stopped."""
     random = np.random.default_rng(config.seed)
@@ -63,6 +70,7 @@ def instance_features(
     raw = torch.from_numpy(start).float().to(model.bounds.device).requires_grad_()
     optimizer = torch.optim.Adam([raw], lr=config.rate_semantics)
     segments_of = lru_cache(KEPT_FRAMES)(lambda frame: segments(targets, frames, frame))
+    total = raw.new_zeros(())
     for step in range(config.semantic_steps):
         if stop():
             return None
@@ -72,10 +80,16 @@ def instance_features(
         unit = torch.nn.functional.normalize(raw, dim=1)
         image = rasterize(splats, unit, frames.cameras[frame]).image
         optimizer.zero_grad(set_to_none=True)
-        separation(image.reshape(-1, INSTANCE), segments_of(frame)).backward()
+        loss = separation(image.reshape(-1, INSTANCE), segments_of(frame))
+        loss.backward()
         optimizer.step()
+        total += loss.detach()
         if step % REPORT_EVERY == 0:
             progress(step / config.semantic_steps, "learning to tell segments apart")
+        if (step + 1) % REPORT_EVERY == 0 or step + 1 == config.semantic_steps:
+            mean = float(total) / (step % REPORT_EVERY + 1)
+            report(step + 1, config.semantic_steps, mean, {"separation": mean})
+            total.zero_()
     return torch.nn.functional.normalize(raw.detach(), dim=1)
 
 

@@ -118,7 +118,7 @@ class SystemComparison:
             config = replace(as_system(method, self.config), seed=seed)
 
             def tell(event: Event) -> None:
-                if isinstance(event, TrainingProgress):
+                if isinstance(event, TrainingProgress) and event.psnr is not None:
                     progress(0.85 * event.iteration / event.iterations, f"{event.psnr:.1f} dB")
                 elif isinstance(event, Step):
                     progress(0.85 if event.stage == "semantics" else 0.0, event.message)

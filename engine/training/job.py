@@ -161,14 +161,14 @@ class TrainingRun:
         self.distils = config.routing == "isolated" and inputs.semantics is not None
         self.trainer = Trainer(model, inputs.frames, None if self.distils else inputs.semantics, inputs.flow, config, events)
         self._stage = ""
-        self._last_preview = self._last_checkpoint = started
+        self._begun = self._last_preview = self._last_checkpoint = started
 
     def __call__(self) -> Run | None:
         """Train; the finished run, or None when `stop()` asked to leave and a checkpoint is saved."""
         run, spent = self.run, float(self.run.info["train_seconds"])
         run.info |= {"state": "training", "hardware": hardware()}
         run.save()
-        self._last_preview = self._last_checkpoint = time.perf_counter()
+        self._begun = self._last_preview = self._last_checkpoint = time.perf_counter()
         finished = self._steps() and self._distil()
         if self.trainer.device.type == "cuda":
             torch.cuda.synchronize()
@@ -186,7 +186,6 @@ class TrainingRun:
         """Run the trainer to its end; False when `stop()` asked to leave. DegenseError when it diverges again and again."""
         trainer = self.trainer
         first = last = trainer.iteration
-        begin = time.perf_counter()
         try:
             while trainer.iteration < trainer.total:
                 if self.stop():
@@ -194,7 +193,7 @@ class TrainingRun:
                 trainer.step()
                 now, total = trainer.iteration, trainer.total
                 if now - last >= REPORT_EVERY or now == total:
-                    seconds = time.perf_counter() - begin
+                    seconds = time.perf_counter() - self._begun
                     eta = seconds / max(1, now - first) * (total - now)
                     self._report(TrainingProgress(now, total, **trainer.report(now - last), seconds=seconds, eta=eta))
                     last = now
@@ -225,8 +224,17 @@ class TrainingRun:
         if not self.distils or self.inputs.semantics is None:
             return True
         tell = begin_stage("semantics", self.events)
+        begin, made = time.perf_counter(), self.trainer.total
+
+        def report(step: int, steps: int, loss: float, losses: dict[str, float]) -> None:
+            now = time.perf_counter()
+            eta, seconds = (now - begin) / step * (steps - step), now - self._begun
+            progress = TrainingProgress(made + step, made + steps, loss, None, len(self.trainer.model), seconds, eta, losses)
+            self.run.log(asdict(progress))
+            self.events(progress)
+
         fit = DISTILLATIONS[self.config.distillation]
-        return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell)
+        return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell, report)
 
     def _leave(self, state: str) -> None:
         """Save what can be resumed."""

@@ -10,7 +10,7 @@ from degense.engine.errors import DegenseError, RunError
 from degense.engine.events import Done, Rollback, Stage, Stopped, TrainingProgress
 from degense.engine.scene import Scene
 from degense.engine.store import Run
-from degense.engine.store.files import read_tensors
+from degense.engine.store.files import read_json, read_tensors, write_json, write_tensors
 from degense.engine.training import TrainConfig, train
 from tests.fakes import MemoryClip
 
@@ -38,20 +38,28 @@ def run_it(clip, out, config, stop_at=None, **options):
 def test_it_learns_and_leaves_a_run(tmp_path, routing):
     clip = MemoryClip()
     run, events = run_it(clip, tmp_path / "run", tiny(routing=routing, iterations=150))
-    progress = [e for e in events if isinstance(e, TrainingProgress)]
+    reports = [e for e in events if isinstance(e, TrainingProgress)]
+    progress = [e for e in reports if e.psnr is not None]
     assert progress[-1].psnr > progress[0].psnr + 3
     stages = [e.stage for e in events if isinstance(e, Stage)]
     assert stages == ["load", "teacher", "flow", "coarse", "joint", *(["semantics"] if routing == "isolated" else [])]
     assert events[-1] == Done(str(tmp_path / "run"))
     assert (tmp_path / "run" / "previews" / "last.png").stat().st_size > 100
     log = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
-    assert [line["losses"] for line in log] == [e.losses for e in progress]
+    assert [line["losses"] for line in log] == [e.losses for e in reports]
     together = {"shape", "displacement", "rigidity", "l1", "ssim", "depth", "flow", "plane_space", "plane_time", "plane_static"}
     joint = {"align", "region"} if routing != "isolated" else set()
-    for event in progress:
+    for event in reports:
         assert sum(event.losses.values()) == pytest.approx(event.loss, rel=1e-4)
     assert together | joint <= set(progress[-1].losses)
     assert joint or not {"align", "region"} & set(progress[-1].losses)
+    distilled = reports[len(progress) :]
+    assert reports == progress + distilled
+    assert bool(distilled) == (routing == "isolated")
+    for number, event in enumerate(distilled):
+        assert set(event.losses) == {"align", "region", "delta_semantics"}
+        assert event.iteration == min(150 + 25 * (number + 1), event.iterations)
+    assert not distilled or (distilled[-1].losses["align"] < distilled[0].losses["align"] and distilled[-1].eta == 0)
     scene = Scene.open(tmp_path / "run", device="cpu", clip=clip)
     assert scene.has_semantics
     assert scene.render(3)["rgb"].shape == (40, 48, 3)
@@ -90,6 +98,41 @@ def test_stopped_and_resumed_is_the_same_as_not_stopped(tmp_path):
     whole, parts = (read_tensors(tmp_path / name / "model.safetensors") for name in ("whole", "parts"))
     for name in whole:
         assert torch.equal(whole[name], parts[name]), name
+
+
+def test_a_checkpoint_of_an_earlier_version_is_resumed_to_the_same_bits(tmp_path):
+    """What `degense.engine.store.migrations` says had other names: tensors, their moments, the trainer's progress and settings."""
+    clip = MemoryClip()
+    run_it(clip, tmp_path / "whole", tiny(iterations=60, appearance=True))
+    run_it(clip, tmp_path / "parts", tiny(iterations=60, appearance=True), stop_at=50)
+    tensors = {"color_residuals": "tints", "velocities": "drifts", "temporal_windows": "lifetimes"}
+    (path,) = (tmp_path / "parts" / "checkpoints").glob("step-*.safetensors")
+    renamed = {}
+    for name, values in read_tensors(path).items():
+        of, dot, rest = name.partition("canonical.")
+        now, *key = rest.split(".")
+        renamed[of + dot + ".".join([tensors.get(now, now), *key])] = values
+    assert {"model/canonical.tints", "moments/canonical.tints.exp_avg", "model/canonical.lifetimes"} <= set(renamed)
+    write_tensors(path, renamed)
+    progress = read_json(path.parent / "last.json")
+    write_json(path.parent / "last.json", {"caution" if name == "rate_scale" else name: value for name, value in progress.items()})
+    settings = {
+        "delta_color": "recolour",
+        "delta_semantics": "resemantics",
+        "color_residual": "tint",
+        "color_residual_change": "tint_change",
+    }
+    settings |= {"rate_color_residuals": "rate_tints", "velocities": "drifts", "persistent": "lasting", "early_stopping": "early_stop"}
+    settings |= {"plane_static": "plane_still"}
+    run = Run.open(tmp_path / "parts")
+    assert set(settings) <= set(run.info["config"])
+    run.info["config"] = {settings.get(name, name): value for name, value in run.info["config"].items()} | {"flow_final": 0.5}
+    run.save()
+    finished, _ = run_it(clip, tmp_path / "parts", tiny(), resume=True)
+    assert finished.info["state"] == "finished"
+    whole, parts = (read_tensors(tmp_path / name / "model.safetensors") for name in ("whole", "parts"))
+    assert set(whole) == set(parts)
+    assert [name for name in whole if not torch.equal(whole[name], parts[name])] == []
 
 
 def test_divergence_rolls_back_and_says_so(tmp_path, monkeypatch):

@@ -10,7 +10,9 @@ from PySide6.QtWidgets import QComboBox, QLabel, QProgressBar
 
 from degense.app.features.train.monitor import TrainingMonitor, duration
 from degense.engine.events import TrainingProgress
+from degense.engine.training import TrainConfig, train
 from degense.widgets.curve_plot import CurvePlot
+from tests.fakes import MemoryClip
 
 
 @pytest.fixture
@@ -75,6 +77,23 @@ def test_any_term_of_the_loss_can_be_plotted(monitor):
     assert list(plot.points("ssim")[1]) == [0.05, 0.02, 0.01]
     menu.setCurrentText("loss")
     assert list(plot.points("loss")[1]) == [0.5, 0.25, 0.125, 0.1]
+
+
+def test_the_terms_of_a_semantic_distillation_can_be_plotted(monitor, tmp_path):
+    config = TrainConfig.preset_of("quick", iterations=30, max_gaussians=400, resolution=8, channels=8, device="cpu")
+    told = []
+    train(MemoryClip(), tmp_path / "run", config, events=told.append, stop=lambda: False)
+    monitor.start()
+    for event in told:
+        if isinstance(event, TrainingProgress):
+            monitor.set_progress(event)
+    menu = next(box for box in monitor.findChildren(QComboBox) if "loss" in box.accessibleName())
+    plot = next(plot for plot in monitor.findChildren(CurvePlot) if plot.accessibleName() == "Loss")
+    for term in ("align", "region", "delta_semantics"):
+        menu.setCurrentText(term)
+        assert plot.series_names() == [term]
+        assert min(plot._series[term].x) > 30  # after the steps of the trainer
+    assert fact(monitor, "PSNR").endswith("dB")
 
 
 def test_cancel_asks_nothing_and_says_that_it_stops(monitor):

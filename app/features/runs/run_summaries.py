@@ -120,13 +120,14 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _last_line(path: Path) -> dict[str, Any]:
-    """The last whole report of a training; empty where there is none yet."""
+    """The last whole report of a trainer, which has a PSNR, unlike those of the distillation; empty where there is none yet."""
     if not path.is_file():
         return {}
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - TAIL))
         lines = file.read().split(b"\n")[:-1]
-    return _dict(json.loads(lines[-1])) if lines and lines[-1].startswith(b"{") else {}
+    reports = (_dict(json.loads(line)) for line in reversed(lines) if line.startswith(b"{"))
+    return next((report for report in reports if report.get("psnr") is not None), {})
 
 
 def _dict(value: Any) -> dict[str, Any]:

@@ -135,7 +135,7 @@ def long_finding(folder: Path, iterations: int, device: str) -> StressFinding:
     events: list[Event] = []
     run = train(clip, folder / "run", tiny(iterations, device), events=events.append, stop=lambda: False)
     assert run is not None
-    told = [event for event in events if isinstance(event, TrainingProgress)]
+    told = [event for event in events if isinstance(event, TrainingProgress) and event.psnr is not None]
     rollbacks = sum(isinstance(event, Rollback) for event in events)
     words = f"ok: PSNR of training frames {told[0].psnr:.1f} → {told[-1].psnr:.1f} dB, {rollbacks} rollbacks"
     return StressFinding(non_finite([read_tensors(run.path / "model.safetensors"), told]), words)

@@ -21,12 +21,15 @@ from degense.engine.raster import backproject
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.losses import angular, chord, l1
 from degense.engine.training.passes import SemanticPass, draw_latents
 from degense.engine.training.semantic.consistency import label_confidence, label_consistency
 from degense.engine.training.semantic.targets import SemanticTargets
 
 REPORT_EVERY = 25  # steps
+#: Gets the steps made, all that will be made, and means of the loss and of its terms by name over the steps since the last report.
+Report = Callable[[int, int, float, dict[str, float]], object]
 #: Factors of the learning rates of canonical latents, planes and networks where labels are noisy: frames contradict each other, and larger
 #: or more steps would follow each of them in turn and lose their mean.
 LOW_RATES = (0.3, 0.05, 0.1)
@@ -110,6 +113,7 @@ def distill(
     config: TrainConfig,
     stop: Callable[[], bool] = lambda: False,
     progress: Progress = silent,
+    report: Report = lambda *_: None,
 ) -> bool:
     """Train everything semantic of `model` in place, nothing else; False when `stop()` asked to leave.
 
@@ -117,6 +121,8 @@ def distill(
     ----------
     config : TrainConfig
         `lift`, `semantic_steps`, `angular`, `region`, `delta_semantics` and the learning rates.
+    report : Report
+        Called every `REPORT_EVERY` steps and at the end.
     """
     random = np.random.default_rng(config.seed)
     targets, noisy = _initialise(model, targets, frames, config, progress)
@@ -128,6 +134,7 @@ def distill(
         steps //= 2
     with _semantic_optimizer(model, config, low_rates=noisy) as optimizer:
         moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in labelled}
+        sums, zero = LossSums(model.bounds.device), torch.zeros((), device=model.bounds.device)
         scene = graphed(SemanticPass(model, config, deform=True), (moments[labelled[0]],), list(model.parameters()))
         for step in range(steps):
             if stop():
@@ -140,12 +147,17 @@ def distill(
             means, quats, scales, opacities, latents, regularizer = scene(moments[frame])
             splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
             latent = draw_latents(splats, frames.cameras[frame], detached=True)
-            loss = sum(loss_of(latent, frame, distance, config.region).values()) + regularizer / config.semantic
+            terms = {**loss_of(latent, frame, distance, config.region), "delta_semantics": regularizer / config.semantic}
+            loss = Loss.of("semantic", terms, zero)
             optimizer.zero_grad(set_to_none=True)
-            loss.backward()
+            loss.total.backward()
             optimizer.step()
+            sums.add(loss.total, zero, {"semantic": loss})
             if step % REPORT_EVERY == 0:
                 progress(0.2 + 0.8 * step / steps, "refining semantics")
+            if (step + 1) % REPORT_EVERY == 0 or step + 1 == steps:
+                mean, _, by_name = sums.means(step % REPORT_EVERY + 1)
+                report(step + 1, steps, mean, by_name)
     return True
 
 
@@ -194,5 +206,5 @@ def _semantic_optimizer(model: SceneModel, config: TrainConfig, *, low_rates: bo
             parameter.requires_grad_(True)
 
 
-#: What fits semantics to a finished geometry in place, by the setting `distillation`. Experiments add their own.
+#: What fits semantics to a finished geometry in place, called as `distill` is, by the setting `distillation`. Experiments add their own.
 DISTILLATIONS: dict[str, Callable[..., bool]] = {"gaussians": distill}

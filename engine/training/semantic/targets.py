@@ -130,7 +130,9 @@ class SemanticTargets:
             )
         self._classes = teacher.encoder.encode(clip.classes) if clip.classes else None
         anchors = None if teacher.pixelwise else self._classes
-        self.basis: Basis = _basis(np.concatenate(vectors), np.concatenate(counts), anchors, max_rank)
+        every = slice(None, None, -(-sum(map(len, vectors)) // BASIS_VECTORS))
+        sizes = np.concatenate(counts)[every].astype(np.float64)
+        self.basis: Basis = fit_basis(np.concatenate(vectors)[every], sizes, max_rank=max_rank, anchors=anchors)
         self._source = {i: i for i in self.labelled_frames}
         self.frames = sorted(self._source)
 
@@ -275,12 +277,6 @@ class SemanticTargets:
             return {}
         target = self.target(frame)
         return {"region": weight * region_smoothness(flat, target.regions, target.region_count)}
-
-
-def _basis(vectors: np.ndarray, counts: np.ndarray, anchors: np.ndarray | None, max_rank: int) -> Basis:
-    """The basis of all vectors, weighted by how many pixels have them."""
-    some = slice(None, None, -(-len(vectors) // BASIS_VECTORS))
-    return fit_basis(vectors[some], counts[some].astype(np.float64), max_rank=max_rank, anchors=anchors)
 
 
 def alike(some: Vectors, others: Vectors) -> Vectors:

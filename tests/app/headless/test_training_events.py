@@ -4,12 +4,13 @@ import ast
 import json
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import get_args
 
 import pytest
 
 import degense.engine
+from degense.app.cli.main import main
 from degense.app.cli.training_events import TensorBoardEvents
 from degense.app.features.train.controller import STAGES as TITLES
 from degense.engine.errors import DegenseError
@@ -30,6 +31,8 @@ from degense.engine.events import (
     from_json,
     to_json,
 )
+from degense.engine.training import TrainConfig, train
+from tests.fakes import MemoryClip
 
 EXAMPLES = [
     Stage("load"),
@@ -115,7 +118,9 @@ def test_every_stage_is_sent_and_has_a_title():
     assert set(STAGES) <= named([path.relative_to(ROOT) for path in (ROOT / "engine/training").rglob("*.py")], strings)
 
 
-def test_tensorboard_gets_every_term_of_the_loss(tmp_path, monkeypatch):
+@pytest.fixture
+def written(monkeypatch):
+    """What goes to TensorBoard."""
     written = []
 
     class SummaryWriter:
@@ -131,6 +136,10 @@ def test_tensorboard_gets_every_term_of_the_loss(tmp_path, monkeypatch):
     stub = ModuleType("torch.utils.tensorboard")
     stub.SummaryWriter = SummaryWriter
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", stub)
+    return written
+
+
+def test_tensorboard_gets_every_term_of_the_loss(tmp_path, written):
     board = TensorBoardEvents(tmp_path)
     board(Stage("load"))
     assert written == []  # the run folder is not there yet
@@ -140,7 +149,28 @@ def test_tensorboard_gets_every_term_of_the_loss(tmp_path, monkeypatch):
     assert written == [(str(tmp_path / "tensorboard"), 25), *scalars, "closed"]
 
 
+def test_tensorboard_gets_the_terms_of_a_semantic_distillation(tmp_path, written):
+    config = TrainConfig.preset_of("quick", iterations=30, max_gaussians=400, resolution=8, channels=8, device="cpu")
+    board = TensorBoardEvents(tmp_path / "run")
+    train(MemoryClip(), tmp_path / "run", config, events=board, stop=lambda: False)
+    board.close()
+    terms = {item[0] for item in written[1:-1] if item[2] > 30}
+    assert terms == {"loss", "gaussians", "loss/align", "loss/region", "loss/delta_semantics"}
+    assert not terms & {item[0] for item in written[1:-1] if item[2] <= 30} - {"loss", "gaussians"}
+
+
 def test_a_missing_tensorboard_is_said_in_one_sentence(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(DegenseError, match=r"pip install 'degense\[tensorboard\]'"):
         TensorBoardEvents(tmp_path)
+
+
+@pytest.mark.parametrize("resume", [False, True])
+@pytest.mark.parametrize(("teacher", "loaded"), [("none", False), ("labels", False), ("degraded", True), ("degraded:noise=0.2", True)])
+def test_research_is_loaded_for_its_teacher_and_for_what_was_begun(tiny_clip, tmp_path, monkeypatch, teacher, loaded, resume):
+    names: list[str] = []
+    monkeypatch.setattr("degense.app.cli.training.importlib", SimpleNamespace(import_module=names.append))
+    monkeypatch.setattr("degense.engine.training.train", lambda *_, **__: object())
+    how = ["--resume"] if resume else ["--teacher", teacher]  # a run may have begun with anything
+    assert main(["train", str(tiny_clip), "--out", str(tmp_path), *how]) == 0
+    assert names == (["degense.engine.research"] if loaded or resume else [])

@@ -96,6 +96,14 @@ def test_an_export_is_stopped(opened, idle, tmp_path):
     assert not opened.registry["export.stop"].enabled()
 
 
+def test_menus_are_current_after_a_task(opened, idle, monkeypatch):
+    told, refreshed = [], []
+    monkeypatch.setattr(opened.menus, "refresh", lambda: refreshed.append(list(told)))
+    opened.run_task("export", "Counting", lambda: 3, told.append)
+    idle()
+    assert refreshed[-1:] == [[3]]
+
+
 def test_quit_closes_the_window(qtbot, window):
     window.menus.actions["file.quit"].trigger()
     qtbot.waitUntil(lambda: not window.isVisible())
