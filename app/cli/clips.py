@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 from contextlib import closing
 from dataclasses import asdict, fields
@@ -16,7 +17,10 @@ def phantom(options: argparse.Namespace) -> None:
     from degense.engine.data.synthetic import PhantomOptions, make_phantom
 
     width, height = options.size or (None, None)
-    given = {**vars(options), "width": width, "height": height}
+    family = {} if options.family is None else {"kind": "family", "seed": options.family}
+    if "family" in (options.kind, family.get("kind")):
+        importlib.import_module("degense.engine.research.surgeries")
+    given = {**vars(options), "width": width, "height": height, **family}
     chosen = {item.name: value for item in fields(PhantomOptions) if (value := given[item.name]) is not None}
     refuse_non_empty(options.out)
     with closing(Bar()) as bar:

@@ -53,7 +53,9 @@ def _clips(command: Command) -> None:
     sub.add_argument("--seed", type=int, metavar="S", help="another seed, another scene")
     sub.add_argument("--camera-motion", type=float, metavar="A", help="amplitude of the camera's motion; 0 stands still")
     sub.add_argument("--noise", type=float, metavar="S", help="standard deviation of the sensor noise, in grey levels")
-    sub.add_argument("--kind", metavar="NAME", help="cautery (default) or bleeding: what happens in it")
+    sub.add_argument("--kind", metavar="NAME", help="cautery (default) or family: what happens in it")
+    sub.add_argument("--family", type=int, metavar="N", help="surgery number N of the family: short for --kind family --seed N")
+    sub.add_argument("--depth", metavar="WHICH", help="exact (default), noisy as of a stereo endoscope, or none")
     sub.add_argument("--tool-masks", action="store_true", help="write masks/ too (255 = tool): instruments are then left out of everything")
 
     sub = command("info", "clips:info", "say what is found in a clip")

@@ -64,6 +64,9 @@ def read_npz(path: Path, name: str) -> np.ndarray:
         raise ClipError(f"{shown(path)}: the array '{name}' is damaged or cut short.") from error
 
 
+MOST_TRACKS = 100_000
+
+
 class TruthFile:
     """`gt.npz` of a clip; its headers are checked at once, its arrays are read when asked for.
 
@@ -83,7 +86,16 @@ class TruthFile:
                     f"{shown(path)}: '{name}' is {dtype} {list(found)}, but must be {'float' if kind == 'f' else 'bool'} {list(shape)}."
                 )
 
+        self.tracked = "tracks" in headers and "visible" in headers
+        if self.tracked:
+            points = headers["tracks"][0][:1]
+            kinds = headers["tracks"][1].kind, headers["visible"][1].kind
+            shapes = headers["tracks"][0], headers["visible"][0]
+            if kinds != ("f", "b") or shapes != ((*points, count, 3), (*points, count)) or points[0] > MOST_TRACKS:
+                raise ClipError(f"{shown(path)}: 'tracks' and 'visible' must be float [K, {count}, 3] and bool [K, {count}].")
+
     def read(self) -> Truth:
         """The arrays. ClipError for a damaged file."""
         displacement = np.asarray(read_npz(self.path, "displacement"), np.float32)
-        return Truth(displacement, read_npz(self.path, "cautery"))
+        tracks = (np.asarray(read_npz(self.path, "tracks"), np.float32), read_npz(self.path, "visible")) if self.tracked else (None, None)
+        return Truth(displacement, read_npz(self.path, "cautery"), *tracks)

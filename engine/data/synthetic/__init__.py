@@ -1,4 +1,4 @@
-"""Synthetic surgery with exact truth: colour, depth, label and displacement of every pixel."""
+"""Synthetic surgery with exact truth: colour, depth, label, displacement and tracks."""
 
 from degense.engine.data.synthetic.clip import PhantomOptions, make_phantom
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from degense.engine.data.synthetic.anatomy import CHAR_RADIUS, CHARRED, CLASSES, GRASPER, HOOK, Anatomy, build_anatomy
 from degense.engine.data.synthetic.paint import distance_to_path, smoothstep
 from degense.engine.data.synthetic.render import CHARS
-from degense.engine.data.synthetic.stage import Patch, approach, breathing
-from degense.engine.data.synthetic.tools import METAL, Tool, direction, join, shaft, tube
+from degense.engine.data.synthetic.stage import Optics, Patch, approach, breathing, sway
+from degense.engine.data.synthetic.tools import Tool, direction, grasper, hook
 
 FINER = 3  # texture points along a mesh cell
 GRASP = (0.14, 0.20)  # jaws close
@@ -17,11 +19,10 @@ BURN = (0.46, 0.80)
 CHAR_RISE = 0.07  # clip time from the first browning to the final black
 STILL = (CHAR_RADIUS + 2.0, 22.0)  # mm of material from the burn path: no motion at all within the first, full motion beyond the second
 OUT_OF_VIEW = 55.0  # mm that a tool is drawn back before it enters
-CERAMIC = (0.62, 0.60, 0.55)
 
 
 class Cautery:
-    """See `engine.data.synthetic.stage.PhantomStage`; `half` and `cells` are those of `Bleeding`.
+    """See `engine.data.synthetic.stage.PhantomStage`.
 
     Displacements vanish at s = 0 and, always, around the charred region.
     """
@@ -37,9 +38,17 @@ class Cautery:
         (70, 150, 220),
         (90, 220, 220),
     )
-    change, changed_label, change_time = CHARS, CHARRED, CHAR_RISE
+    change, changed_labels, change_time = CHARS, (CHARRED, CHARRED), CHAR_RISE
 
-    def __init__(self, half: tuple[float, float], cells: int, rng: np.random.Generator):
+    noise, jpeg = None, 100
+    facts: dict[str, Any] = {}  # noqa: RUF012
+
+    @staticmethod
+    def margin(seed: int, camera_motion: float) -> float:
+        return 1.12 + 0.022 * camera_motion
+
+    def __init__(self, half: tuple[float, float], cells: int, seed: int):
+        rng = np.random.default_rng(seed)
         self.anatomy: Anatomy = build_anatomy(rng, half, cells, FINER, BURN)
         self.texture, self.organs = self.anatomy.texture, self.anatomy.labels
         rows, columns = self.anatomy.mesh.shape
@@ -55,6 +64,12 @@ class Cautery:
         self._pull = still * support[..., None] * towards / np.linalg.norm(towards) * rng.uniform(9.5, 11.5)
         self._sway = float(rng.uniform(0, 2 * np.pi))
 
+    def optics(self, s: float) -> Optics:
+        return Optics()
+
+    def viewmat(self, s: float, amplitude: float) -> np.ndarray:
+        return sway(amplitude, s)
+
     def displacements(self, s: float) -> list[np.ndarray]:
         traction = smoothstep((s - PULL[0]) / (PULL[1] - PULL[0])) * (1 + 0.07 * np.sin(2 * np.pi * 2.3 * s + self._sway))
         return [self._breath * breathing(s) + self._pull * float(traction)]
@@ -69,35 +84,15 @@ class Cautery:
         tip = anatomy.rest[cell[1], cell[0]] + self.displacements(s)[0][cell[1], cell[0]]
         back = direction(0.80, -0.42, -0.44)
         tip = tip + back * (OUT_OF_VIEW * approach(s, (0.0, GRASP[0])) - 1.5)
-        wrist = tip + 15.0 * back
         opening = 0.10 + 0.42 * (1 - smoothstep((s - GRASP[0]) / (GRASP[1] - GRASP[0])))
-        spread = np.cross(back, direction(0.2, 0.7, -0.7))
-        spread /= np.linalg.norm(spread)
-        parts = [shaft(wrist + 4 * back, back, 2.5)]
-        parts.append(tube(np.stack([wrist - 1.0 * back, wrist + 1 * back, wrist + 5 * back]), np.array([1.5, 2.1, 2.3]), METAL))
-        for sign in (-1.0, 1.0):
-            u = np.linspace(0, 1, 7)[:, None]
-            bow = np.sin(np.pi * u) * 0.9 + u * np.tan(opening) * 7.5
-            line = wrist - 15.0 * u * back + sign * bow * spread
-            parts.append(tube(line, np.linspace(1.5, 1.05, 7), METAL, flat=spread))
-        return join(parts, GRASPER)
+        return grasper(tip, back, float(opening), GRASPER)
 
     def _hook(self, s: float) -> Tool:
         """It enters, draws its tip over the tissue that chars, and leaves."""
         back = direction(-0.12, 0.80, -0.55)
         drawn = approach(s, (BURN[0] - 0.14, BURN[0]), (BURN[1] + 0.01, BURN[1] + 0.13))
         tip = self._burn_point(s) + back * OUT_OF_VIEW * drawn
-        foot = direction(0.25, -0.35, 0.90)
-        heel = tip - 3.6 * foot
-        t = np.linspace(0, 1, 6)[:, None]
-        bend = (1 - t) ** 2 * heel + 2 * t * (1 - t) * (heel - 0.8 * foot) + t**2 * (heel + 1.6 * back)
-        line = np.concatenate([tip[None], bend, (heel + 11 * back)[None]])
-        parts = [
-            tube(line, np.linspace(0.62, 0.8, len(line)), METAL),
-            tube(np.stack([heel + 10 * back, heel + 14 * back]), np.array([1.6, 2.0]), CERAMIC),
-            shaft(heel + 13.5 * back, back, 2.4),
-        ]
-        return join(parts, HOOK)
+        return hook(tip, back, HOOK)
 
     def _burn_point(self, s: float) -> np.ndarray:
         """Where the hook's tip touches, mm, float64 [3]; before and after burning, the ends of its path."""

@@ -9,11 +9,13 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 from PIL import Image
 
+from degense.engine.data.synthetic.recording import PhantomTracks, Recorder, psnr
 from degense.engine.data.synthetic.scene import KINDS, PhantomFrame, PhantomScene
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
@@ -38,7 +40,9 @@ class PhantomOptions:
         reconstruction scores no more, and 44.3 dB once it is rounded to 8 bits too.
     kind : str
         "cautery": a grasper pulls the gallbladder while an electrocautery hook chars tissue that stands still.
-        "bleeding": scissors part the cover of a kidney, blood wells up and spreads over tissue that breathes, a thin tube sucks it away.
+        "family": a surgery that the seed draws, noise, compression and camera included (`engine.research.surgeries`, once imported).
+    depth : {"exact", "noisy", "none"}
+        What is written to `depth/`: the truth, what a stereo endoscope would measure, or nothing.
     tool_masks : bool
         Write `masks/NNNNNN.png` too, 255 = pixels that a tool shows in, so that the tools are neither reconstructed nor scored.
     """
@@ -50,6 +54,7 @@ class PhantomOptions:
     camera_motion: float = 0.0
     noise: float = 1.5
     kind: str = "cautery"
+    depth: Literal["exact", "noisy", "none"] = "exact"
     tool_masks: bool = False
 
     def __post_init__(self) -> None:
@@ -71,16 +76,19 @@ class PhantomOptions:
             )
         if self.kind not in KINDS:
             raise DegenseError(f"There is no phantom of the kind '{self.kind}': choose {' or '.join(KINDS)}.")
+        if self.depth not in ("exact", "noisy", "none"):
+            raise DegenseError(f"A phantom has no depth '{self.depth}': choose exact, noisy or none.")
 
 
 def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress: Progress = silent) -> None:
     """Write a synthetic clip.
 
     `images/NNNNNN.png`; `labels/NNNNNN.png` (8-bit index with a palette) and `classes.json`; `depth/NNNNNN.npy` (float32 camera z, mm);
-    `camera.json` (intrinsics, `viewmats` world → camera); `gt.npz` with `displacement` float32 [T, H, W, 3], mm, and `cautery` bool
-    [T, H, W], see `engine.clip.Truth`. Displacement is a property of the tissue: it is in the axes of the camera at frame 0, which are
-    the world's, even when the camera moves. `cautery` marks tissue from its first visible change of colour on: charred tissue stands still,
-    bled tissue moves as it would without the blood. What a cut lays open was hidden at frame 0; its place there is exact too.
+    `camera.json` (intrinsics, `viewmats` world → camera); `surgery.json`, what is seen and what a perfect reconstruction would score;
+    `gt.npz` with `displacement` float32 [T, H, W, 3], mm, `cautery` bool [T, H, W], `tracks` float32 [K, T, 3] and `visible` bool [K, T],
+    see `engine.clip.Truth`. Displacement is a property of the tissue: it is in the axes of the camera at frame 0, which are the world's,
+    even when the camera moves. `cautery` marks tissue from its first visible change of colour on: it moves as it would without. What a cut
+    lays open was hidden at frame 0; its place there is exact too.
 
     The folder `out` must not exist yet or be empty. It appears when everything is written, so a stopped run leaves nothing behind.
     DegenseError when it is in use or cannot be written.
@@ -107,7 +115,7 @@ def make_phantom(out: Path, options: PhantomOptions = PhantomOptions(), progress
 
 def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
     progress(0.0, "growing tissue")
-    for name in ("images", "labels", "depth", *(["masks"] if options.tool_masks else [])):
+    for name in ("images", "labels", *(["depth"] if options.depth != "none" else []), *(["masks"] if options.tool_masks else [])):
         (folder / name).mkdir()
     scene = PhantomScene(options.kind, options.width, options.height, options.seed, options.camera_motion)
     times = np.linspace(0.0, 1.0, options.frames) if options.frames > 1 else np.zeros(1)
@@ -115,33 +123,42 @@ def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
     (folder / "camera.json").write_text(json.dumps(_cameras(scene, times), indent=1) + "\n", encoding="utf-8")
 
     shape = (options.frames, options.height, options.width)
-    cautery = np.zeros(shape, bool)
+    cautery, tracks, ceilings = np.zeros(shape, bool), PhantomTracks(scene, options.seed), []
+    stage = scene.stage
+    recorder = Recorder(options.seed, options.noise if stage.noise is None else stage.noise, stage.jpeg)
     # Written frame by frame, as np.savez_compressed would, because a long clip's displacement does not fit in memory.
     with zipfile.ZipFile(folder / "gt.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         with archive.open(zipfile.ZipInfo("displacement.npy"), "w", force_zip64=True) as file:
             np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": (*shape, 3)})
             for i, s in enumerate(times):
                 view = scene.view(float(s))
-                rng = np.random.default_rng([options.seed, i])
-                _write_frame(folder, i, view, options.noise * rng.standard_normal(view.rgb.shape), scene.stage.palette)
+                image = recorder.frame(view.rgb, i)
+                ceilings.append(psnr(image, view.rgb))
+                _write_frame(folder, i, view, image, scene.stage.palette)
+                if options.depth != "none":
+                    depth = view.depth if options.depth == "exact" else recorder.stereo_depth(view.depth, image, scene.focal, i)
+                    np.save(folder / "depth" / f"{i:06d}.npy", depth)
                 if options.tool_masks:
                     Image.fromarray(np.where(view.tools, 255, 0).astype(np.uint8)).save(folder / "masks" / f"{i:06d}.png")
                 file.write(view.displacement.tobytes())
                 cautery[i] = view.cautery
+                tracks.add(float(s), view)
                 progress((i + 1) / options.frames, f"photographed frame {i + 1} of {options.frames}")
-        with archive.open(zipfile.ZipInfo("cautery.npy"), "w", force_zip64=True) as file:
-            np.lib.format.write_array(file, cautery)
+        for name, array in {"cautery": cautery, "tracks": tracks.places, "visible": tracks.visible}.items():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, array)
+    ceiling = {"psnr_ceiling": round(float(np.mean(ceilings)), 2)}
+    facts = {"kind": options.kind, "seed": options.seed, "depth": options.depth} | ceiling | stage.facts
+    (folder / "surgery.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
 
 
-def _write_frame(folder: Path, index: int, view: PhantomFrame, noise: np.ndarray, palette: Sequence[tuple[int, int, int]]) -> None:
+def _write_frame(folder: Path, index: int, view: PhantomFrame, image: np.ndarray, palette: Sequence[tuple[int, int, int]]) -> None:
     stem = f"{index:06d}"
-    image = np.clip(np.rint(view.rgb * 255 + noise), 0, 255).astype(np.uint8)
     if not cv2.imwrite(str(folder / "images" / f"{stem}.png"), image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 3]):
         raise OSError(f"images/{stem}.png could not be encoded")
     labels = Image.fromarray(view.labels)
     labels.putpalette(np.array(palette, np.uint8).tobytes())
     labels.save(folder / "labels" / f"{stem}.png")
-    np.save(folder / "depth" / f"{stem}.npy", view.depth)
 
 
 def _cameras(scene: PhantomScene, times: np.ndarray) -> dict:

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 
 #: Channels of a texture: linear RGB, slope of the fine relief, wetness, clip time in [0, 1] at which the tissue begins to change its look,
-#: how far it gets (0 to 1) and, where blood can be wiped away again, the clip time at which it is.
-RED, GREEN, BLUE, SLOPE_X, SLOPE_Y, WETNESS, CHANGE_START, CHANGE_STRENGTH, WIPED = range(9)
+#: how far it gets (0 to 1) and, where blood can be wiped away again, the clip time at which it is. Where places differ, also how the tissue
+#: changes there (`render.CHARS` or `render.BLEEDS`) and the clip time that it takes.
+RED, GREEN, BLUE, SLOPE_X, SLOPE_Y, WETNESS, CHANGE_START, CHANGE_STRENGTH, WIPED, CHANGE_KIND, CHANGE_TIME = range(11)
 
 
 def smoothstep(x: np.ndarray | float) -> np.ndarray:

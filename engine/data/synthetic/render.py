@@ -12,13 +12,25 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from degense.engine.data.synthetic.paint import BLUE, CHANGE_START, CHANGE_STRENGTH, GREEN, RED, SLOPE_X, SLOPE_Y, WETNESS, WIPED
+from degense.engine.data.synthetic.paint import (
+    BLUE,
+    CHANGE_KIND,
+    CHANGE_START,
+    CHANGE_STRENGTH,
+    CHANGE_TIME,
+    GREEN,
+    RED,
+    SLOPE_X,
+    SLOPE_Y,
+    WETNESS,
+    WIPED,
+)
 
 CHARS, BLEEDS = 0, 1  # how tissue changes its look
 
 SAMPLES = 3
 NEAREST = 8.0  # mm: triangles that come nearer to the camera are not drawn
-LIT_DEPTH = 80.0  # mm: a white surface that faces the camera from here is drawn just white
+LIT_DEPTH = 80.0  # mm: a white surface that faces the camera from here is drawn just white, where the exposure is 1
 CHANGE_BEGUN = 0.05
 CHANGE_CLASS = 0.5  # tissue that has changed further than this bears the name of the change
 WIPE_TIME, STAIN = 0.06, 0.2  # clip time that wiping a place takes, and the share of the blood that is left there
@@ -80,13 +92,14 @@ class Mesh(NamedTuple):
 class TissueSurface(NamedTuple):
     """How tissue looks at one clip time."""
 
-    texture: np.ndarray  # float32 [Ht, Wt, 8 or 9]; see `engine.data.synthetic.paint`
+    texture: np.ndarray  # float32 [Ht, Wt, 8, 9 or 11]; see `engine.data.synthetic.paint`
     organs: np.ndarray  # uint8 [Ht, Wt]; label of each texture point, as if nothing had changed
     axes: np.ndarray  # float64 [2, 3]; world x and y in the camera's frame: along them the relief tilts the normals
     change: int  # `CHARS` or `BLEEDS`
-    changed_label: int  # of tissue that has changed
+    changed_labels: np.ndarray  # uint8 [2]; of tissue that has changed, by how
     s: float  # clip time
-    change_time: float  # clip time that the change takes at one place
+    change_time: float  # clip time that the change takes at one place, where the texture does not say
+    light: np.ndarray  # float64 [3]; power of the distance with which it falls, strength of highlights, exposure
 
 
 class Shaded(NamedTuple):
@@ -103,7 +116,7 @@ class Shaded(NamedTuple):
 def shade(owner: np.ndarray, mesh: Mesh, surface: TissueSurface, intrinsics: np.ndarray) -> Shaded:
     """Colour and truth of every pixel of `owner`, int32 [3H, 3W] from `cover`, −1 where nothing is; fx, fy, cx, cy in samples."""
     pixels, z, triangles, normals, attributes, tissue_triangles, tool_labels = mesh
-    texture, organs, axes, kind, changed_label, s, change_time = surface
+    texture, organs, axes, change_kind, changed_labels, s, change_time, lamp = surface
     height, width = owner.shape[0] // SAMPLES, owner.shape[1] // SAMPLES
     colour = np.zeros((height, width, 3))
     depth = np.zeros((height, width))
@@ -127,12 +140,15 @@ def shade(owner: np.ndarray, mesh: Mesh, surface: TissueSurface, intrinsics: np.
             y, x = v // SAMPLES, u // SAMPLES
             if f < tissue_triangles:
                 column, row = _sample(texture, values[0], values[1], t)
-                changed, wet, relief = _tissue(t, kind, s, change_time, rgb)
+                kind, lasts = change_kind, change_time
+                if texture.shape[2] > CHANGE_TIME:
+                    kind, lasts = int(t[CHANGE_KIND] + 0.5), t[CHANGE_TIME]
+                changed, wet, relief = _tissue(t, kind, s, lasts, rgb)
                 tight = 70.0
                 for i in range(3):
                     n[i] -= (t[SLOPE_X] * axes[0, i] + t[SLOPE_Y] * axes[1, i]) * relief
                 if centre:
-                    label[y, x] = changed_label if changed > CHANGE_CLASS else organs[row, column]
+                    label[y, x] = changed_labels[kind] if changed > CHANGE_CLASS else organs[row, column]
                     for i in range(3):
                         displacement[y, x, i] = values[2 + i]
                     change[y, x] = changed
@@ -148,8 +164,8 @@ def shade(owner: np.ndarray, mesh: Mesh, surface: TissueSurface, intrinsics: np.
             lx, ly = (u + 0.5 - intrinsics[2]) / intrinsics[0], (v + 0.5 - intrinsics[3]) / intrinsics[1]
             reach = math.sqrt(lx * lx + ly * ly + 1.0)
             facing = abs(n[0] * lx + n[1] * ly + n[2]) / reach / math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-            light = (LIT_DEPTH / (distance * reach)) ** 2
-            gleam = wet * (0.85 * facing ** (4 * tight) + 0.10 * facing**tight)
+            light = lamp[2] * (LIT_DEPTH / (distance * reach)) ** lamp[0]
+            gleam = lamp[1] * wet * (0.85 * facing ** (4 * tight) + 0.10 * facing**tight)
             for i in range(3):
                 colour[y, x, i] += weight * min(light * (rgb[i] * facing + gleam), 1.0)
     return Shaded(colour, depth, label, displacement, change)

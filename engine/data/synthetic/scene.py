@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from degense.engine.camera import Camera
 from degense.engine.data.synthetic.anatomy import REFERENCE_DEPTH
-from degense.engine.data.synthetic.bleeding import Bleeding
 from degense.engine.data.synthetic.cautery import Cautery
 from degense.engine.data.synthetic.render import CHANGE_BEGUN, SAMPLES, Mesh, TissueSurface, cover, shade
 from degense.engine.data.synthetic.stage import PhantomStage
+from degense.engine.data.synthetic.texture import Sheet, fractal
 
-KINDS: dict[str, Callable[[tuple[float, float], int, np.random.Generator], PhantomStage]] = {"cautery": Cautery, "bleeding": Bleeding}
+#: What makes the stage of a phantom, by the name of its kind; `engine.research.surgeries` adds its own.
+KINDS: dict[str, type[PhantomStage]] = {"cautery": Cautery}
 FOCAL = 0.9  # of the width: 58° across
 MESH_CELLS = (96, 480)  # across the view
 
@@ -61,18 +61,36 @@ class PhantomScene:
     def __init__(self, kind: str, width: int, height: int, seed: int, camera_motion: float):
         self.width, self.height, self.camera_motion = width, height, camera_motion
         self.focal = FOCAL * width
-        margin = 1.12 + 0.022 * camera_motion
+        margin = KINDS[kind].margin(seed, camera_motion)
         half_x = 0.5 * width / self.focal * REFERENCE_DEPTH * margin
         half_y = 0.5 * height / self.focal * REFERENCE_DEPTH * margin + 2.0
         cells = int(np.clip(width, *MESH_CELLS) * margin)
-        self.stage: PhantomStage = KINDS[kind]((half_x, half_y), cells, np.random.default_rng(seed))
+        self.stage: PhantomStage = KINDS[kind]((half_x, half_y), cells, seed)
         self._triangles = _grid_triangles([patch.rest.shape[:2] for patch in self.stage.patches])
         self._texels = np.concatenate([patch.texels.reshape(-1, 2) for patch in self.stage.patches])
 
     def camera(self, s: float) -> Camera:
         """The camera at clip time s."""
-        viewmat = _camera_path(self.camera_motion, s)
+        viewmat = self.stage.viewmat(s, self.camera_motion)
         return Camera(self.width, self.height, self.focal, self.focal, self.width / 2, self.height / 2, viewmat)
+
+    def points(self, s: float, vertices: np.ndarray) -> np.ndarray:
+        """Where material points are at clip time s, mm, world axes, float64 [K, 3]; `vertices` counts through all patches."""
+        stage = self.stage
+        places = [(patch.rest + moved).reshape(-1, 3) for patch, moved in zip(stage.patches, stage.displacements(s), strict=True)]
+        return np.concatenate(places)[vertices]
+
+    @property
+    def vertices(self) -> int:
+        """How many material points there are."""
+        return len(self._texels)
+
+    def _smoke(self, drifted: tuple[float, float]) -> np.ndarray:
+        """Share of the thickest smoke in each pixel, float64 [H, W], after it has drifted by parts of the width."""
+        x = np.linspace(-60, 60, self.width) + 120 * drifted[0] % 80
+        y = (np.linspace(-60, 60, self.height) * self.height / self.width) + 120 * drifted[1] % 80
+        cloud = fractal(Sheet(x - 40, y - 40), np.random.default_rng(11), 40.0, 3)
+        return np.clip(0.5 + 0.4 * cloud, 0, 1).astype(np.float64)
 
     def view(self, s: float) -> PhantomFrame:
         """Photograph at clip time s in [0, 1]."""
@@ -88,12 +106,12 @@ class PhantomScene:
         attributes = np.zeros((len(vertices), 5))
         tissue = len(self._texels)
         attributes[:tissue, :2], attributes[:tissue, 2:] = self._texels, np.concatenate([d.reshape(-1, 3) for d in displacements])
-        attributes[tissue:, :3] = np.concatenate([tool.colours for tool in instruments])
+        attributes[tissue:, :3] = np.concatenate([np.zeros((0, 3)), *(tool.colours for tool in instruments)])
         offsets = tissue + np.cumsum([0] + [len(tool.vertices) for tool in instruments])
         triangles = np.concatenate(
             [self._triangles, *(tool.triangles + np.int32(o) for tool, o in zip(instruments, offsets, strict=False))]
         )
-        tool_labels = np.concatenate([np.full(len(tool.triangles), tool.label, np.uint8) for tool in instruments])
+        tool_labels = np.concatenate([np.zeros(0, np.uint8), *(np.full(len(tool.triangles), tool.label, np.uint8) for tool in instruments)])
 
         z = np.ascontiguousarray(vertices[:, 2])
         focal, centre = self.focal * SAMPLES, np.array([self.width, self.height]) * SAMPLES / 2
@@ -102,26 +120,17 @@ class PhantomScene:
         cover(pixels, z, triangles, np.zeros(owner.shape), owner, 0)
         mesh = Mesh(pixels, z, triangles, normals, attributes, len(self._triangles), tool_labels)
         axes = np.ascontiguousarray(rotation.T[:2])
-        surface = TissueSurface(stage.texture, stage.organs, axes, stage.change, stage.changed_label, s, stage.change_time)
+        optics, changed = stage.optics(s), np.array(stage.changed_labels, np.uint8)
+        light = np.array([optics.falloff, optics.gleam, optics.exposure])
+        surface = TissueSurface(stage.texture, stage.organs, axes, stage.change, changed, s, stage.change_time, light)
         shaded = shade(owner, mesh, surface, np.array([focal, focal, *centre]))
         rgb = np.clip(shaded.colour, 0, 1) ** (1 / 2.2)
+        if optics.smoke > 0:
+            veil = optics.smoke * self._smoke(optics.drifted)[..., None]
+            rgb = rgb * (1 - veil) + 0.62 * veil
         tools = np.any((owner >= len(self._triangles)).reshape(self.height, SAMPLES, self.width, SAMPLES), axis=(1, 3))
         depth, moved = shaded.depth.astype(np.float32), shaded.displacement.astype(np.float32)
         return PhantomFrame(rgb, depth, shaded.label, moved, shaded.change > CHANGE_BEGUN, tools)
-
-
-def _camera_path(amplitude: float, s: float) -> np.ndarray:
-    """World to camera, float64 [4, 4], of a camera that sways by `amplitude` mm; the identity at s = 0."""
-    turn = 2 * np.pi * s
-    centre = amplitude * np.array([np.sin(turn), 0.6 * np.sin(2 * turn), 0.35 * (1 - np.cos(turn))])
-    forward = np.array([0.35 * centre[0], 0.35 * centre[1], 90.0]) - centre
-    forward /= np.linalg.norm(forward)
-    right = np.cross([0.0, 1.0, 0.0], forward)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    viewmat = np.eye(4)
-    viewmat[:3, :3], viewmat[:3, 3] = rotation, -rotation @ centre
-    return viewmat
 
 
 def _normals(surface: np.ndarray) -> np.ndarray:

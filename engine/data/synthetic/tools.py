@@ -9,6 +9,7 @@ import numpy as np
 
 METAL = (0.34, 0.34, 0.36)
 DARK = (0.035, 0.035, 0.04)
+CERAMIC = (0.62, 0.60, 0.55)
 Part = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # vertices, normals, triangles, colours
 SIDES = 28
 
@@ -71,3 +72,53 @@ def join(parts: list[Part], label: int) -> Tool:
     triangles = np.concatenate([p[2] + o for p, o in zip(parts, offsets, strict=True)]).astype(np.int32)
     vertices, normals, colours = (np.concatenate([p[i] for p in parts]) for i in (0, 1, 3))
     return Tool(vertices, normals, triangles, colours, label)
+
+
+def grasper(tip: np.ndarray, back: np.ndarray, opening: float, label: int) -> Tool:
+    """A grasper whose shaft leaves along `back`; its jaws open by `opening` radians each."""
+    wrist = tip + 15.0 * back
+    spread = np.cross(back, direction(0.2, 0.7, -0.7))
+    spread /= np.linalg.norm(spread)
+    parts = [shaft(wrist + 4 * back, back, 2.5)]
+    parts.append(tube(np.stack([wrist - 1.0 * back, wrist + 1 * back, wrist + 5 * back]), np.array([1.5, 2.1, 2.3]), METAL))
+    for sign in (-1.0, 1.0):
+        u = np.linspace(0, 1, 7)[:, None]
+        bow = np.sin(np.pi * u) * 0.9 + u * np.tan(opening) * 7.5
+        line = wrist - 15.0 * u * back + sign * bow * spread
+        parts.append(tube(line, np.linspace(1.5, 1.05, 7), METAL, flat=spread))
+    return join(parts, label)
+
+
+def hook(tip: np.ndarray, back: np.ndarray, label: int) -> Tool:
+    """An electrocautery hook whose foot is bent towards the tissue."""
+    foot = direction(0.25, -0.35, 0.90)
+    heel = tip - 3.6 * foot
+    t = np.linspace(0, 1, 6)[:, None]
+    bend = (1 - t) ** 2 * heel + 2 * t * (1 - t) * (heel - 0.8 * foot) + t**2 * (heel + 1.6 * back)
+    line = np.concatenate([tip[None], bend, (heel + 11 * back)[None]])
+    parts = [
+        tube(line, np.linspace(0.62, 0.8, len(line)), METAL),
+        tube(np.stack([heel + 10 * back, heel + 14 * back]), np.array([1.6, 2.0]), CERAMIC),
+        shaft(heel + 13.5 * back, back, 2.4),
+    ]
+    return join(parts, label)
+
+
+def scissors(tip: np.ndarray, back: np.ndarray, opening: float, label: int) -> Tool:
+    """Scissors whose blades open by `opening` radians each."""
+    pivot = tip + 13.0 * back
+    spread = np.cross(back, direction(0.3, 0.2, -0.9))
+    spread /= np.linalg.norm(spread)
+    parts = [shaft(pivot + 4 * back, back, 2.3)]
+    parts.append(tube(np.stack([pivot - back, pivot + back, pivot + 5 * back]), np.array([1.2, 1.9, 2.1]), METAL))
+    for sign in (-1.0, 1.0):
+        u = np.linspace(0, 1, 7)[:, None]
+        line = pivot - 13.5 * u * back + sign * (u * np.tan(opening) * 13.0 + 0.35 * (1 - u)) * spread
+        parts.append(tube(line, np.linspace(1.2, 0.35, 7), METAL, flat=spread))
+    return join(parts, label)
+
+
+def suction(tip: np.ndarray, back: np.ndarray, label: int) -> Tool:
+    """A bare metal tube, two millimetres thick."""
+    line = tip + np.linspace(0, 100, 61)[:, None] * back
+    return join([tube(line, np.full(61, 1.05), METAL), tube(line[:2], np.array([1.15, 1.15]), (0.06, 0.05, 0.05))], label)

@@ -11,6 +11,7 @@ from typing import Any
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.progress import Progress
+from degense.engine.research import surgeries  # noqa: F401  (adds the kind "family")
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.workers import run_jobs, worker_count
 from degense.engine.research.degraded_teachers import VLM_LIKE
@@ -18,8 +19,8 @@ from degense.engine.training.config import TrainConfig
 
 #: The kind and the seed of a phantom.
 PhantomScene = tuple[str, int]
-KINDS = ("cautery", "bleeding")
-SCENES: tuple[PhantomScene, ...] = tuple((kind, 0) for kind in KINDS)
+KINDS = ("cautery", "family")
+SCENES: tuple[PhantomScene, ...] = (("cautery", 0), ("family", 0))
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,11 @@ from degense.engine.research.bench.trainings import (
     size_of,
     vlm_like,
 )
+from degense.engine.research.surgeries import REPORT
 from degense.engine.research.systems import training_of
 from degense.engine.training.config import TrainConfig
 
-SCENES: tuple[PhantomScene, ...] = (("cautery", 0), ("cautery", 1), ("bleeding", 0), ("bleeding", 1))
+SCENES: tuple[PhantomScene, ...] = tuple(("family", seed) for seed in REPORT[:4])
 DECODERS = ("threshold", "rnse-paper")
 Variant = tuple[Routing, bool]  # decoupled (`paper`) or not (`coupled`), and angular loss
 ROUTINGS: tuple[Routing, ...] = ("coupled", "paper")

@@ -148,7 +148,7 @@ def test_same_seed_same_bytes_other_seed_other_scene(tmp_path):
     make_phantom(tmp_path / "b", options)
     make_phantom(tmp_path / "c", PhantomOptions(frames=3, width=64, height=48, seed=10, camera_motion=2.0))
     names = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
-    assert len(names) == 3 * 3 + 3
+    assert len(names) == 3 * 3 + 4
     assert all((tmp_path / "a" / n).read_bytes() == (tmp_path / "b" / n).read_bytes() for n in names)
     differing = [n for n in names if (tmp_path / "a" / n).read_bytes() != (tmp_path / "c" / n).read_bytes()]
     assert len(differing) >= 3 * 3 + 1

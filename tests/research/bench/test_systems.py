@@ -73,12 +73,12 @@ def test_each_is_taken_by_its_best_decoder(tables):
     assert rows["dgd"]["false"] == [2.0, 2.0]
     assert rows["langsplat"]["displacement_correlation"] == []
     assert rows["floor: all is liver"]["miou"] == 0.3
-    classes = {row["system"]: row for row in found["systems-bleeding-classes"].rows}
+    classes = {row["system"]: row for row in found["systems-family-classes"].rows}
     assert classes["degense"]["hook"] == pytest.approx([0.8, 0.79])
     assert classes["degense"]["liver"] == [0.9, 0.9]
     margins = {row["system"]: row for row in found["systems-margins"].rows}
     assert set(margins) == set(SYSTEMS) - {"degense"}
-    assert margins["surgtpgs"]["bleeding"] == pytest.approx([10, 10])
+    assert margins["surgtpgs"]["family"] == pytest.approx([10, 10])
     assert margins["surgtpgs"]["cautery instruments"] == pytest.approx([10, 10])
     assert all(table.markdown() for table in found.values())
 
