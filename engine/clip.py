@@ -37,6 +37,11 @@ class Truth:
     visible: np.ndarray | None = None
 
 
+def held_out(count: int) -> list[int]:
+    """The frames of a clip of `count` frames that are never trained on: see `Clip.test_frames`."""
+    return list(range(1, count, 8)) if count > 2 else []
+
+
 @dataclass
 class Clip(ABC):
     """Frames, cameras, validity, depth and labels of one video. Pixels are read when asked for and stay uint8.
@@ -71,7 +76,7 @@ class Clip(ABC):
     @property
     def test_frames(self) -> list[int]:
         """Held-out frames, (i − 1) % 8 == 0; never trained on. A clip too short to hold any out has none."""
-        return [i for i in range(len(self)) if (i - 1) % 8 == 0] if len(self) > 2 else []
+        return held_out(len(self))
 
     @property
     def train_frames(self) -> list[int]:

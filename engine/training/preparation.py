@@ -79,8 +79,8 @@ def prepare(
 ) -> Inputs:
     """Find the cameras, read the clip, ask the teacher, measure optical flow. Raises Cancelled when `stop()` asks to leave.
 
-    Label maps are read only where the teacher is "labels", and only those of the frames that it teaches. What another teacher takes for
-    instruments is left out of the flow, so it is asked first. Of held-out frames nothing is read.
+    Label maps are read only by a teacher, and to find cameras only where the teacher is "labels"; only those of the frames that it teaches.
+    What a pixelwise teacher calls an instrument is left out of the flow, so it is asked first. Of held-out frames nothing is read.
 
     Parameters
     ----------

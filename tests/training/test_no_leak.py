@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import fields
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -163,18 +164,45 @@ def test_cameras_are_found_by_labels_only_where_those_teach(folder, tmp_path, te
 
 
 def test_the_teacher_says_where_instruments_are(folder):
-    """Exactly where the label maps are the teacher; roughly where they are degraded; nowhere in frames that it does not label."""
+    """Exactly where the label maps are the teacher; roughly where they are degraded; nowhere by patches or in frames without labels."""
     clip = open_clip(folder)
     frames, tools = TrainingFrames(clip, 64 * 48, CPU), instruments(clip.classes)
-    exact, rough = (SemanticTargets(teacher_by_name(name, clip, EmbeddedEncoder()), frames) for name in ("labels", "degraded:patches=0"))
+    names = ("labels", "degraded:patches=0", "degraded")
+    exact, rough, coarse = (SemanticTargets(teacher_by_name(name, clip, EmbeddedEncoder()), frames) for name in names)
     for i in (2, 4, 7):
         found = exact.tools(i)
         assert np.array_equal(found, np.isin(clip.labels(i)[::2, ::2], tools) & frames.valid(i))
         assert found.any()
         assert (rough.tools(i) & found).sum() > 0
+        assert coarse.tools(i) is None
     assert exact.tools(8) is exact.tools(9) is None
     flow = FlowSupervision(frames, tools=exact.tools)
     for pair in flow.pairs[4]:
         assert not pair.weight[0].numpy()[exact.tools(4)].any()
     blind = FlowSupervision(frames)
     assert any(pair.weight[0].numpy()[exact.tools(4)].any() for pair in blind.pairs[4])
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_what_a_reader_tells_of_a_clip_does_not_depend_on_held_out_frames(folder, tmp_path, measured):
+    """The field of view, what masks mean, a prior of depth, and the range of measured depth."""
+    clips = []
+    for name in ("as it is", "changed"):
+        copy = shutil.copytree(folder, tmp_path / name, ignore=shutil.ignore_patterns(*([] if measured else ["depth"])))
+        (copy / "masks").mkdir()
+        for i in range(12):
+            mask = np.zeros((96, 128), np.uint8)
+            mask[20:40, 30 + i : 60] = 255
+            changed = name == "changed" and i in (1, 9)
+            cv2.imwrite(str(copy / "masks" / f"{i:06d}.png"), 255 - mask if changed else mask)
+            if changed:
+                cv2.imwrite(str(copy / "images" / f"{i:06d}.png"), np.random.default_rng(i).integers(0, 256, (96, 128, 3), np.uint8))
+                if measured:
+                    np.save(copy / "depth" / f"{i:06d}.npy", np.full((96, 128), 1e4, np.float32))
+        clips.append(opened(copy))
+    one, other = clips
+    assert one.provenance == other.provenance
+    assert one.depth_measured == measured
+    for i in one.train_frames:
+        assert np.array_equal(one.valid(i), other.valid(i))
+        assert np.array_equal(one.depth(i), other.depth(i))

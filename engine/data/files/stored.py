@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from degense.engine.clip import UNLABELLED, Clip, Truth
+from degense.engine.clip import UNLABELLED, Clip, Truth, held_out
 from degense.engine.data.files.cameras import ClipCameras
 from degense.engine.data.files.depth import DepthFiles, DepthPrior
 from degense.engine.data.files.images import ImageFiles
@@ -127,6 +127,15 @@ def clip_with_prior(
 def sampled(count: int, most: int = 8) -> list[int]:
     """Up to `most` frame indices spread over a clip, first and last among them."""
     return sorted({int(i) for i in np.linspace(0, count - 1, min(most, count)).round()})
+
+
+def looked_at(count: int, most: int = 8) -> list[int]:
+    """Up to `most` frames that are trained on, spread over a clip: all that the reader of a clip of `count` frames looks at.
+
+    From them it tells the field of view, what masks mean, and a prior of depth, so held-out frames have no part in these.
+    """
+    trained_on = sorted(set(range(count)) - set(held_out(count)))
+    return [trained_on[i] for i in sampled(len(trained_on), most)]
 
 
 def map_words(maps: IndexMaps | None, count: int, folder: str) -> dict[str, str]:

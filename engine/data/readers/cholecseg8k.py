@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from degense.engine.clip import UNLABELLED, Clip
+from degense.engine.clip import UNLABELLED, Clip, held_out
 from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.files.cameras import guessed_cameras
 from degense.engine.data.files.images import ImageFiles, check_sizes, checked, read_raw
 from degense.engine.data.files.labels import ColourCodes, ColourMaps, index_maps
 from degense.engine.data.files.masks import border_words, brightest, field_of_view
 from degense.engine.data.files.numbered import list_files, regular_file, shown
-from degense.engine.data.files.stored import clip_with_prior, colour_map_words, counted, map_words, sampled
+from degense.engine.data.files.stored import clip_with_prior, colour_map_words, counted, looked_at, map_words, sampled
 from degense.engine.errors import ClipError
 
 #: name, grey code in the watershed mask, colour in the colour mask
@@ -84,8 +84,8 @@ def open_cholecseg8k(path: Path, options: ClipOptions) -> Clip:
     check_sizes(masks.values(), size)
     maps = CholecMaps(masks, CODES, size)
     strokes = index_maps(path, frames, size, "strokes", NAMES)
-    some = [pictures.read(i) for i in sampled(count)]
-    field, field_words = _field(maps, some)
+    some = [pictures.read(i) for i in looked_at(count)]
+    field, field_words = _field(maps, some, count)
     source = f"13 classes, from {' and '.join(f'{kind} masks' for kind in kinds)}"
     words = {
         "frames": counted(frames, size),
@@ -112,10 +112,9 @@ def _mask_files(path: Path, frames: list[Path]) -> tuple[dict[int, Path], list[s
     return masks, list(kinds)
 
 
-def _field(maps: CholecMaps, few: list[np.ndarray]) -> tuple[np.ndarray | None, str]:
-    """The field of view: what some label map does not call background, else what is not a dark border."""
-    if maps.files:
-        keys = sorted(maps.files)
+def _field(maps: CholecMaps, few: list[np.ndarray], count: int) -> tuple[np.ndarray | None, str]:
+    """The field of view: what some label map of a frame that is trained on does not call background, else what is not a dark border."""
+    if keys := sorted(set(maps.files) - set(held_out(count))):
         outside = np.all([maps.read(keys[i]) == BACKGROUND for i in sampled(len(keys))], axis=0)
         if 0.002 < outside.mean() < 0.95:
             hull = field_of_view(np.where(outside, 0, 255).astype(np.uint8))  # also takes the white outlines on the border away

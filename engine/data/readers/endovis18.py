@@ -18,7 +18,7 @@ from degense.engine.data.files.images import ImageFiles
 from degense.engine.data.files.labels import ColourCodes, ColourMaps, by_frame, index_maps
 from degense.engine.data.files.masks import border_words, brightest, field_of_view
 from degense.engine.data.files.numbered import list_files, read_json, regular_file, shown
-from degense.engine.data.files.stored import clip_with_prior, colour_map_words, counted, map_words, sampled
+from degense.engine.data.files.stored import clip_with_prior, colour_map_words, counted, looked_at, map_words
 from degense.engine.errors import ClipError
 
 FRAMES = "left_frames"
@@ -53,7 +53,7 @@ def open_endovis18(path: Path, options: ClipOptions) -> Clip:
     files = by_frame(list_files(path / "labels", path, (".png",)), frames, size)
     maps = ColourMaps(files, ColourCodes(colour for _, colour in table), size)
     strokes = index_maps(path, frames, size, "strokes", names)
-    some = [pictures.read(i) for i in sampled(count)]
+    some = [pictures.read(i) for i in looked_at(count)]
     field = field_of_view(brightest(some))
     words = {
         "frames": counted(frames, size) + ", left view",

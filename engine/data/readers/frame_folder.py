@@ -23,7 +23,7 @@ from degense.engine.data.files.labels import index_maps, read_classes
 from degense.engine.data.files.masks import MaskFiles, border_words, brightest, decide, field_of_view, read_mask
 from degense.engine.data.files.numbered import list_files, pair, regular_file, shown
 from degense.engine.data.files.numpy_files import TruthFile, open_npy
-from degense.engine.data.files.stored import StoredClip, counted, map_words, sampled
+from degense.engine.data.files.stored import StoredClip, counted, looked_at, map_words
 from degense.engine.errors import ClipError
 
 #: Reads a file of cameras, for a number of frames of a size.
@@ -50,12 +50,12 @@ def _open_folder(path: Path, options: ClipOptions, camera: Path, read_cameras: R
     pictures = ImageFiles(files)
     size, count = pictures.size, len(files)
     mask_paths = mask_files(path, files, size)
-    looked_at = sampled(count)
+    some = looked_at(count)
     if mask_paths:  # an empty mask compresses best, so the largest file is one that says something
-        looked_at = sorted({*looked_at, max(range(count), key=lambda i: mask_paths[i].stat().st_size)})
-    frames = [pictures.read(i) for i in looked_at]
+        some = sorted({*some, max(looked_at(count, count), key=lambda i: mask_paths[i].stat().st_size)})
+    frames = [pictures.read(i) for i in some]
 
-    masks, border, disc, words = _masks(mask_paths, looked_at, frames, size, options)
+    masks, border, disc, words = _masks(mask_paths, some, frames, size, options)
     inside = np.ones(size[::-1], bool) if border is None else border
     if camera.exists():
         found = read_cameras(regular_file(camera, path), count, size, options)
@@ -64,7 +64,7 @@ def _open_folder(path: Path, options: ClipOptions, camera: Path, read_cameras: R
     distances: DepthFiles | DepthPrior | None
     distances, depth_words = _depth_files(path, files, size, clip_depth)
     if distances is None:
-        usable = [inside if masks is None else inside & masks.keep(i) for i in looked_at]
+        usable = [inside if masks is None else inside & masks.keep(i) for i in some]
         distances = DepthPrior(frames, usable, found.cameras[0])
         depth_words = distances.words
     labels, strokes = index_maps(path, files, size), index_maps(path, files, size, "strokes")
@@ -87,14 +87,14 @@ def _open_folder(path: Path, options: ClipOptions, camera: Path, read_cameras: R
 
 
 def _masks(
-    files: list[Path], looked_at: list[int], frames: list[np.ndarray], size: tuple[int, int], options: ClipOptions
+    files: list[Path], some: list[int], frames: list[np.ndarray], size: tuple[int, int], options: ClipOptions
 ) -> tuple[MaskFiles | None, np.ndarray | None, np.ndarray | None, str]:
     """The masks, the dark border to leave out, the visible disc that tells the focal length, and provenance."""
     border = field_of_view(brightest(frames))
     words = border_words(border, "dark border")
     if not files:
         return None, border, border, words
-    highs, tops = zip(*(read_mask(files[i], size) for i in looked_at), strict=True)
+    highs, tops = zip(*(read_mask(files[i], size) for i in some), strict=True)
     polarity = decide(highs, frames, max(tops), options.mask_means)
     disc = border
     if polarity.means == "keep":  # such masks have said where the field of view is
@@ -143,7 +143,7 @@ def _depth_files(path: Path, frames: list[Path], size: tuple[int, int], clip_dep
         else:
             check_sizes(files, size)
         distances = DepthFiles(files, size)
-        few = sampled(len(files))
+        few = looked_at(len(files))
         limits = distances.robust_limits(few)
         if limits is None:
             raise ClipError(f"{shown(path / name)} holds no depth: every value looked at is 0 or not finite; remove the folder or mend it.")

@@ -21,7 +21,7 @@ from degense.engine.data.files.cameras import guessed_cameras
 from degense.engine.data.files.images import MAX_PIXELS
 from degense.engine.data.files.masks import border_words, field_of_view
 from degense.engine.data.files.numbered import shown
-from degense.engine.data.files.stored import clip_with_prior, sampled
+from degense.engine.data.files.stored import clip_with_prior, looked_at
 from degense.engine.errors import ClipError
 
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm")
@@ -104,7 +104,7 @@ class VideoFrames:
                 self.brightest = image.max(axis=2)
             elif image.shape[1::-1] != self.size:
                 raise ClipError(f"{shown(self.files[0])} changes its picture size at frame {self._next - 1}; cut it there.")
-            if len(self._sums) % every == 0:
+            if len(self._sums) % every == 0 and len(self._sums) % 8 != 1:  # no held-out frame
                 self.brightest = np.maximum(self.brightest, image.max(axis=2))
             self._sums.append(_checksum(image))
         self._next += self.more  # the frame that showed there is more was grabbed too
@@ -152,7 +152,7 @@ def open_video(path: Path, options: ClipOptions) -> Clip:
     pictures = VideoFrames(path, options.start, options.stride, options.max_frames)
     field = field_of_view(pictures.brightest)
     cameras = guessed_cameras(len(pictures), pictures.size, field, options)
-    some = [pictures.read(i) for i in sampled(len(pictures), 4)]
+    some = [pictures.read(i) for i in looked_at(len(pictures), 4)]
     words = {"frames": _frame_words(pictures, options), "masks": border_words(field, "dark border"), "labels": "none"}
     fps = (pictures.rate or 25.0) / options.stride
     return clip_with_prior(path, pictures, some, field, cameras, words, name=path.stem, fps=fps)

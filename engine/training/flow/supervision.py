@@ -55,7 +55,7 @@ class FlowSupervision:
     frames : TrainingFrames
     progress : Progress
     tools : callable, optional
-        The pixels of a training frame that the teacher calls an instrument, bool [H, W] at the working size, None where it does not say:
+        The pixels of a training frame that a teacher calls an instrument, bool [H, W] at the working size, None where it does not say:
         they are no tissue. Without it only what the clip itself masks is left out, and that flow forwards and backwards must agree is all
         that keeps the motion of an instrument from the tissue beside it.
     """

@@ -153,10 +153,11 @@ class SemanticTargets:
         """Pixels that the teacher calls an instrument, bool [H, W] at the working size: of all classes' vectors that of an instrument is
         nearest to theirs, with a cosine above `NAMED`.
 
-        None where the teacher does not say: on frames that it does not label, and in clips that name no instruments.
+        None where the teacher does not say: on frames that it does not label, and in clips that name no instruments. Patches of a coarse
+        teacher say it of no pixel: they take tissue beside an instrument, and what looks like one, for it.
         """
         tools = instruments(self._working.clip.classes)
-        answer = self._answer(frame) if tools and frame in self.labelled_frames else None
+        answer = self._answer(frame) if tools and self.pixelwise and frame in self.labelled_frames else None
         if answer is None or self._classes is None:
             return None
         vectors, index = answer
