@@ -86,6 +86,8 @@ class TrainConfig:
         Weights of 1 − SSIM (L1 has the rest) and of |1/z| error, where depth was measured.
     flow : float
         Weight of the distance between each visible Gaussian's motion and the optical flow, in units of the scene.
+    flow_constancy : bool
+        Whether flow is dropped where tissue changes its look, since it takes a change of colour for motion (`engine.motion.constancy`).
     displacement, rigidity, shape : float
         Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
     delta_color : float
@@ -156,6 +158,7 @@ class TrainConfig:
     ssim: float = 0.2
     depth: float = 0.5
     flow: float = 40.0
+    flow_constancy: bool = True
 
     # Weights of the regularizers
     displacement: float = 0.002

@@ -109,7 +109,8 @@ def prepare(
     flow = None
     if config.flow > 0 and len(clip.train_frames) > 1:
         tell = begin_stage("flow", events, stop)
-        flow = FlowSupervision(frames, lambda f, text: tell(0.9 * f, text), semantics.tools if semantics is not None else None)
+        tools = semantics.tools if semantics is not None else None
+        flow = FlowSupervision(frames, lambda f, text: tell(0.9 * f, text), tools, constancy=config.flow_constancy)
         if semantics is not None:
             semantics.propagate(flow, lambda f, text: tell(0.9 + 0.1 * f, text))
     return Inputs(clip, frames, flow, name, chosen, semantics)

@@ -260,3 +260,28 @@ def test_look_up_reads_pixel_centres_and_zero_outside():
     found = look_up(picture, centre)
     assert torch.allclose(found[0], picture[:, 1, 2])
     assert (found[1] == 0).all()
+
+
+class CharringWall(MovingWall):
+    """A wall that stands still while a soft spot of it darkens and grows."""
+
+    def frame(self, index):
+        height, width = self.size[::-1]
+        y, x = np.mgrid[:height, :width]
+        away = np.hypot(x - width / 2, y - height / 2) / (0.05 * width * (1 + index))
+        return np.clip(super().frame(index) * (1 - 0.8 * np.exp(-(away**2) / 2))[..., None], 0, 255).astype(np.uint8)
+
+
+def test_flow_is_no_evidence_where_tissue_changes_its_look():
+    clip = CharringWall(velocity=(0.0, 0.0, 0.0))
+    frames = TrainingFrames(clip, 1 << 20, CPU)
+    strict, trusting = FlowSupervision(frames), FlowSupervision(frames, constancy=False)
+    width, height = strict.size
+    spot, corner = np.s_[height // 2 - 3 : height // 2 + 3, width // 2 - 3 : width // 2 + 3], np.s_[: height // 5, : width // 5]
+
+    def kept(flow, where):
+        return np.mean([float(pair.weight[0][where].float().mean()) for pairs in flow.pairs.values() for pair in pairs])
+
+    assert kept(trusting, spot) > 0.3
+    assert kept(strict, spot) < 0.05
+    assert kept(strict, corner) > 0.9 * kept(trusting, corner) > 0.5

@@ -15,13 +15,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from degense.engine.motion import consistent, follow, sample, steps_between
+from degense.engine.motion import chain, consistent, follow, sample, steps_between
+from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.progress import Progress, silent
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.training.frames import TrainingFrames
 
 FLOW_PIXELS = 100_000
 PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller frames; four pairs a frame, six bytes each
+WINDOW = 8  # training frames before and after one, in which its look must stay the same
 STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
 
 
@@ -60,7 +62,14 @@ class FlowSupervision:
         that keeps the motion of an instrument from the tissue beside it.
     """
 
-    def __init__(self, frames: TrainingFrames, progress: Progress = silent, tools: Callable[[int], np.ndarray | None] | None = None):
+    def __init__(
+        self,
+        frames: TrainingFrames,
+        progress: Progress = silent,
+        tools: Callable[[int], np.ndarray | None] | None = None,
+        *,
+        constancy: bool = True,
+    ):
         self.frames = frames
         width, height = frames.size
         train = frames.clip.train_frames
@@ -83,6 +92,44 @@ class FlowSupervision:
                     found.append((train[k + 1], pool.submit(self._matched, train[a], back, there, tissue[k + 1], tissue[a])))
         for frame, pair in found:
             self.pairs[frame].append(pair.result())
+        if constancy:
+            self._drop_changed(small)
+
+    def _drop_changed(self, small: list[np.ndarray]) -> None:
+        """Take away the weight of flow where tissue changes its look: what charring or blood seems to move has not moved.
+
+        A pair with the first frame loses it where its two ends differ; a pair of neighbours where the look changes along the consistent
+        way through up to `WINDOW` frames before or after.
+        """
+        train = self.frames.clip.train_frames
+        logs = [log_intensity(frame) for frame in small]
+        changing = [around(self._changes(k, logs)) for k in range(len(train))]
+        for k, frame in enumerate(train):
+            for pair in self.pairs[frame]:
+                other = train.index(pair.to)
+                flow = _relative(pair) * np.array(self.size, np.float32)
+                if 0 in (k, other) and abs(other - k) > 1:
+                    spoiled = around(looks_changed(logs[k], logs[other], flow))
+                else:
+                    spoiled = changing[k] | (sample(changing[other].astype(np.float32), flow) > 0.01)
+                pair.weight.mul_(torch.from_numpy(~spoiled[None]).to(pair.weight.device))
+
+    def _changes(self, k: int, logs: list[np.ndarray]) -> np.ndarray:
+        """Where the look of training frame number `k` changes, followed through its neighbours, bool [h, w]."""
+        train, changed = self.frames.clip.train_frames, np.zeros(logs[k].shape[:2], bool)
+        for direction in (1, -1):
+            flow, followed = np.zeros((*changed.shape, 2), np.float32), np.ones(changed.shape, bool)
+            for step in range(1, WINDOW + 1):
+                here, there = k + direction * (step - 1), k + direction * step
+                if not 0 <= there < len(train):
+                    break
+                pair = self.pair(train[here], train[there])
+                assert pair is not None
+                followed &= sample(pair.weight[0].float().cpu().numpy(), flow) > 0.5
+                flow = chain(flow, self.flow(train[here], train[there]))
+                if step & (step - 1) == 0:  # 1, 2, 4, 8: what changes slowly shows in the long steps
+                    changed |= followed & looks_changed(logs[k], logs[there], flow)
+        return changed
 
     def _inside(self, valid: np.ndarray) -> np.ndarray:
         """Valid pixels at flow size, away from the edge of a tool mask, whose motion bleeds into the tissue beside it."""
