@@ -11,6 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
 
 from degense.engine.annotation.edits import LabelClass, named_classes
 from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
@@ -122,6 +124,28 @@ def test_coco_of_other_tools(tmp_path):
     assert again.frames == (1,)
     assert np.array_equal(labels == 1, mask)
     assert (labels[21:29, 21:39] == 0).all()
+
+
+def test_coco_loaders_find_each_connected_part_as_an_instance(maps, tmp_path):
+    """What training code does: annotations that are no crowd, each decoded, scored against itself as a detection."""
+    coco = COCO(str(exported("coco", maps, tmp_path)))
+    assert coco.getAnnIds(iscrowd=True) == []
+    for frame in maps.frames:
+        drawn, parts = np.full(SHAPE, UNLABELLED, np.uint8), 0
+        for item in coco.loadAnns(coco.getAnnIds(imgIds=[frame], iscrowd=False)):
+            mask = coco.annToMask(item).astype(bool)
+            assert cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0] == 2
+            rows, columns = np.nonzero(mask)
+            assert item["bbox"] == [columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1]
+            assert item["area"] == mask.sum()
+            drawn[mask], parts = item["category_id"] - 1, parts + 1
+        assert np.array_equal(drawn, maps.read(frame))
+        assert parts > len(maps.classes)
+    scores = COCOeval(coco, coco.loadRes([{**item, "score": 1.0} for item in coco.dataset["annotations"]]), "segm")
+    scores.params.maxDets = [1, 10, 1000]
+    scores.evaluate()
+    scores.accumulate()
+    assert (scores.eval["recall"][:, :, 0, -1] == 1).all()
 
 
 def compressed(mask: np.ndarray) -> str:

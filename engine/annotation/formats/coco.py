@@ -1,4 +1,4 @@
-"""COCO: one JSON file, masks as compressed run lengths; polygons and plain run lengths are read too."""
+"""COCO: one JSON file, an annotation of compressed run lengths for each connected part; polygons and plain run lengths are read too."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pycocotools.mask as coco_mask
 
@@ -21,19 +22,19 @@ from degense.engine.files import write_text
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:
-    """Write the file `out`: each class in each frame is an annotation; yields the frames done."""
+    """Write the file `out`: each connected part of a class in a frame is an annotation, no crowd; yields the frames done."""
     height, width = maps.shape
     annotations: list[dict[str, Any]] = []
     for frame in maps.frames:
         labels = maps.read(frame)
-        for index in range(len(maps.classes)):
-            runs = coco_mask.encode(np.asfortranarray(labels == index, np.uint8))
-            area = int(coco_mask.area(runs))
-            if area:
+        for index in np.unique(labels[labels < len(maps.classes)]).tolist():
+            count, parts = cv2.connectedComponents((labels == index).astype(np.uint8), connectivity=8)
+            for part in range(1, count):
+                runs = coco_mask.encode(np.asfortranarray(parts == part, np.uint8))
                 segmentation = {"size": [height, width], "counts": runs["counts"].decode("ascii")}
+                about = {"id": len(annotations) + 1, "image_id": frame, "category_id": index + 1, "iscrowd": 0}
                 box = [int(side) for side in coco_mask.toBbox(runs)]
-                about = {"id": len(annotations) + 1, "image_id": frame, "category_id": index + 1, "iscrowd": 1}
-                annotations.append({**about, "area": area, "bbox": box, "segmentation": segmentation})
+                annotations.append({**about, "area": int(coco_mask.area(runs)), "bbox": box, "segmentation": segmentation})
         yield frame
     data = {
         "info": {"description": "Masks made by DeGense", "date_created": datetime.now(timezone.utc).isoformat(timespec="seconds")},
