@@ -16,25 +16,17 @@ UNLABELLED = 255
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth of a synthetic clip (`gt.npz`).
+    """Ground truth of a synthetic clip (`gt.npz`)."""
 
-    Attributes
-    ----------
-    displacement : float32 [T, H, W, 3]
-        Offset of the material point seen in a pixel from its place at frame 0; scene units, camera frame; NaN where no tissue is seen.
-    cautery : bool [T, H, W]
-        Pixels whose tissue has changed its appearance in place: charred tissue, which is static, or bled tissue, which moves as it would
-        without the blood. Any motion shown there beyond `displacement` is spurious.
-    tracks : float32 [K, T, 3] or None
-        Where points of tissue are in each frame; scene units, world axes; NaN where that is not known.
-    visible : bool [K, T] or None
-        Whether each of them is seen in each frame.
-    """
-
+    #: float32 [T, H, W, 3]; offset of the material point seen in a pixel from its place at frame 0; scene units, camera frame; NaN where no
+    #: tissue is seen.
     displacement: np.ndarray
+    #: bool [T, H, W]; pixels whose tissue has changed its appearance in place: charred tissue, which is static, or bled tissue, which moves
+    #: as it would without the blood. Any motion shown there beyond `displacement` is spurious.
     cautery: np.ndarray
+    #: float32 [K, T, 3]; where points of tissue are in each frame; scene units, world axes; NaN where that is not known.
     tracks: np.ndarray | None = None
-    visible: np.ndarray | None = None
+    visible: np.ndarray | None = None  # bool [K, T]; whether each of them is seen in each frame
 
 
 def held_out(count: int) -> list[int]:

@@ -37,11 +37,6 @@ class Timeline(QWidget):
     """Slider over the frames with playback in real time.
 
     Frames that cannot be drawn in time are left out, and the rate that is reached is shown.
-
-    Attributes
-    ----------
-    track : FrameTrack
-        The slider, with its marks and curves.
     """
 
     frame_changed = Signal(int)
@@ -67,7 +62,7 @@ class Timeline(QWidget):
         self._emit_timer = QTimer(self, singleShot=True, interval=0)
         self._emit_timer.timeout.connect(lambda: self.frame_changed.emit(self.frame()))
 
-        self.track = FrameTrack(self)
+        self.track = FrameTrack(self)  # the slider, with its marks and curves
         self.track.valueChanged.connect(self._scrubbed)
         self._play_button = GlyphButton("play", "Play", clicked=self.toggle_play)
         self._move_buttons = [

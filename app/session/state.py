@@ -36,11 +36,6 @@ class PersistentState:
     `session.register(name, state)` makes it part of what is saved: it is cleared when something else is opened, read from the session
     file, written into it, and its changes between two saves go to the journal.
 
-    Attributes
-    ----------
-    counts : bool
-        Whether a change marks the session as unsaved and goes to the journal. Changes of the frame or camera do not.
-
     Signals
     -------
     changed(record)
@@ -48,7 +43,7 @@ class PersistentState:
         `to_json()`, for states that are small.
     """
 
-    counts = True
+    counts = True  # whether a change marks the session as unsaved and goes to the journal. Changes of the frame or camera do not
 
     def __init__(self) -> None:
         self.changed: Signal[[Any]] = Signal()

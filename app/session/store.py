@@ -23,13 +23,6 @@ class SessionStore:
     One session at a time writes into a folder: it holds the lock. In a second window nothing is written, and `save` says so. A folder
     that is not there yet is made, and locked, by the first change.
 
-    Attributes
-    ----------
-    unsaved : list of Entry
-        What a crash left in the journal. `recover` or `discard` it; until then nothing is written over it.
-    elsewhere : bool
-        Whether another window holds the open folder, or it cannot be written.
-
     Signals
     -------
     dirty_changed(dirty)
@@ -42,8 +35,8 @@ class SessionStore:
         self.trouble: Signal[[str]] = Signal()
         self.states: dict[str, PersistentState] = {}
         self.folder: Path | None = None
-        self.unsaved: list[Entry] = []
-        self.elsewhere = False
+        self.unsaved: list[Entry] = []  # what a crash left in the journal. `recover` or `discard` it; until then nothing is written over it
+        self.elsewhere = False  # whether another window holds the open folder, or it cannot be written
         self._saved = SavedSession()
         self._dirty: set[str] = set()
         self._pending: set[str] = set()

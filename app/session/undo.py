@@ -14,26 +14,14 @@ State = TypeVar("State")
 
 @dataclass(frozen=True)
 class Edit:
-    """One step between two states.
-
-    Attributes
-    ----------
-    apply : callable
-        Puts a state in place: sets the view state, the pixels of a mask, the classes.
-    before, after
-        The two states; they are not changed later.
-    key : str or None
-        Edits of the same key and `apply` that follow each other closely are one step (a slider drag).
-    size : int
-        Bytes that the two states hold.
-    """
+    """One step between two states."""
 
     name: str
-    apply: Callable[[Any], object]
-    before: Any
+    apply: Callable[[Any], object]  # puts a state in place: sets the view state, the pixels of a mask, the classes
+    before: Any  # the two states; they are not changed later
     after: Any
-    key: str | None = None
-    size: int = 0
+    key: str | None = None  # edits of the same key and `apply` that follow each other closely are one step (a slider drag)
+    size: int = 0  # bytes that the two states hold
     made: float = 0.0
 
 
@@ -49,11 +37,6 @@ class UndoStack:
     merge_seconds : float
         Pause after which an edit with the same key starts a new step.
 
-    Attributes
-    ----------
-    position : int
-        How many of the entries are done.
-
     Signals
     -------
     changed()
@@ -66,7 +49,7 @@ class UndoStack:
         self.changed: Signal[[]] = Signal()
         self._limit, self._memory, self._merge_seconds, self._clock = limit, memory, merge_seconds, clock
         self._edits: list[Edit] = []
-        self.position = 0
+        self.position = 0  # how many of the entries are done
 
     @property
     def entries(self) -> tuple[str, ...]:

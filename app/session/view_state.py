@@ -44,42 +44,24 @@ class Prompt:
 
 @dataclass(frozen=True)
 class ColourRange:
-    """How the values of a scalar layer become colours.
+    """How the values of a scalar layer become colours."""
 
-    Attributes
-    ----------
-    mode : {"frame", "sequence", "fixed"}
-        The range of this frame, of the whole sequence, or fixed from `low` to `high`.
-    cmap : str
-        Colour map; empty for the layer's own.
-    clip : float
-        Percentage of the values left out at each end of the ranges of a frame and of the sequence.
-    """
-
-    mode: RangeMode = "sequence"
+    mode: RangeMode = "sequence"  # the range of this frame, of the whole sequence, or fixed from `low` to `high`
     low: float = 0.0
     high: float = 1.0
-    cmap: str = ""
-    clip: float = 1.0
+    cmap: str = ""  # colour map; empty for the layer's own
+    clip: float = 1.0  # percentage of the values left out at each end of the ranges of a frame and of the sequence
 
 
 @dataclass(frozen=True)
 class ViewState:
-    """Layer, prompts and colours of the view. Change it with `dataclasses.replace` through `Session.edit`.
-
-    Attributes
-    ----------
-    threshold : float
-        Cosine from which a pixel belongs to a mask.
-    masks_shown : bool
-        Whether the masks of the visible prompts lie over the layer.
-    """
+    """Layer, prompts and colours of the view. Change it with `dataclasses.replace` through `Session.edit`."""
 
     layer: str = "rgb"
     prompts: tuple[Prompt, ...] = ()
-    threshold: float = 0.5
+    threshold: float = 0.5  # cosine from which a pixel belongs to a mask
     decoder: str = "rnse"
-    masks_shown: bool = True
+    masks_shown: bool = True  # whether the masks of the visible prompts lie over the layer
     overlay_opacity: float = 0.75
     compare: Compare = "off"
     ranges: tuple[tuple[str, ColourRange], ...] = field(default=())

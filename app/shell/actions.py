@@ -10,34 +10,16 @@ from degense.engine.errors import DegenseError
 
 @dataclass(frozen=True)
 class Action:
-    """One thing to do.
+    """One thing to do."""
 
-    Attributes
-    ----------
-    id : str
-        Unique, dotted: `file.open-run`.
-    title : str
-        As in the menu, starting with a verb or a name.
-    menu : tuple of str
-        Where it hangs: `("File", "Export")`. Empty: only in the palette and by shortcut.
-    shortcuts : tuple of str
-        Keys in Qt's portable text form; the first is shown.
-    enabled : callable
-        Whether it can be done now.
-    checked : callable or None
-        For switches: whether it is on now.
-    group : int
-        A separator stands between neighbours of different groups.
-    """
-
-    id: str
-    title: str
+    id: str  # unique, dotted: `file.open-run`
+    title: str  # as in the menu, starting with a verb or a name
     run: Callable[[], object]
-    menu: tuple[str, ...] = ()
-    shortcuts: tuple[str, ...] = ()
-    enabled: Callable[[], bool] = lambda: True
-    checked: Callable[[], bool] | None = None
-    group: int = 0
+    menu: tuple[str, ...] = ()  # where it hangs: `("File", "Export")`. Empty: only in the palette and by shortcut
+    shortcuts: tuple[str, ...] = ()  # keys in Qt's portable text form; the first is shown
+    enabled: Callable[[], bool] = lambda: True  # whether it can be done now
+    checked: Callable[[], bool] | None = None  # for switches: whether it is on now
+    group: int = 0  # a separator stands between neighbours of different groups
     help: str = ""
 
 

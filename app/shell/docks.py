@@ -24,23 +24,16 @@ WIDTH, SMALL = 400, 130  # of the right column; height of the panels above one t
 
 
 class Docks(QObject):
-    """The panels of a window.
-
-    Attributes
-    ----------
-    views : QSplitter
-        In the middle of the window; features put their views there.
-    all : list of QDockWidget
-        In the order they were added.
-    """
+    """The panels of a window."""
 
     def __init__(self, window: QMainWindow) -> None:
         super().__init__(window)
         self.window = window
-        self.all: list[QDockWidget] = []
+        self.all: list[QDockWidget] = []  # in the order they were added
         self._tabs: list[QDockWidget] = []
         self._below: list[QWidget] = []
         self._heights: dict[QDockWidget, int] = {}
+        #: In the middle of the window; features put their views there.
         self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         self.views.setObjectName("views")
         centre = QWidget()

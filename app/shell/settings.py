@@ -26,41 +26,21 @@ def log_file() -> Path:
 
 @dataclass(frozen=True)
 class Settings:
-    """Preferences and places.
-
-    Attributes
-    ----------
-    recent : tuple of str
-        Clips and runs opened last, newest first.
-    open_run : str
-        The run that is open now; still there at the next start when the program was not closed.
-    speed : float
-        Playback speed, 1 = as recorded.
-    autosave : float
-        Minutes after a change until it is saved; 0 saves only when asked and at the end.
-    undo_memory : float
-        Megabytes that undo may hold.
-    shortcuts : dict of str to list of str
-        Keys that the user gave to actions, by action id; actions that are not named have their own.
-    training : dict
-        What the training dialog was last started with.
-    trainings : tuple of dict
-        Trainings that run, are paused or wait, the first first (`TrainingJob.to_json`); offered again at the next start.
-    geometry, state : str
-        The window's size and docks, as Qt saves them, base64.
-    """
+    """Preferences and places."""
 
     theme: Theme = "dark"
-    recent: tuple[str, ...] = field(default=())
+    recent: tuple[str, ...] = field(default=())  # clips and runs opened last, newest first
     last_folder: str = ""
-    open_run: str = ""
-    speed: float = 1.0
-    autosave: float = 1.0
-    undo_memory: float = 256.0
+    open_run: str = ""  # the run that is open now; still there at the next start when the program was not closed
+    speed: float = 1.0  # playback speed, 1 = as recorded
+    autosave: float = 1.0  # minutes after a change until it is saved; 0 saves only when asked and at the end
+    undo_memory: float = 256.0  # megabytes that undo may hold
+    #: Keys that the user gave to actions, by action id; actions that are not named have their own.
     shortcuts: dict[str, list[str]] = field(default_factory=dict)
-    training: dict[str, Any] = field(default_factory=dict)
+    training: dict[str, Any] = field(default_factory=dict)  # what the training dialog was last started with
+    #: Trainings that run, are paused or wait, the first first (`TrainingJob.to_json`); offered again at the next start.
     trainings: tuple[dict[str, Any], ...] = ()
-    geometry: str = ""
+    geometry: str = ""  # the window's size and docks, as Qt saves them, base64
     state: str = ""
 
     def opened(self, path: Path) -> Settings:

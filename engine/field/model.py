@@ -73,14 +73,6 @@ class SceneModel(nn.Module):
         inverse scale ω of a Gaussian's temporal window, which are set at initialisation and not learned; ω = 0 is persistent.
         `velocities` [N, 3]: linear motion of a transient Gaussian in 1/ω, added to the deformation, within `MAX_AGE`/ω of τ.
 
-    Attributes
-    ----------
-    moving : int64 [M] or None
-        The Gaussians that the field changes; the others never enter it. None: all. See `engine.field.static_gaussians`.
-    semantic_coefficients : float [N, 3, rank] or None
-        R_i: how much a Gaussian's latent changes with its colour, since tissue that chars or is bled over changes its class with its
-        colour. Set by `engine.training.semantic.distillation`; None: not at all.
-
     Raises
     ------
     ValueError
@@ -88,7 +80,10 @@ class SceneModel(nn.Module):
     """
 
     bounds: Tensor
+    #: int64 [M]; the Gaussians that the field changes; the others never enter it. None: all. See `engine.field.static_gaussians`.
     moving: Tensor | None
+    #: float [N, 3, rank]; R_i: how much a Gaussian's latent changes with its colour, since tissue that chars or is bled over changes its
+    #: class with its colour. Set by `engine.training.semantic.distillation`; None: not at all.
     semantic_coefficients: Tensor | None
 
     def __init__(self, config: FieldConfig, bounds: Tensor, canonical: dict[str, Tensor]):

@@ -31,21 +31,14 @@ class LayerRequest:
 
 @dataclass(frozen=True)
 class LayerImage:
-    """A layer drawn from a camera.
+    """A layer drawn from a camera."""
 
-    Attributes
-    ----------
-    values : ndarray
-        `colour`: float32 [H, W, 3] in [0, 1]. `scalar`: float32 [H, W], NaN where nothing is known. `mask`: uint8 [H, W], 0 nothing,
-        k + 1 where prompt k owns the pixel.
-    uncertain : bool [H, W] or None
-        Pixels whose value is a guess; None where the layer cannot tell.
-    """
-
+    #: `colour`: float32 [H, W, 3] in [0, 1]. `scalar`: float32 [H, W], NaN where nothing is known. `mask`: uint8 [H, W], 0
+    #: nothing, k + 1 where prompt k owns the pixel.
     values: np.ndarray
     unit: str
     kind: Kind
-    uncertain: np.ndarray | None = None
+    uncertain: np.ndarray | None = None  # bool [H, W]; pixels whose value is a guess; None where the layer cannot tell
 
 
 def nowhere(scene: Scene, request: LayerRequest) -> None:

@@ -17,24 +17,14 @@ BLINK_MS, GAIN = 500, 4
 
 
 class Comparison(QObject):
-    """Paints the render of a panel compared with the frame that was observed.
-
-    Attributes
-    ----------
-    mode : str
-        One of `COMPARE_MODES`.
-    split : float
-        Place of the wipe line: the render left of this fraction of the width, the observed frame right of it.
-    observed : DrawableFrame or None
-        The recorded frame; without it nothing is compared.
-    """
+    """Paints the render of a panel compared with the frame that was observed."""
 
     def __init__(self, panel: QWidget) -> None:
         super().__init__(panel)
         self._panel = panel
-        self.mode = "off"
-        self.split = 0.5
-        self.observed: DrawableFrame | None = None
+        self.mode = "off"  # one of `COMPARE_MODES`
+        self.split = 0.5  # place of the wipe line: the render left of this fraction of the width, the observed frame right of it
+        self.observed: DrawableFrame | None = None  # the recorded frame; without it nothing is compared
         self._observed_turn = False
         self._difference: tuple[DrawableFrame, QImage] | None = None
         self._timer = QTimer(self, interval=BLINK_MS)

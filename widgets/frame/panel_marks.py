@@ -14,13 +14,7 @@ _INK, _VEIL = QColor(255, 255, 255), QColor(0, 0, 0, 150)
 
 
 class PanelMarks(QObject):
-    """What is painted over the frame of a panel, and not saved with it. Positions are pixels of the image.
-
-    Attributes
-    ----------
-    outline : QPolygonF
-        Of a region; empty for none. The panel paints it with its tool.
-    """
+    """What is painted over the frame of a panel, and not saved with it. Positions are pixels of the image."""
 
     def __init__(self, panel: QWidget) -> None:
         super().__init__(panel)
@@ -28,7 +22,7 @@ class PanelMarks(QObject):
         self._title = ""
         self._marker: QPointF | None = None
         self._legend: list[tuple[str, QColor]] = []
-        self.outline = QPolygonF()
+        self.outline = QPolygonF()  # of a region; empty for none. The panel paints it with its tool
 
     def set_title(self, text: str) -> None:
         """A name in the corner, to tell two panels apart; empty for none."""

@@ -19,17 +19,6 @@ class PanelZoom(QObject):
     -------
     changed(factor)
         The user or the panel zoomed or moved the frame.
-
-    Attributes
-    ----------
-    image : (int, int)
-        Width and height of the frame.
-    scale : float
-        Widget pixels an image pixel.
-    origin : QPointF
-        Where the frame's corner lies in the widget.
-    fitted : bool
-        Whether the whole frame is to be seen, whatever the size of the panel.
     """
 
     changed = Signal(float)
@@ -38,10 +27,10 @@ class PanelZoom(QObject):
         super().__init__(panel)
         self._panel = panel
         self._size = QSizeF(1, 1)  # of the panel
-        self.image = (1, 1)
-        self.scale = 1.0
-        self.origin = QPointF()
-        self.fitted = True
+        self.image = (1, 1)  # width and height of the frame
+        self.scale = 1.0  # widget pixels an image pixel
+        self.origin = QPointF()  # where the frame's corner lies in the widget
+        self.fitted = True  # whether the whole frame is to be seen, whatever the size of the panel
 
     def factor(self) -> float:
         """Screen pixels an image pixel."""

@@ -25,11 +25,6 @@ class SplatCamera(QObject):
     changed()
         Another camera, or it rests now: the view is to be drawn again.
     moved(camera), locked_changed(locked)
-
-    Attributes
-    ----------
-    means : float [N, 3]
-        Centres of the splats; their median is the point one turns around.
     """
 
     changed = Signal()
@@ -39,7 +34,7 @@ class SplatCamera(QObject):
     def __init__(self, canvas: QWidget) -> None:
         super().__init__(canvas)
         self._canvas = canvas
-        self.means = np.zeros((0, 3), np.float32)
+        self.means = np.zeros((0, 3), np.float32)  # float [N, 3]; centres of the splats; their median is the point one turns around
         self._clip_camera: Camera | None = None
         self._free: Camera | None = None
         self._idle = QTimer(self, singleShot=True, interval=IDLE_MS)

@@ -36,10 +36,6 @@ class SplatView(QWidget):
     -------
     picked(index)
         Of the clicked splat, −1 for none.
-
-    Attributes
-    ----------
-    camera : SplatCamera
     """
 
     picked = Signal(int)

@@ -33,16 +33,6 @@ TOOLS = (
 class PaintTool:
     """What the left button does while one annotates.
 
-    Attributes
-    ----------
-    name : ToolName
-    radius : float
-        Of brushes, pixels.
-    label : int
-        Index of the class that is painted.
-    inside : int or None
-        The only label that may be painted over; None for any.
-
     Signals
     -------
     changed()
@@ -58,8 +48,8 @@ class PaintTool:
 
     def clear(self) -> None:
         self.name: ToolName = "brush"
-        self.radius, self.label = 8.0, 0
-        self.inside: int | None = None
+        self.radius, self.label = 8.0, 0  # pixels; index of the class that is painted
+        self.inside: int | None = None  # the only label that may be painted over; None for any
 
     @property
     def active(self) -> bool:

@@ -22,19 +22,12 @@ LARGEST_FILE = 4 << 20
 
 @dataclass(frozen=True)
 class Stop:
-    """A camera at an instant.
-
-    Attributes
-    ----------
-    frame : float
-    seconds : float
-        How long the way to the next stop takes, positive.
-    """
+    """A camera at an instant."""
 
     name: str
     camera: Camera
     frame: float
-    seconds: float = 2.0
+    seconds: float = 2.0  # how long the way to the next stop takes, positive
 
 
 class CameraPath:

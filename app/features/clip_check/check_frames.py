@@ -32,19 +32,11 @@ DEPTH_MAP = "cividis"
 
 @dataclass(frozen=True)
 class CheckFrame:
-    """A frame of a clip seen under one aspect.
+    """A frame of a clip seen under one aspect."""
 
-    Attributes
-    ----------
-    rgb : uint8 [H, W, 3]
-    overlay : uint8 [H, W, 4] or None
-    legend : tuple of (str, (int, int, int))
-        What the colours mean.
-    """
-
-    rgb: np.ndarray
-    overlay: np.ndarray | None
-    legend: tuple[tuple[str, Colour], ...]
+    rgb: np.ndarray  # uint8 [H, W, 3]
+    overlay: np.ndarray | None  # uint8 [H, W, 4]
+    legend: tuple[tuple[str, Colour], ...]  # what the colours mean
 
 
 def draw_check_frame(clip: Clip, frame: int, aspect: str) -> CheckFrame:

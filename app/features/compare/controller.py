@@ -17,22 +17,14 @@ if TYPE_CHECKING:
 
 
 class RunComparison(QObject):
-    """Draws what the session shows from another run into a panel of its own, right of the frame; both panels zoom and pan as one.
-
-    Attributes
-    ----------
-    scene : Scene or None
-        The other run.
-    view : View or None
-        What is shown of it.
-    """
+    """Draws what the session shows from another run into a panel of its own, right of the frame; both panels zoom and pan as one."""
 
     def __init__(self, viewer: Viewer) -> None:
         super().__init__(viewer)
         self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
         session = self.session
-        self.scene: Scene | None = None
-        self.view: View | None = None
+        self.scene: Scene | None = None  # the other run
+        self.view: View | None = None  # what is shown of it
         self.panel = RenderPanel()
         self.panel.setAccessibleName("Frame of the other run")
         self.panel.hide()

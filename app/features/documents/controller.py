@@ -30,11 +30,6 @@ class Documents(QObject):
         Something is being opened; it could not be, and the error has been shown.
     clip_opened(chosen)
         A clip without a run is open; `chosen` says whether the user has just picked it in a dialog.
-
-    Attributes
-    ----------
-    clip_options : dict
-        The `ClipOptions` that the user gave for the open clip.
     """
 
     loading = Signal(str)
@@ -46,7 +41,7 @@ class Documents(QObject):
         self.shell, self.session, self.settings, self.autosave = shell, shell.session, shell.settings, autosave
         self.facts = Facts()
         self.facts_dock = shell.add_dock("Facts", self.facts)
-        self.clip_options: dict[str, Any] = {}
+        self.clip_options: dict[str, Any] = {}  # the `ClipOptions` that the user gave for the open clip
         self._chosen = False
         shell.worker.add_channel("open", 0)
         shell.dropped.connect(self.open_path)

@@ -24,27 +24,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What to export; None leaves the choice to the format or to the layers.
+    """What to export; None leaves the choice to the format or to the layers."""
 
-    Attributes
-    ----------
-    prompt_set : PromptSet or None
-        What is asked; without prompts, masks are of the classes of the scene. None for no prompts and the defaults.
-    frame : float or None
-        Instant of a single PLY; None for the reference frame.
-    layer : str
-        Layer of a movie.
-    span : (float, float) or None
-        Values of the first and the last colour of a movie of a scalar layer; None for the range of the whole sequence.
-    source : "masks", "annotations" or None
-        Where label maps come from: what the run answers to prompts, or what was annotated. None: the annotations where there are any and
-        nothing is prompted.
-    """
-
+    #: What is asked; without prompts, masks are of the classes of the scene. None for no prompts and the defaults.
     prompt_set: PromptSet | None = None
-    frame: float | None = None
-    layer: str = "rgb"
+    frame: float | None = None  # instant of a single PLY; None for the reference frame
+    layer: str = "rgb"  # layer of a movie
+    #: Values of the first and the last colour of a movie of a scalar layer; None for the range of the whole sequence.
     span: tuple[float, float] | None = None
+    #: Where label maps come from: what the run answers to prompts, or what was annotated. None: the
+    #: annotations where there are any and nothing is prompted.
     source: Literal["masks", "annotations"] | None = None
 
     def layer_request(self, frame: float) -> LayerRequest:

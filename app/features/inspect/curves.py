@@ -28,27 +28,16 @@ BAND = (10.0, 90.0)
 
 @dataclass(frozen=True)
 class Curves:
-    """Values over time at a place.
+    """Values over time at a place."""
 
-    Attributes
-    ----------
-    frames : int [T]
-    layers : dict of str to float [3, T]
-        Of each followed layer the mean over the place and its 10th and 90th percentile, in its unit; NaN where nothing is known.
-    similarity : dict of str to float [T]
-        Cosine to each prompt.
-    area : float [T] or None
-        Of a mask: share of the frame it covers.
-    where : str
-        Which place, in words.
-    """
-
-    frames: np.ndarray
+    frames: np.ndarray  # int [T]
+    #: Of each followed layer, float [3, T], the mean over the place and its 10th and 90th percentile, in its unit; NaN where
+    #: nothing is known.
     layers: dict[str, np.ndarray]
     units: dict[str, str]
-    where: str
-    similarity: dict[str, np.ndarray] = field(default_factory=dict)
-    area: np.ndarray | None = None
+    where: str  # which place, in words
+    similarity: dict[str, np.ndarray] = field(default_factory=dict)  # cosine to each prompt, float [T]
+    area: np.ndarray | None = None  # float [T]; of a mask: share of the frame it covers
 
 
 def followed_layers(scene: Scene, view_state: ViewState) -> list[Layer]:

@@ -39,27 +39,15 @@ class ClassDirections:
 
 @dataclass(frozen=True)
 class ProbeMaps:
-    """Values of every pixel of one frame, so that hovering only looks them up. What is not drawn yet is None.
-
-    Attributes
-    ----------
-    scalars : dict of str to float [H, W]
-        Of `PROBED`.
-    uncertain : dict of str to bool [H, W]
-        Where one of them is a guess.
-    latent : float32 [H, W, d] or None
-        The semantic latents.
-    directions : ClassDirections or None
-        The classes that they are compared with.
-    """
+    """Values of every pixel of one frame, so that hovering only looks them up. What is not drawn yet is None."""
 
     frame: int
     rgb: np.ndarray
     units: dict[str, str]
-    scalars: dict[str, np.ndarray] = field(default_factory=dict)
-    uncertain: dict[str, np.ndarray] = field(default_factory=dict)
-    latent: np.ndarray | None = None
-    directions: ClassDirections | None = None
+    scalars: dict[str, np.ndarray] = field(default_factory=dict)  # of `PROBED`, float [H, W]
+    uncertain: dict[str, np.ndarray] = field(default_factory=dict)  # where one of them is a guess, bool [H, W]
+    latent: np.ndarray | None = None  # float32 [H, W, d]; the semantic latents
+    directions: ClassDirections | None = None  # the classes that they are compared with
 
     def colour(self, x: int, y: int) -> tuple[int, int, int]:
         red, green, blue = (int(channel) for channel in self.rgb[y, x])

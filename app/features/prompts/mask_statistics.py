@@ -26,22 +26,12 @@ Key = tuple[str, str, float, tuple[str, ...]]
 
 @dataclass(frozen=True)
 class MaskStatistics:
-    """The mask of a prompt in one frame.
-
-    Attributes
-    ----------
-    area : float
-        Share of the frame that the mask covers.
-    confidence : float
-        In [0, 1]: mean refined similarity in the mask, less that of the best rival class (`FrameSemantics.confidence`).
-    histogram : int [BINS]
-        Pixels by the similarity that the decoder compares with the threshold.
-    """
+    """The mask of a prompt in one frame."""
 
     text: str
-    area: float
-    confidence: float
-    histogram: np.ndarray
+    area: float  # share of the frame that the mask covers
+    confidence: float  # in [0, 1]: mean refined similarity in the mask, less that of the best rival class (`FrameSemantics.confidence`)
+    histogram: np.ndarray  # int [BINS]; pixels by the similarity that the decoder compares with the threshold
 
 
 def measure_masks(

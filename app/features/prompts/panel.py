@@ -22,13 +22,7 @@ NEGATIVE = re.compile(r"(?:-|−|not\s)\s*(?=\S)", re.IGNORECASE)
 
 
 class PromptBar(QWidget):
-    """Enter adds a prompt. While one types, printable keys and arrows reach no shortcut. Signals of prompts give their `PromptRow` first.
-
-    Attributes
-    ----------
-    histogram : SimilarityHistogram
-        How similar the pixels are to each prompt, above the threshold.
-    """
+    """Enter adds a prompt. While one types, printable keys and arrows reach no shortcut. Signals of prompts give their row first."""
 
     prompt_added = Signal(object)
     prompt_removed = Signal(object)
@@ -62,7 +56,7 @@ class PromptBar(QWidget):
         self._refined.setToolTip("Average over superpixels and follow the edges of the frame; off: pixel by pixel, coarse")
         self._refined.clicked.connect(self.refined_toggled)
         keep_keys(self._refined, PRESS)
-        self.histogram = SimilarityHistogram(self)
+        self.histogram = SimilarityHistogram(self)  # how similar the pixels are to each prompt, above the threshold
         self.histogram.threshold_dragged.connect(self._dragged)
         self.histogram.hide()
         slider, tip = QSlider(Qt.Orientation.Horizontal, self), "Similarity above which a pixel belongs to the mask"

@@ -52,15 +52,7 @@ class _ElidedLabel(forms.Painted, QLabel):
 
 
 class PromptRow(QFrame):
-    """A chip with swatch, text, eye and cross. Signals are emitted for the user's changes only.
-
-    Attributes
-    ----------
-    error : str
-        Why the prompt cannot be decoded; empty when it can.
-    visible, negative : bool
-        Whether its mask is to be shown; whether it removes pixels from the others.
-    """
+    """A chip with swatch, text, eye and cross. Signals are emitted for the user's changes only."""
 
     toggled = Signal(bool)
     recoloured = Signal(QColor)
@@ -72,8 +64,9 @@ class PromptRow(QFrame):
         self.setObjectName("chip")
         self.setAccessibleName(f"Prompt {text}")
         self.text = text
-        self.error = ""
-        self.visible, self.negative = visible, negative
+        self.error = ""  # why the prompt cannot be decoded; empty when it can
+        self.visible = visible  # whether its mask is to be shown
+        self.negative = negative  # whether it removes pixels from the others
         self._swatch = _Swatch(text, colour, self)
         self._swatch.setMenu(colour_menu(self, self._recolour))
         self._label = _ElidedLabel(text, self)

@@ -17,20 +17,10 @@ LARGEST, TAIL, MOST = 16 << 20, 1 << 16, 1000
 
 @dataclass(frozen=True)
 class RunSummary:
-    """A line of the list. What the run folder does not say is None.
-
-    Attributes
-    ----------
-    state : str
-        training, stopped, diverged, finished, or "damaged".
-    psnr, miou, displacement_error : float or None
-        Held-out scores, when the run was scored: dB, 0 to 1 (decoder rnse), the clip's unit.
-    training_psnr : float or None
-        Of the training frames, at the last report.
-    """
+    """A line of the list. What the run folder does not say is None."""
 
     path: Path
-    state: str
+    state: str  # training, stopped, diverged, finished, or "damaged"
     clip: str = ""
     preset: str = ""
     routing: str = ""
@@ -40,10 +30,10 @@ class RunSummary:
     iterations: int | None = None
     gaussians: int | None = None
     train_seconds: float | None = None
-    training_psnr: float | None = None
-    psnr: float | None = None
-    miou: float | None = None
-    displacement_error: float | None = None
+    training_psnr: float | None = None  # of the training frames, at the last report
+    psnr: float | None = None  # dB, of held-out frames, as the next two; None where the run was not scored
+    miou: float | None = None  # 0 to 1 (decoder rnse)
+    displacement_error: float | None = None  # in the clip's unit
 
     @property
     def name(self) -> str:

@@ -28,15 +28,7 @@ _VALUED = ("routing", "teacher", "iterations", "max_gaussians", "device", "seed"
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """What to train, in the words of the command line. None leaves the choice to the preset or the clip.
-
-    Attributes
-    ----------
-    fit : bool
-        Whether settings may become smaller where the clip needs less.
-    settings : tuple of (str, str)
-        Further settings of `TrainConfig` by name, as JSON text.
-    """
+    """What to train, in the words of the command line. None leaves the choice to the preset or the clip."""
 
     clip: Path
     out: Path
@@ -57,8 +49,8 @@ class TrainingJob:
     start: int | None = None
     stride: int | None = None
     max_frames: int | None = None
-    fit: bool = True
-    settings: tuple[tuple[str, str], ...] = ()
+    fit: bool = True  # whether settings may become smaller where the clip needs less
+    settings: tuple[tuple[str, str], ...] = ()  # further settings of `TrainConfig` by name, as JSON text
 
     def arguments(self) -> list[str]:
         """The command's arguments after `degense`."""

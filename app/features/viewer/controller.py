@@ -44,21 +44,6 @@ class Viewer(QObject):
         The 2D view shows it, perhaps without its masks yet; both views show all of it.
     splats_added(SplatView)
         The 3D view is there.
-
-    Attributes
-    ----------
-    panel : RenderPanel
-        The 2D view.
-    splats : SplatView or None
-        The 3D view. It comes after the window is on the screen, because loading VTK, which draws it on a GPU, takes a second.
-    bars : list of ViewBar
-        The colour bar in each view.
-    view : View or None
-        What is shown.
-    from_free_camera : bool
-        Whether the 2D view is rendered from the free camera of the 3D view, and not from the surgeon's.
-    recorded : bool
-        Whether the 2D view shows the recorded frame, to which labels belong.
     """
 
     shown = Signal(object)
@@ -70,21 +55,22 @@ class Viewer(QObject):
         self.shell, self.session, self.worker = shell, shell.session, shell.worker
         session = self.session
         self._time = shell.service(TimeControl)
-        self.panel = RenderPanel()
+        self.panel = RenderPanel()  # the 2D view
         self.panel.set_message(WELCOME)
+        #: The 3D view. It comes after the window is on the screen, because loading VTK, which draws it on a GPU, takes a second.
         self.splats: SplatView | None = None
-        self.bars = [ViewBar(self.panel)]
+        self.bars = [ViewBar(self.panel)]  # the colour bar in each view
         _LayerDigits(self.panel)
         shell.docks.views.addWidget(self.panel)
         shell.installEventFilter(self)
-        self.view: View | None = None
+        self.view: View | None = None  # what is shown
         self._splats: Gaussians | None = None  # that the 3D view has
         self.milliseconds: deque[float] = deque(maxlen=200)
         self._ranges = SequenceRanges(shell, self.request, self._failed)
         self._camera: Camera | None = None
         self._asked = 0.0
-        self.from_free_camera = False
-        self.recorded = False
+        self.from_free_camera = False  # whether the 2D view is rendered from the free camera of the 3D view, and not from the surgeon's
+        self.recorded = False  # whether the 2D view shows the recorded frame, to which labels belong
         session.opened.connect(self._opened)
         session.frame_changed.connect(lambda frame: self.request())
         session.view_state_changed.connect(lambda before, after: self.request())

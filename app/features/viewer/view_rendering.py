@@ -32,59 +32,34 @@ MASK_FILL = 0.6
 
 @dataclass(frozen=True)
 class ViewRequest:
-    """One instant to draw.
-
-    Attributes
-    ----------
-    span : (float, float) or None
-        Values of the first and last colour; None for the range of this frame.
-    splats : bool
-        Whether the Gaussians are wanted too, for the 3D view.
-    quick : bool
-        While time runs or is scrubbed: masks are decoded pixel by pixel, which needs no superpixels. The exact ones follow in the end.
-    camera : Camera or None
-        Where the frame is rendered from; None for the surgeon's camera.
-    recorded : bool
-        Show the recorded frame instead of the layer, where it is there: what one labels.
-    """
+    """One instant to draw."""
 
     frame: float
     view_state: ViewState
-    span: tuple[float, float] | None = None
-    splats: bool = True
+    span: tuple[float, float] | None = None  # values of the first and last colour; None for the range of this frame
+    splats: bool = True  # whether the Gaussians are wanted too, for the 3D view
+    #: While time runs or is scrubbed: masks are decoded pixel by pixel, which needs no superpixels. The exact ones follow in the end.
     quick: bool = False
-    camera: Camera | None = None
-    recorded: bool = False
+    camera: Camera | None = None  # where the frame is rendered from; None for the surgeon's camera
+    recorded: bool = False  # show the recorded frame instead of the layer, where it is there: what one labels
 
 
 @dataclass(frozen=True)
 class View:
-    """One instant, drawn.
-
-    Attributes
-    ----------
-    rgb : uint8 [H, W, 3]
-    span, unit, cmap
-        Of the colour bar; `span` is None for layers that are colours already.
-    masks : uint8 [H, W, 4] or None
-        Masks of the visible prompts; None when there are none, or not yet (`complete` is False then).
-    observed : uint8 [H, W, 3] or None
-        The clip's own frame, when it is compared and still there.
-    uncertain : str
-        What the hatched pixels mean; empty when there are none.
-    """
+    """One instant, drawn."""
 
     frame: float
     camera: Camera
-    rgb: np.ndarray
-    span: tuple[float, float] | None
+    rgb: np.ndarray  # uint8 [H, W, 3]
+    span: tuple[float, float] | None  # of the colour bar, as unit and cmap; None for layers that are colours already
     unit: str
     cmap: str
-    observed: np.ndarray | None
+    observed: np.ndarray | None  # uint8 [H, W, 3]; the clip's own frame, when it is compared and still there
     splats: Gaussians | None
+    #: uint8 [H, W, 4]; masks of the visible prompts; None when there are none, or not yet (`complete` is False then).
     masks: np.ndarray | None = None
     complete: bool = True
-    uncertain: str = ""
+    uncertain: str = ""  # what the hatched pixels mean; empty when there are none
 
 
 def layer_request(view_state: ViewState, frame: float) -> LayerRequest:

@@ -27,25 +27,17 @@ FINEST = 1e-6  # least weight of an edge, so that every region has a solution
 
 
 class Regions:
-    """Superpixels of one frame uint8 [H, W, 3], their features and their neighbours; regions mostly outside of `valid` have none.
-
-    Attributes
-    ----------
-    of : int32 [H, W]
-        Region of each pixel.
-    features : float32 [n, F]
-        Means of colour (CIELAB) as it is and blurred, and of its local deviation; nothing about the place.
-    inside : bool [n]
-    """
+    """Superpixels of one frame uint8 [H, W, 3], their features and their neighbours; regions mostly outside of `valid` have none."""
 
     def __init__(self, rgb: np.ndarray, valid: np.ndarray):
         height, width = rgb.shape[:2]
         side = max(3, round((height * width / REGIONS) ** 0.5))
-        self.of = superpixels(rgb, side)
+        self.of = superpixels(rgb, side)  # int32 [H, W]; region of each pixel
         self.sizes = np.bincount(self.of.ravel()).astype(np.float64)
-        self.inside = self.share(valid) > 0.5
+        self.inside = self.share(valid) > 0.5  # bool [n]
         lab = cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
         self.colours = self.mean(lab)
+        #: float32 [n, F]; means of colour (CIELAB) as it is and blurred, and of its local deviation; nothing about the place.
         self.features = np.concatenate([self.colours, *(self.mean(picture) for picture in _surroundings(lab))], 1)
         self._pairs, border = _neighbours(self.of, self.inside)
         self._lengths = border / side

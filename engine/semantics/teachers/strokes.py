@@ -39,13 +39,6 @@ class StrokeTeacher:
 
     Strokes on held-out frames are never used, except where a clip has no others. `encoder` is extended with the clip's class names.
 
-    Attributes
-    ----------
-    sources : list of int
-        Frames whose strokes are used.
-    classes : list of int
-        Values of `clip.classes` that have strokes; targets are of no others.
-
     Raises
     ------
     ClipError
@@ -60,11 +53,11 @@ class StrokeTeacher:
         if not stroked:
             raise ClipError(f"Clip '{clip.name}' has no strokes; draw some, or add strokes/ and classes.json.")
         held_out = set(clip.test_frames)
-        self.sources = [frame for frame in stroked if frame not in held_out] or stroked
+        self.sources = [frame for frame in stroked if frame not in held_out] or stroked  # frames whose strokes are used
         self._clip = clip
         self._strokes = {frame: self._read(frame) for frame in self.sources}
         drawn = np.unique(np.concatenate([values[values != UNLABELLED] for values in self._strokes.values()]))
-        self.classes = [int(value) for value in drawn]
+        self.classes = [int(value) for value in drawn]  # values of `clip.classes` that have strokes; targets are of no others
         if len(self.classes) < 2:
             raise ClipError(f"The strokes of clip '{clip.name}' inside its field of view name fewer than two classes; scribble others too.")
         self.frames = clip.train_frames
