@@ -137,7 +137,8 @@ def test_without_a_teacher_labels_and_truth_change_no_bit(folder, tmp_path, monk
 
 
 @pytest.mark.parametrize(
-    ("teacher", "routing"), [("labels", "isolated"), ("labels", "paper"), ("degraded", "isolated"), ("degraded:patches=0", "isolated")]
+    ("teacher", "routing"),
+    [("labels", "isolated"), ("labels", "paper"), *((f"degraded:model={model}", "isolated") for model in ("features", "flips", "drift"))],
 )
 def test_only_the_teacher_reads_labels_and_only_those_of_training_frames(folder, tmp_path, teaching, teacher, routing):
     clip = Watched(open_clip(folder, ClipOptions(poses="still")))
@@ -167,7 +168,7 @@ def test_the_teacher_says_where_instruments_are(folder):
     """Exactly where the label maps are the teacher; roughly where they are degraded; nowhere by patches or in frames without labels."""
     clip = open_clip(folder)
     frames, tools = TrainingFrames(clip, 64 * 48, CPU), instruments(clip.classes)
-    names = ("labels", "degraded:patches=0", "degraded")
+    names = ("labels", "degraded:model=flips", "degraded")
     exact, rough, coarse = (SemanticTargets(teacher_by_name(name, clip, EmbeddedEncoder()), frames) for name in names)
     for i in (2, 4, 7):
         found = exact.tools(i)

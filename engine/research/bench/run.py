@@ -52,10 +52,6 @@ BENCHES: Benches = {
         "degense.engine.research.benchmarks.systems",
         "the systems that the paper compares, with degraded teachers: each with its own best decoder",
     ),
-    "latent": (
-        "degense.engine.research.benchmarks.latent",
-        "resolution of the teacher's features and rank of the latents: time against mask quality",
-    ),
     "annotation": (
         "degense.engine.research.benchmarks.annotation",
         "one corrected frame, propagated to all others: mask quality against exact labels",

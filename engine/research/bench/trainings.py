@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from degense.engine.progress import Progress
 from degense.engine.research import surgeries  # noqa: F401  (adds the kind "family")
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.workers import run_jobs, worker_count
-from degense.engine.research.degraded_teachers import VLM_LIKE
+from degense.engine.research.degraded_teachers import Degradation
 from degense.engine.training.config import TrainConfig
 
 #: The kind and the seed of a phantom.
@@ -101,13 +101,13 @@ def base_config(options: BenchOptions, **changes: Any) -> TrainConfig:
 
 
 def vlm_like(seed: int) -> str:
-    """The teacher of a training seed: exact labels degraded like a VLM's by chances of its own, whose luck is larger than a training's."""
-    return f"degraded:{replace(VLM_LIKE, seed=seed)}"
+    """The teacher of a training seed: exact labels degraded to blurred features, by chances of its own."""
+    return f"degraded:{Degradation(seed=seed)}"
 
 
 #: `vlm_like` for the words above a table.
 TEACHER_WORDS = (
-    f"Teacher: exact labels degraded like a VLM ({str(VLM_LIKE).rpartition(',')[0]}; engine/research/degraded_teachers.py) with the "
+    f"Teacher: exact labels degraded like a VLM ({str(Degradation()).rpartition(',')[0]}; engine/research/degraded_teachers.py) with the "
     "training's seed, training frames only"
 )
 

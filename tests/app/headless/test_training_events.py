@@ -166,7 +166,7 @@ def test_a_missing_tensorboard_is_said_in_one_sentence(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("resume", [False, True])
-@pytest.mark.parametrize(("teacher", "loaded"), [("none", False), ("labels", False), ("degraded", True), ("degraded:noise=0.2", True)])
+@pytest.mark.parametrize(("teacher", "loaded"), [("none", False), ("labels", False), ("degraded", True), ("degraded:model=flips", True)])
 def test_research_is_loaded_for_its_teacher_and_for_what_was_begun(tiny_clip, tmp_path, monkeypatch, teacher, loaded, resume):
     names: list[str] = []
     monkeypatch.setattr("degense.app.cli.training.importlib", SimpleNamespace(import_module=names.append))

@@ -8,7 +8,7 @@ from degense.engine.progress import silent
 from degense.engine.research.bench import trainings
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.workers import run_jobs
-from degense.engine.research.benchmarks import ablation, latent, motion, parts
+from degense.engine.research.benchmarks import ablation, motion, parts
 from degense.engine.research.systems import as_system
 from degense.engine.semantics.prompts import DECODERS
 from degense.engine.training.config import TrainConfig
@@ -40,7 +40,7 @@ def asked(monkeypatch, tmp_path):
         names = [f"{kind} {seed}" if seed else kind for kind, seed in scenes]
         return {name: tmp_path / name for name in names}
 
-    for module in (ablation, latent, motion, parts):
+    for module in (ablation, motion, parts):
         monkeypatch.setattr(module, "score_all", score_all)
         monkeypatch.setattr(module, "phantoms", clips)
     return seen, BenchOptions("cpu", (0, 1), 1, True, tmp_path)
@@ -99,15 +99,6 @@ def test_motion_takes_one_thing_away_at_a_time(asked, monkeypatch):
     assert rows["default"]["relative"] == [0.1, 0.1]
     assert rows["default"]["spurious_share"] == [0.005, 0.005]
     assert rows["floor: nothing moves"]["relative"] == 1.0
-
-
-def test_latent_names_its_axes(asked):
-    jobs, options = asked
-    tables = list(latent.run(options, silent))
-    assert len(tables) == 4
-    assert {j.config.max_rank for j in jobs} == set(latent.RANKS)
-    assert tables[0].pareto == ("train_seconds", "error")
-    assert all(table.markdown() for table in tables)
 
 
 def test_workers_answer_every_job_and_raise_what_fails():

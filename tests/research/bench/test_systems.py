@@ -60,7 +60,7 @@ def test_every_system_has_the_same_budget_and_teacher(tables):
     budget, *longer = sorted({j.config.iterations for j in jobs})
     assert longer == [2 * budget]  # the paper's own: as many steps again before the deformation is free
     assert {(j.config.seed, j.teacher) for j in jobs} == {(seed, trainings.vlm_like(seed)) for seed in (0, 1)}
-    assert jobs[0].teacher.startswith("degraded:patches=24")
+    assert jobs[0].teacher.startswith("degraded:model=features")
 
 
 def test_each_is_taken_by_its_best_decoder(tables):
