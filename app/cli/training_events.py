@@ -69,10 +69,7 @@ class TerminalEvents:
 class TensorBoardEvents:
     """Loss, its terms, PSNR and the number of Gaussians, as event files in the folder `tensorboard` of a run.
 
-    Raises
-    ------
-    DegenseError
-        When the package tensorboard is missing.
+    DegenseError when the package tensorboard is missing.
     """
 
     def __init__(self, run: Path) -> None:

@@ -112,12 +112,7 @@ def colourise(image: LayerImage, low: float, high: float, cmap: str = "viridis")
 
 def layer_range(scene: Scene, layer: Layer, request: LayerRequest, mode: RangeMode, clip: float = DEFAULT_CLIP) -> tuple[float, float]:
     """Colour range (low, high) of a scalar layer: percentiles `clip` and 100 − `clip` of this frame, or over frames spread across the whole
-    sequence. Layers that grow from zero start there; signed ones are symmetric about it.
-
-    Raises
-    ------
-    ValueError
-        For a `clip` outside [0, 50).
+    sequence. Layers that grow from zero start there; signed ones are symmetric about it. ValueError for a `clip` outside [0, 50).
     """
     if not 0 <= clip < 50:
         raise ValueError(f"a range can leave out 0 to 50 percent at each end, not {clip}")

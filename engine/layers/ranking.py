@@ -49,12 +49,7 @@ class Ranking:
 def rank(scene: Scene, layer: Layer, request: LayerRequest, count: int = 50) -> Generator[Ranking, None, Ranking]:
     """Look through all frames; yields the ranking so far after each, and returns that of all.
 
-    Pixels whose value is a guess, or not known, do not count.
-
-    Raises
-    ------
-    DegenseError
-        When the layer is none of motion.
+    Pixels whose value is a guess, or not known, do not count. DegenseError when the layer is none of motion.
     """
     if not layer.of_motion:
         raise DegenseError(f"{layer.title} has no worst places; choose a layer of motion, such as displacement or warp.")

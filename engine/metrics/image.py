@@ -104,12 +104,8 @@ def _decibels(mse: float) -> float:
 def fetch_lpips() -> None:
     """Make `lpips` answer: fetches AlexNet's weights, 244 MB, if they are not on this machine yet.
 
-    No package ships them: `lpips` has its own linear layers, and takes the network from torchvision, which downloads it.
-
-    Raises
-    ------
-    DegenseError
-        Without the packages, and when the weights cannot be downloaded.
+    No package ships them: `lpips` has its own linear layers, and takes the network from torchvision, which downloads it. DegenseError
+    without the packages, and when the weights cannot be downloaded.
     """
     _lpips_network.cache_clear()
     try:

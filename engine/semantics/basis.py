@@ -76,12 +76,8 @@ def fit_basis(
 
     `anchors` float [m, D] are vectors of prompts, for vectors that are noisy. Then not every vector is retained: directions no stronger
     than noise are left out (singular values below ω(β) times their median, Gavish & Donoho 2014, for noise of unknown strength), as long as
-    the anchors retain `LEAST_KEPT` of what all directions hold of them.
-
-    Raises
-    ------
-    ValueError
-        If shapes disagree, a number is not finite, a weight is negative, or nothing has weight and length.
+    the anchors retain `LEAST_KEPT` of what all directions hold of them. ValueError if shapes disagree, a number is not finite, a weight is
+    negative, or nothing has weight and length.
     """
     vectors, weights = np.asarray(vectors, np.float64), np.asarray(weights, np.float64)
     if vectors.ndim != 2 or weights.shape != vectors.shape[:1]:

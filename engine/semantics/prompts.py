@@ -30,10 +30,7 @@ DEFAULT_THRESHOLD = 0.5
 class PromptSet:
     """Prompts, and how they are decoded: the same value for the window, the command line, exports and scores.
 
-    Raises
-    ------
-    PromptError
-        For too many prompts, an unknown decoder or a threshold that is not finite.
+    PromptError for too many prompts, an unknown decoder or a threshold that is not finite.
     """
 
     prompts: tuple[str, ...] = ()  # at most 255; each has a mask of its own, and masks may overlap

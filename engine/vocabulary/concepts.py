@@ -100,10 +100,7 @@ class Vocabulary:
     def resolve(self, text: str, also: Sequence[str] = ()) -> str:
         """The name of the concept that a prompt means; `also` are further names that an error may suggest.
 
-        Raises
-        ------
-        PromptError
-            If the prompt is empty, holds a word that is not understood, or names more than one thing.
+        PromptError if the prompt is empty, holds a word that is not understood, or names more than one thing.
         """
         text = text[:MAX_PROMPT]
         tokens = words(text)

@@ -24,10 +24,7 @@ FPS = 25.0
 def camera_movie(scene: Scene, stops: tuple[Stop, ...], view_state: ViewState, out: Path) -> Steps[str]:
     """Write an .mp4 of the clip's size along the stops. Yields (fraction, words).
 
-    Raises
-    ------
-    DegenseError
-        With fewer than two stops, another suffix, or a layer that the scene cannot show from elsewhere.
+    DegenseError with fewer than two stops, another suffix, or a layer that the scene cannot show from elsewhere.
     """
     if out.suffix.lower() != ".mp4":
         raise DegenseError(f"{out} must end in .mp4.")

@@ -139,13 +139,7 @@ def save_path(path: Path, stops: tuple[Stop, ...]) -> None:
 
 
 def load_path(path: Path) -> tuple[Stop, ...]:
-    """The stops that `save_path` wrote.
-
-    Raises
-    ------
-    DegenseError
-        When the file cannot be read or holds no cameras.
-    """
+    """The stops that `save_path` wrote. DegenseError when the file cannot be read or holds no cameras."""
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise ValueError(f"more than {LARGEST_FILE >> 20} MiB")

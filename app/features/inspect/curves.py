@@ -57,12 +57,8 @@ def follow(scene: Scene, place: Target, view_state: ViewState) -> Steps[Curves]:
     """Follow a place through the whole sequence. Yields (fraction, words).
 
     A spot or a region is followed as material: the mean over its Gaussians, wherever they go. What a prompt finds is decoded in each
-    frame anew: the mean over the pixels of its mask.
-
-    Raises
-    ------
-    DegenseError
-        When nothing is reconstructed at the place, or the prompt cannot be answered.
+    frame anew: the mean over the pixels of its mask. DegenseError when nothing is reconstructed at the place, or the prompt cannot be
+    answered.
     """
     layers = followed_layers(scene, view_state)
     texts = tuple(prompt.text for prompt in view_state.visible_prompts)

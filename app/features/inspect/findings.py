@@ -117,10 +117,7 @@ class Findings(QObject):
     def save(self, path: Path) -> None:
         """The list as a table (`.csv`), or as a sheet of images (`.png`), which the worker draws.
 
-        Raises
-        ------
-        DegenseError
-            When nothing has been found yet, or the file cannot be written.
+        DegenseError when nothing has been found yet, or the file cannot be written.
         """
         scene, ranking, findings = self.session.scene, self.ranking, self.findings()
         if scene is None or ranking is None or not findings:

@@ -222,10 +222,7 @@ class Probe(QObject):
     def save_curves(self, path: Path) -> None:
         """The curves as a table (`.csv`) or as the plots that are shown (`.png`).
 
-        Raises
-        ------
-        DegenseError
-            When nothing is followed, or the file cannot be written.
+        DegenseError when nothing is followed, or the file cannot be written.
         """
         if self.curves is None:
             raise DegenseError("Click in the 2D view first: there are no curves yet.")

@@ -26,10 +26,7 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 def get_layer(name: str) -> Layer:
     """The layer of that name, or of the name that it had in an earlier version.
 
-    Raises
-    ------
-    DegenseError
-        When there is none; the sentence lists those there are.
+    DegenseError when there is none; the sentence lists those there are.
     """
     from degense.engine.layers import LAYERS
     from degense.engine.store.migrations import current_layer

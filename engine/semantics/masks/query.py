@@ -97,12 +97,8 @@ class FrameSemantics:
     def decode(self, asked: PromptVectors, pixelwise: bool = False) -> Decoded:
         """Masks [n, H, W] and labels [H, W]; what is new of all prompts is computed in one pass.
 
-        `pixelwise` leaves out regions and cleaning: a preview that needs no superpixels.
-
-        Raises
-        ------
-        ValueError
-            For vectors of another length than the basis takes.
+        `pixelwise` leaves out regions and cleaning: a preview that needs no superpixels. ValueError for vectors of another length than the
+        basis takes.
         """
         return self.pending(asked, pixelwise).read()
 

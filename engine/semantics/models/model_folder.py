@@ -21,10 +21,7 @@ PIECE = 1 << 20
 def find_model(place: str) -> Path:
     """The folder of a model: `place` itself, or what the user's own cache holds of the hub's model of that name.
 
-    Raises
-    ------
-    DegenseError
-        When it is neither, or a checkpoint that cannot be read.
+    DegenseError when it is neither, or a checkpoint that cannot be read.
     """
     path = Path(place).expanduser()
     described = any((path / name).exists() for name in ("config.json", OPEN_CLIP_CONFIG))

@@ -72,12 +72,8 @@ class DenseModel:
     """A model that maps square pictures of `side` pixels to one vector a patch.
 
     Of the `kind` "clip" it gives features in the space of its text vectors, of "clipseg" a logit for each of some wordings. The `name` is
-    the kind and a digest of configuration and weights.
-
-    Raises
-    ------
-    DegenseError
-        In one sentence, when transformers is missing or the folder holds no model that can be read.
+    the kind and a digest of configuration and weights. DegenseError in one sentence when transformers is missing or the folder holds no
+    model that can be read.
     """
 
     def __init__(self, folder: Path, device: torch.device):

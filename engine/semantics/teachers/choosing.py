@@ -56,11 +56,7 @@ def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -
 
     "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; and what was added to `MAKERS`.
     Teachers that know classes by name give them the vectors of `encoder`, by default the embedded one. Features of a model bring their own.
-
-    Raises
-    ------
-    DegenseError
-        For an unknown name, an encoder that the teacher cannot take, and when the clip lacks what the teacher needs.
+    DegenseError for an unknown name, an encoder that the teacher cannot take, and when the clip lacks what the teacher needs.
     """
     kind, _, how = name.partition(":")
     if kind not in MAKERS or (how and kind in ("labels", "strokes")):

@@ -132,10 +132,7 @@ class FeatureFile:
 def feature_files(folder: Path) -> dict[str, FeatureFile]:
     """The feature files of a folder by the name of their frame.
 
-    Raises
-    ------
-    ClipError
-        For links out of the folder, and for segments without vectors or the reverse.
+    ClipError for links out of the folder, and for segments without vectors or the reverse.
     """
     files: dict[str, FeatureFile] = {}
     arrays = {file.stem: file for file in list_files(folder, folder, (".npy",))}

@@ -38,11 +38,7 @@ class StrokeTeacher:
     """Soft label maps of all training frames from sparse ones of a few.
 
     Strokes on held-out frames are never used, except where a clip has no others. `encoder` is extended with the clip's class names.
-
-    Raises
-    ------
-    ClipError
-        If the clip has no strokes, or of one class only.
+    ClipError if the clip has no strokes, or of one class only.
     """
 
     name = "strokes"

@@ -71,12 +71,8 @@ class LabelTeacher:
     Label maps of held-out frames are never used, except that a clip with a single label map trains on that one wherever it lies.
     "background" is a class like any other: a black border that an annotator labelled carries the background's own vector,
     so that "background" can be prompted and competes in argmax. Pixels outside `clip.valid` and unlabelled pixels carry nothing.
-    `encoder` is extended with the clip's class names: `self.encoder` is the one to keep with the run.
-
-    Raises
-    ------
-    ClipError
-        If the clip has no label maps, or only on held-out frames.
+    `encoder` is extended with the clip's class names: `self.encoder` is the one to keep with the run. ClipError if the clip has no label
+    maps, or only on held-out frames.
     """
 
     name = "labels"
@@ -102,10 +98,7 @@ class LabelTeacher:
     def targets(self, frame: int) -> Targets | None:
         """The vectors of all classes float32 [k, D], and the index map int32 [H, W]; None for frames without a label map to learn from.
 
-        Raises
-        ------
-        ClipError
-            If the label map holds a value that `classes` does not name.
+        ClipError if the label map holds a value that `classes` does not name.
         """
         if frame not in self.frames:
             return None

@@ -33,12 +33,8 @@ class VlmTeacher:
     With CLIP the run's encoder is a table of the model's own text vectors, of the clip's classes and of the surgical vocabulary, so the
     model is not needed for prompting. Its cosines are low (0.2 to 0.3 for a match): argmax decoders suit it, or a lower threshold.
     With CLIPSeg each class is looked for by its name, and the embedded encoder answers prompts.
-    `place` is the folder of the model, or its name in the user's cache.
-
-    Raises
-    ------
-    DegenseError
-        When the model cannot be read, and for CLIPSeg when the clip names no classes.
+    `place` is the folder of the model, or its name in the user's cache. DegenseError when the model cannot be read, and for CLIPSeg when
+    the clip names no classes.
     """
 
     def __init__(self, clip: Clip, place: str, scales: int = 1):

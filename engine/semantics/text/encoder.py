@@ -79,10 +79,7 @@ class TextEncoder(ABC):
     def encode(self, texts: Sequence[str]) -> np.ndarray:
         """float32 [n, D], unit rows: each has the same cosine to all that its text covers.
 
-        Raises
-        ------
-        PromptError
-            For a wording that neither names a session class nor is understood by the vocabulary.
+        PromptError for a wording that neither names a session class nor is understood by the vocabulary.
         """
         rows = [_balanced(np.stack(list(self._read(text)[0].values()))) for text in texts]
         return np.array(rows, np.float32).reshape(-1, self.dimension)

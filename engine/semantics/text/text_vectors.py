@@ -88,10 +88,7 @@ class TextVectors(TextEncoder):
 def read_vectors(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     """Names with their vectors float32 [D], and the metadata, of a safetensors file.
 
-    Raises
-    ------
-    DegenseError
-        If the file is missing, no safetensors file, too large, or holds anything but finite vectors of one length.
+    DegenseError if the file is missing, no safetensors file, too large, or holds anything but finite vectors of one length.
     """
     try:
         if path.stat().st_size > MOST_BYTES:
@@ -166,10 +163,7 @@ def encoder_vectors(encoder: TextEncoder) -> dict[str, np.ndarray]:
 def open_encoder(name: str, classes: Sequence[str], folder: Path, chosen: TextEncoder | None = None) -> TextEncoder:
     """The encoder of a run in `folder`, of the name that made its features; `chosen` is what the user wants prompts to be understood by.
 
-    Raises
-    ------
-    RunError
-        If another encoder was chosen, or nothing is left of the one that made the features.
+    RunError if another encoder was chosen, or nothing is left of the one that made the features.
     """
     if chosen is not None:
         if (same := chosen.for_run(name)) is None:

@@ -71,12 +71,7 @@ class SentenceModel:
     """A model of sentence embeddings as sentence-transformers saves it: a transformer, pooling, nothing else that changes a vector.
 
     Vectors are taken from their mean over the vocabulary: all wordings share a direction that carries no information, and
-    without it names of different things lie far apart.
-
-    Raises
-    ------
-    DegenseError
-        When transformers is missing, or the folder holds no such model.
+    without it names of different things lie far apart. DegenseError when transformers is missing, or the folder holds no such model.
     """
 
     def __init__(self, folder: Path):
@@ -109,10 +104,7 @@ class SentenceModel:
 def encoder_at(place: str) -> TextEncoder:
     """The encoder that lies at a place: a file of text vectors, or a model in a folder or in the user's cache. Nothing is downloaded.
 
-    Raises
-    ------
-    DegenseError
-        In one sentence, when there is none that can be read.
+    DegenseError in one sentence when there is none that can be read.
     """
     if place.endswith(".safetensors"):
         return TextVectors.read(Path(place).expanduser())
