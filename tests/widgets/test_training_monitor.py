@@ -92,7 +92,7 @@ def test_the_terms_of_a_semantic_distillation_can_be_plotted(monitor, tmp_path):
     for term in ("align", "region", "delta_semantics"):
         menu.setCurrentText(term)
         assert plot.series_names() == [term]
-        assert min(plot._series[term].x) > 30  # after the steps of the trainer
+        assert min(plot.points(term)[0]) > 30  # after the steps of the trainer
     assert fact(monitor, "PSNR").endswith("dB")
 
 

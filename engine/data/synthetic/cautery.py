@@ -39,8 +39,8 @@ class Cautery:
         (90, 220, 220),
     )
     change, changed_labels, change_time = CHARS, (CHARRED, CHARRED), CHAR_RISE
-
-    noise, jpeg = None, 100
+    noise: float | None = None
+    jpeg = 100
     facts: dict[str, Any] = {}  # noqa: RUF012
 
     @staticmethod

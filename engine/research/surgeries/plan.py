@@ -21,8 +21,10 @@ LOOKS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int], tuple[int, in
     "covered kidney": ((226, 176, 138), (198, 126, 104), (150, 44, 48), 46, 0.06, 0.75),
     "cystic duct": ((226, 190, 160), (196, 148, 122), (160, 60, 60), 20, 0.05, 0.9),
 }
+Camera = Literal["still", "orbit", "hand-held"]
 GROUND = ("abdominal wall", "fat", "liver", "connective tissue")  # what lies behind all else
 ROUND = ("liver", "gallbladder", "fat", "kidney parenchyma", "covered kidney", "connective tissue")
+CAMERAS: tuple[Camera, ...] = ("still", "still", "orbit", "hand-held")
 LONG = ("small intestine", "gallbladder", "cystic duct")
 
 
@@ -106,7 +108,7 @@ class SurgeryPlan:
     cut: Cut | None
     blood: Blood | None
     passing: bool  # an instrument that crosses the view without touching anything
-    camera: Literal["still", "orbit", "hand-held"]
+    camera: Camera
     camera_motion: float  # mm
     falloff: float  # power of distance with which light falls: 2 is physical
     gleam: float  # strength of highlights
@@ -148,7 +150,7 @@ class SurgeryPlan:
 def draw_plan(seed: int) -> SurgeryPlan:
     """The surgery of a seed."""
     rng = np.random.default_rng([seed, 2024])
-    camera = ("still", "still", "orbit", "hand-held")[rng.integers(4)]
+    camera = CAMERAS[rng.integers(4)]
     pulls = tuple(_pull(rng) for _ in range(rng.choice(3, p=[0.35, 0.45, 0.2])))
     burns = tuple(_burn(rng) for _ in range(rng.choice(3, p=[0.4, 0.45, 0.15])))
     cut = _cut(rng) if rng.random() < 0.2 else None
@@ -173,7 +175,7 @@ def draw_plan(seed: int) -> SurgeryPlan:
         drift=float(rng.choice([0.0, rng.uniform(0.03, 0.2)])),
         smoke=float(rng.choice([0.0, rng.uniform(0.08, 0.35)], p=[0.75, 0.25])),
         noise=float(rng.uniform(0.8, 3.5)),
-        jpeg=int(rng.choice([100, rng.integers(75, 96)])),
+        jpeg=int(rng.choice([100, int(rng.integers(75, 96))])),
     )
 
 

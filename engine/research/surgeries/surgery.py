@@ -48,7 +48,8 @@ class Surgery:
 
     def __init__(self, half: tuple[float, float], cells: int, seed: int):
         self.plan: SurgeryPlan = draw_plan(seed)
-        self.noise, self.jpeg = self.plan.noise, self.plan.jpeg
+        self.noise: float | None = self.plan.noise
+        self.jpeg = self.plan.jpeg
         self.facts: dict[str, Any] = {"words": self.plan.words(), "plan": asdict(self.plan)}
         plan, rng = self.plan, np.random.default_rng([seed, 7])
         self.classes = plan.classes

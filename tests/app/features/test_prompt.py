@@ -46,7 +46,9 @@ def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
     tinted = np.abs(on.viewer(opened).view.splats.colours / 255 - before.clip(0, 1)).max(1) > 0.01
     cosine = scene.splats(3, semantics=True).semantics.numpy() @ scene.basis.project(scene.included("gallbladder")).T
     found = (cosine / np.linalg.norm(scene.splats(3, semantics=True).semantics.numpy(), axis=1, keepdims=True)).max(1) >= 0.5
-    assert (tinted == found).mean() > 0.99  # the 3D view highlights what the picture does
+    # The 3D view highlights what the picture does, less what is more like another class.
+    assert not (tinted & ~found).any()
+    assert tinted.sum() > 0.9 * found.sum() > 0
     screenshot(opened, "prompt")
 
 

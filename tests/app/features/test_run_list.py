@@ -46,7 +46,7 @@ def test_runs_are_compared_scored_and_reused(qtbot, opened, run, trained, idle, 
         screenshot(opened, "runs")
         qtbot.mouseClick(dialog.reuse_button, Qt.MouseButton.LeftButton)
         train = opened.findChild(QDialog, "train")
-        assert (train.preset.currentData(), train.iterations.value(), train.gaussians.value()) == ("quick", 60, 1500)
+        assert (train.preset.currentData(), train.iterations.value(), train.max_gaussians.value()) == ("quick", 60, 1500)
         train.reject()
     finally:
         shutil.rmtree(damaged)

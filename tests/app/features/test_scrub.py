@@ -27,7 +27,7 @@ def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
     screenshot(opened, "scrub")
     canvas = on.viewer(opened).splats.focusProxy()
     idle()
-    there = to_array(canvas._image)
+    there = to_array(canvas.pixmap().toImage())
     assert there.shape == (canvas.height(), canvas.width(), 3)  # finely drawn in the end
     drawn = session.scene.renderer.draw(7, letterboxed(session.scene.camera(7), canvas.width(), canvas.height()), ("rgb",))
     covered = drawn["alpha"] > 0.99

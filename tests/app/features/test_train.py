@@ -77,7 +77,7 @@ def test_every_setting_is_explained_and_can_be_changed(qtbot, with_clip, tmp_pat
     assert all(len(table.item(row, 2).text()) > 15 for row in rows.values())
     assert not table.item(rows["iterations"], 1).flags() & Qt.ItemFlag.ItemIsEditable  # on the first page
     dialog.findChild(QTabWidget).setCurrentIndex(1)
-    qtbot.keyClicks(dialog.table.search, "and the optical flow")
+    qtbot.keyClicks(dialog.table.search, "and the optical flow, in")
     assert [name for name, row in rows.items() if not table.isRowHidden(row)] == ["flow"]
     dialog.table.search.clear()
     table.item(rows["flow"], 1).setText("many")
