@@ -5,11 +5,10 @@ from __future__ import annotations
 import importlib
 import os
 import signal
-import socket
 import sys
 from pathlib import Path
 
-from PySide6.QtCore import QCoreApplication, QObject, QSocketNotifier, Qt, QTimer
+from PySide6.QtCore import QCoreApplication, Qt, QTimer
 from PySide6.QtWidgets import QApplication
 
 from degense.app.features.documents.autosave import Autosave
@@ -44,23 +43,9 @@ def run_window(path: Path | None = None) -> int:
     start_logging(log_file(), window.complaint.emit)
     if settings.complaint:
         QTimer.singleShot(0, lambda: show_error(window, settings.complaint or ""))
-    InterruptWatch(window)
+    signal.signal(signal.SIGINT, lambda number, frame: QTimer.singleShot(0, window.close))  # heard at the window's next tick
     window.show()
     opener, autosave = window.service(Documents), window.service(Autosave)
     if opener is not None and autosave is not None and (path := path or autosave.left_behind()) is not None:
         opener.open_path(path)
     return app.exec()
-
-
-class InterruptWatch(QObject):
-    """Closes the window on Ctrl-C in the terminal. Qt's loop runs no Python by itself; the wake-up descriptor makes it."""
-
-    def __init__(self, window: Shell) -> None:
-        super().__init__(window)
-        self._ours, self._theirs = socket.socketpair()
-        for end in (self._ours, self._theirs):
-            end.setblocking(False)
-        signal.set_wakeup_fd(self._theirs.fileno(), warn_on_full_buffer=False)
-        signal.signal(signal.SIGINT, lambda number, frame: None)
-        self._notifier = QSocketNotifier(self._ours.fileno(), QSocketNotifier.Type.Read, self)
-        self._notifier.activated.connect(lambda: (self._ours.recv(64), window.close()))

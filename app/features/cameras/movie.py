@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from degense.app.features.cameras.state import CameraPath, Stop
-from degense.app.features.viewer.layer_images import Movie, get_layer, laid_over, sequence_span
+from degense.app.features.viewer.layer_images import get_layer, laid_over, movie, sequence_span
 from degense.app.features.viewer.view_rendering import View, ViewRequest, draw_view, layer_request
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
@@ -34,14 +34,14 @@ def camera_movie(scene: Scene, stops: tuple[Stop, ...], view_state: ViewState, o
     fixed = (chosen.low, chosen.high) if chosen.mode == "fixed" else None
     span = yield from sequence_span(scene, layer, layer_request(view_state, 0), fixed, chosen.clip)
     count = max(2, round(path.seconds * FPS) + 1)
-    with Movie(out, FPS) as movie:
+    with movie(out, FPS) as add:
         for i in range(count):
             yield i / count, f"frame {i + 1} of {count}"
             camera, frame = path.at(i / FPS)
             camera = letterboxed(camera, *scene.clip_size)
             request = ViewRequest(min(frame, scene.frames - 1.0), view_state, span, splats=False, camera=camera)
             view = _last(draw_view(scene, request))
-            movie.add(view.rgb if view.masks is None else laid_over(view.rgb, view.masks, view_state.overlay_opacity))
+            add(view.rgb if view.masks is None else laid_over(view.rgb, view.masks, view_state.overlay_opacity))
     return f"{out}: {count} frames along {len(stops)} cameras"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from degense.app.features.annotate.label_sets import empty_folder, label_source, write_labels
-from degense.app.features.viewer.layer_images import Movie, check_frame, get_layer, layer_rgb, sequence_span
+from degense.app.features.viewer.layer_images import check_frame, get_layer, layer_rgb, movie, sequence_span
 from degense.engine.annotation.formats import LABEL_FORMATS
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
@@ -86,8 +86,8 @@ def export_movie(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
 
 def write_movie(scene: Scene, out: Path, frames: Sequence[int], options: ExportOptions) -> Steps[None]:
     layer = get_layer(options.layer)
-    with Movie(out, scene.fps) as movie:
-        yield from draw_frames(scene, layer, frames, options, lambda frame, picture: movie.add(picture))
+    with movie(out, scene.fps) as add:
+        yield from draw_frames(scene, layer, frames, options, lambda frame, picture: add(picture))
 
 
 def draw_frames(

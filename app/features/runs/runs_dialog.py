@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QObject, QProcess, Qt
-from PySide6.QtWidgets import QDialog, QDialogButtonBox, QFileDialog, QHeaderView, QPushButton, QTableWidgetItem, QWidget
+from PySide6.QtWidgets import QDialogButtonBox, QHeaderView, QPushButton, QTableWidgetItem, QWidget
 
 from degense.app.features.documents.controller import Documents
 from degense.app.features.runs.run_summaries import SCORES, RunSummary, list_runs, training_answers
@@ -52,15 +52,11 @@ COLUMNS = (
 )
 
 
-class RunsDialog(QDialog):
+class RunsDialog(forms.Dialog):
     """The list and its actions. The best of each score is bold."""
 
     def __init__(self, folder: Path, runs: Runs, parent: QWidget) -> None:
-        super().__init__(parent)
-        self.setObjectName("runs")
-        self.setWindowTitle("Runs")
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.resize(1180, 460)
+        super().__init__(parent, "runs", "Runs", 1180, 460)
         self._folder, self._runs = folder, runs
         self.summaries: list[RunSummary] = []
         self.where = forms.label(wrap=False)
@@ -81,10 +77,9 @@ class RunsDialog(QDialog):
         self.score_button.clicked.connect(lambda: runs.score(self._chosen()))
         self.resume_button.clicked.connect(self._resume)
         self.reuse_button.clicked.connect(self._reuse)
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        buttons = self.closing()
         for button in (self.open_button, self.score_button, self.resume_button, self.reuse_button):
             buttons.addButton(button, QDialogButtonBox.ButtonRole.ActionRole)
-        buttons.rejected.connect(self.reject)
         forms.column(top, (self.table, 1), buttons, margin=9, parent=self)
         self.refresh()
 
@@ -152,9 +147,8 @@ class RunsDialog(QDialog):
             self.accept()
 
     def _choose(self) -> None:
-        folder = QFileDialog.getExistingDirectory(self, "Folder with runs", str(self._folder))
-        if folder:
-            self._folder = Path(folder)
+        if (folder := self._runs.shell.ask_folder("Folder with runs", str(self._folder))) is not None:
+            self._folder = folder
             self.refresh()
 
 

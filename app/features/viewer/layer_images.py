@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 import cv2
@@ -106,30 +107,19 @@ def write_npy(path: Path, values: np.ndarray) -> None:
         np.save(temporary, values, allow_pickle=False)
 
 
-class Movie:
-    """An .mp4 written frame by frame; it appears at its path when the block ends well."""
+@contextmanager
+def movie(path: Path, fps: float) -> Iterator[Callable[[np.ndarray], None]]:
+    """A function that appends a frame, uint8 [H, W, 3], to an .mp4, which appears at `path` when the block ends well."""
+    writer = cv2.VideoWriter()
 
-    def __init__(self, path: Path, fps: float) -> None:
-        self._fps = fps
-        self._place = replacing(path)
-        self._path = path
-        self._writer: cv2.VideoWriter | None = None
+    def add(rgb: np.ndarray) -> None:
+        rgb = np.pad(rgb, ((0, rgb.shape[0] % 2), (0, rgb.shape[1] % 2), (0, 0)), mode="edge")  # the codec needs even sides
+        if not writer.isOpened() and not writer.open(str(temporary), cv2.VideoWriter_fourcc(*"mp4v"), fps, rgb.shape[1::-1]):
+            raise DegenseError(f"{path}: this build of OpenCV cannot write .mp4 files; export PNG frames instead.")
+        writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
-    def __enter__(self) -> Movie:
-        self._temporary = self._place.__enter__()
-        return self
-
-    def add(self, rgb: np.ndarray) -> None:
-        """Append a frame, uint8 [H, W, 3]; odd sides are padded by one pixel, which the codec needs."""
-        rgb = np.pad(rgb, ((0, rgb.shape[0] % 2), (0, rgb.shape[1] % 2), (0, 0)), mode="edge")
-        if self._writer is None:
-            size = (rgb.shape[1], rgb.shape[0])
-            self._writer = cv2.VideoWriter(str(self._temporary), cv2.VideoWriter_fourcc(*"mp4v"), self._fps, size)
-            if not self._writer.isOpened():
-                raise DegenseError(f"{self._path}: this build of OpenCV cannot write .mp4 files; export PNG frames instead.")
-        self._writer.write(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if self._writer is not None:
-            self._writer.release()
-        self._place.__exit__(kind, error, trace)
+    with replacing(path) as temporary:
+        try:
+            yield add
+        finally:
+            writer.release()
