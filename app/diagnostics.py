@@ -153,9 +153,8 @@ def _opengl() -> Diagnosis:
         "print(window.ReportCapabilities().split('OpenGL renderer string:')[1].splitlines()[0].strip())"
     )
     if not done:
-        return Diagnosis("note", f"VTK {_version('vtk')} cannot draw here: the 3D view is drawn by the processor, slower ({said})")
-    slow = any(name in said.lower() for name in ("llvmpipe", "softpipe", "swrast", "software"))
-    return Diagnosis("note" if slow else "ok", f"{said}{': drawn by the processor, the 3D view is slower' if slow else ''}")
+        return Diagnosis("note", f"VTK {_version('vtk')} cannot draw here: the 3D view shows no cameras, trails and lengths ({said})")
+    return Diagnosis("ok", said)
 
 
 def _models() -> Diagnosis:

@@ -14,6 +14,8 @@ from degense.engine.files import write_text
 
 RECENT_LIMIT = 10
 Theme = Literal["dark", "light", "system"]
+Background = Literal["dark", "black", "grey", "white"]
+BACKGROUNDS: dict[Background, str] = {"dark": "#0f1114", "black": "#000000", "grey": "#808080", "white": "#ffffff"}
 
 
 def config_folder() -> Path:
@@ -29,6 +31,7 @@ class Settings:
     """Preferences and places."""
 
     theme: Theme = "dark"
+    background: Background = "dark"  # of the 3D view, whatever the theme
     recent: tuple[str, ...] = field(default=())  # clips and runs opened last, newest first
     last_folder: str = ""
     open_run: str = ""  # the run that is open now; still there at the next start when the program was not closed
@@ -99,6 +102,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "training": (lambda value: isinstance(value, dict), "a JSON object"),
     "trainings": (lambda value: isinstance(value, list) and all(isinstance(entry, dict) for entry in value), "a list of JSON objects"),
     "theme": (lambda value: value in get_args(Theme), f"one of {', '.join(get_args(Theme))}"),
+    "background": (lambda value: value in BACKGROUNDS, f"one of {', '.join(BACKGROUNDS)}"),
 }
 
 

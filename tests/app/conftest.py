@@ -18,7 +18,8 @@ RUN_ARGUMENTS = ("--preset", "quick", "--iterations", "60", "--max-gaussians", "
 @pytest.fixture(autouse=True, scope="session")
 def light_collections() -> Iterator[None]:
     """Keep the garbage collector out of the modules of torch and VTK: the check for leftovers collects twice a test, half a second each."""
-    import degense.widgets.splats.vtk_surface  # noqa: F401
+    import pyvista  # noqa: F401
+    import torch  # noqa: F401
 
     gc.collect()
     gc.freeze()

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pyvista as pv
 from scipy.spatial.transform import Rotation
 
 from degense.engine.camera import Camera
-from degense.widgets.splats.gaussians import tamed
-from degense.widgets.splats.scene_painter import ScenePainter
 
 
 def splatted(splats, camera: Camera, background=(0.0, 0.0, 0.0), dilation=0.3) -> np.ndarray:
@@ -41,26 +38,3 @@ def splatted(splats, camera: Camera, background=(0.0, 0.0, 0.0), dilation=0.3) -
 def psnr(image: np.ndarray, truth: np.ndarray) -> float:
     """dB of uint8 pixels against floats in [0, 1]."""
     return float(-10 * np.log10(np.mean((image / 255.0 - truth) ** 2)))
-
-
-def draw_offscreen(
-    means: np.ndarray,
-    quats: np.ndarray,
-    scales: np.ndarray,
-    opacities: np.ndarray,
-    colours: np.ndarray,
-    camera: Camera,
-    background: tuple[int, int, int] = (0, 0, 0),
-) -> np.ndarray:
-    """The splats as VTK draws them, uint8 [camera.height, camera.width, 3], without any window. Arrays as in `tamed`."""
-    plotter = pv.Plotter(off_screen=True, window_size=(camera.width, camera.height))
-    try:
-        plotter.set_background(background)
-        painter = ScenePainter(plotter)
-        painter.set_splats(tamed(means, quats, scales, opacities, colours))
-        painter.set_camera(camera)
-        painter.sort()
-        plotter.render()
-        return np.array(plotter.screenshot(return_img=True))
-    finally:
-        plotter.close()

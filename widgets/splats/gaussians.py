@@ -8,6 +8,8 @@ import numpy as np
 
 #: Colour of marked splats, its share beside their own, and their least opacity.
 HIGHLIGHT, MARKED = np.array([255, 64, 255], np.float32), 0.6
+#: Below this opacity nothing is drawn.
+FAINTEST = 1 / 255
 
 
 class Gaussians(NamedTuple):
@@ -23,7 +25,7 @@ class Gaussians(NamedTuple):
 def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> Gaussians:
     """Gaussians with quaternions of any length made units (zero: no rotation), from colours uint8 or float in [0, 1].
 
-    One with a number that is not finite is made invisible and put where a finite one lies: it would fill VTK's screen with garbage.
+    One with a number that is not finite is made invisible and put where a finite one lies.
     """
     means, quats, scales = (np.asarray(a, np.float32) for a in (means, quats, scales))
     opacities = np.asarray(opacities, np.float32).reshape(-1)
@@ -42,11 +44,16 @@ def tamed(means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: n
     return Gaussians(means, quats / lengths, scales, opacities, colours)
 
 
+def visible(gaussians: Gaussians) -> np.ndarray:
+    """Which are there at this time, bool [N]."""
+    return gaussians.opacities >= FAINTEST
+
+
 def highlighted(gaussians: Gaussians, indices: np.ndarray | None) -> Gaussians:
-    """The same with some splats in magenta and opaque enough to be seen; None marks nothing."""
+    """The same with some splats in magenta and opaque enough to be seen, but for those that are not there; None marks nothing."""
     if indices is None:
         return gaussians
     colours, opacities = gaussians.colours.copy(), gaussians.opacities.copy()
     colours[indices] = (HIGHLIGHT * np.float32(MARKED) + colours[indices] * np.float32(1 - MARKED)).astype(np.uint8)
-    opacities[indices] = np.maximum(opacities[indices], MARKED)
+    opacities[indices] = np.where(opacities[indices] < FAINTEST, 0.0, np.maximum(opacities[indices], MARKED))
     return gaussians._replace(opacities=opacities, colours=colours)

@@ -1,36 +1,36 @@
-"""Splats on the screen as snapshots that are rendered elsewhere, for machines without a GPU."""
+"""Splats on the screen as snapshots that are rendered elsewhere."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QOffscreenSurface, QOpenGLContext, QPixmap
+from PySide6.QtGui import QColor, QPixmap
 from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from degense.engine.camera import Camera
 from degense.widgets.qt_images import to_array, to_qimage
 from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.gaussians import Gaussians
-
-#: What OpenGL implementations on the processor call themselves, in small letters, and the enumerator that asks for the name.
-SOFTWARE, GL_RENDERER = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software"), 0x1F01
+from degense.widgets.splats.guides import Guide
 
 #: A snapshot that is requested so soon after the last one is rendered coarsely, and again finely when nothing changes for so long (ms).
 REST_MS = 120
 
-#: Screen pixels a side of a pixel of a coarse snapshot.
-COARSE = 2
+#: Screen pixels a side of a pixel of a coarse snapshot, and from how many milliseconds for a fine one on snapshots are coarse at first.
+COARSE, SLOW_MS = 2, 25.0
 
 
 class SnapshotRequest(NamedTuple):
-    """Gaussians, to be rendered through a camera over a background (0 to 255)."""
+    """Gaussians, to be rendered through a camera over a background (0 to 255), with guides over them."""
 
     gaussians: Gaussians
     camera: Camera
     background: tuple[int, int, int]
+    guides: Sequence[Guide] = ()
 
 
 SnapshotDrawer = Callable[[SnapshotRequest], np.ndarray]
@@ -39,8 +39,7 @@ SnapshotDrawer = Callable[[SnapshotRequest], np.ndarray]
 class SnapshotSurface(QLabel):
     """Requests a snapshot whenever something has changed, and shows the last one, stretched, until it comes.
 
-    OpenGL on the processor would block the window: splats take it some hundred milliseconds, and with an OpenGL widget in it the whole
-    window is composed by OpenGL at every painting.
+    An OpenGL widget would have the whole window composed by OpenGL at every painting, which takes long where there is no GPU.
 
     Signals
     -------
@@ -60,7 +59,7 @@ class SnapshotSurface(QLabel):
         self._wanted: SnapshotRequest | None = None
         self._rest = QTimer(self, singleShot=True, interval=REST_MS)
         self._rest.timeout.connect(self._refine)
-        self._coarse = False
+        self._coarse, self._slow, self._asked = False, True, 0.0
 
     def set_background(self, colour: QColor) -> None:
         """What is seen until there is a snapshot."""
@@ -68,14 +67,14 @@ class SnapshotSurface(QLabel):
         palette.setColor(palette.ColorRole.Window, colour)
         self.setPalette(palette)
 
-    def show_splats(self, wanted: SnapshotRequest, lowpass_scale: float, moving: bool) -> None:
+    def show_splats(self, wanted: SnapshotRequest) -> None:
         """Show splats through a camera whose image fills the widget."""
         self._wanted = wanted
         self.wanted.emit()
 
     def request(self) -> SnapshotRequest | None:
         """What is to be rendered now; None without splats."""
-        self._coarse = self._rest.isActive()
+        self._coarse, self._asked = self._slow and self._rest.isActive(), time.perf_counter()
         if self._wanted is None or not self._coarse:
             return self._wanted
         camera = self._wanted.camera
@@ -84,6 +83,8 @@ class SnapshotSurface(QLabel):
     def take(self, rgb: np.ndarray) -> None:
         """Show a snapshot of `request`, uint8 [H, W, 3]."""
         self.setPixmap(QPixmap.fromImage(to_qimage(rgb)))
+        if not self._coarse:
+            self._slow = 1000 * (time.perf_counter() - self._asked) > SLOW_MS
         self._rest.start()
 
     def grab_image(self) -> np.ndarray:
@@ -93,14 +94,3 @@ class SnapshotSurface(QLabel):
     def _refine(self) -> None:
         if self._coarse and self._wanted is not None:
             self.wanted.emit()
-
-
-def has_gpu() -> bool:
-    """Whether OpenGL draws on a GPU: not where it runs on the processor, or is not there at all."""
-    surface, context = QOffscreenSurface(), QOpenGLContext()
-    surface.create()
-    if not (context.create() and context.makeCurrent(surface)):
-        return False
-    name = str(context.functions().glGetString(GL_RENDERER)).lower()
-    context.doneCurrent()
-    return not any(word in name for word in SOFTWARE)

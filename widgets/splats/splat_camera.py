@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QWidget
 
 from degense.engine.camera import Camera
 from degense.widgets.splats.camera_moves import dolly, framing, letterboxed, orbit, pan
 
-#: The camera rests when it has not been moved for so long, milliseconds.
-IDLE_MS = 120
-
 #: A press and release closer than this is a click, pixels.
 CLICK_SLACK = 4
+
+#: How much more of the distance to the middle of the scene a step of the wheel cuts away.
+CUT = 0.05
 
 
 class SplatCamera(QObject):
@@ -23,7 +23,7 @@ class SplatCamera(QObject):
     Signals
     -------
     changed()
-        Another camera, or it rests now: the view is to be drawn again.
+        Another camera: the view is to be drawn again.
     moved(camera), locked_changed(locked)
     """
 
@@ -37,8 +37,6 @@ class SplatCamera(QObject):
         self.means = np.zeros((0, 3), np.float32)  # float [N, 3]; centres of the splats; their median is the point one turns around
         self._clip_camera: Camera | None = None
         self._free: Camera | None = None
-        self._idle = QTimer(self, singleShot=True, interval=IDLE_MS)
-        self._idle.timeout.connect(self.changed)
 
     def lock(self, camera: Camera) -> None:
         """Show what a camera of the clip sees."""
@@ -51,8 +49,7 @@ class SplatCamera(QObject):
         self.changed.emit()
 
     def fly_to(self, camera: Camera) -> None:
-        """As `set_free`, as one of many steps: roughly drawn now, and well when it rests. `locked_changed` is not emitted."""
-        self._idle.start()
+        """As `set_free`, and `moved` is emitted, but not `locked_changed`."""
         self.set_free(camera)
         self.moved.emit(camera)
 
@@ -63,36 +60,14 @@ class SplatCamera(QObject):
         if was_locked:
             self.locked_changed.emit(False)
 
-    def reset(self) -> None:
-        """Back to the clip's camera, or to one that sees everything when there is none."""
-        was_locked = self.is_locked()
-        self._free = None
-        self.changed.emit()
-        if self.is_locked() and not was_locked:
-            self.locked_changed.emit(True)
-        self.moved.emit(self.current())
-
-    def rest(self) -> None:
-        """Draw well at once."""
-        self._idle.stop()
-        self.changed.emit()
-
-    def stop(self) -> None:
-        """Change nothing any more."""
-        self._idle.stop()
-        self.blockSignals(True)
-
     def is_locked(self) -> bool:
         return self._free is None and self._clip_camera is not None
-
-    def is_moving(self) -> bool:
-        return self._idle.isActive()
 
     def note(self) -> str:
         """What the view says about its camera."""
         if self.is_locked():
             return "Surgeon’s view"
-        return "Free camera — R goes back" if self._clip_camera is not None else "Free camera"
+        return "Free camera – V goes back" if self._clip_camera is not None else "Free camera"
 
     def current(self) -> Camera:
         """The clip's own camera when locked, else one whose image is the whole view in device pixels."""
@@ -105,25 +80,24 @@ class SplatCamera(QObject):
         camera = self._free or self._clip_camera
         return framing(self.means, width, height) if camera is None else letterboxed(camera, width, height)
 
-    def lowpass_scale(self) -> float:
-        """Viewport pixels of a dilated pixel: locked, the pixels of the clip are dilated, as in the 2D view; free, those of the screen."""
-        return self.viewport().fx / self._clip_camera.fx if self._free is None and self._clip_camera is not None else 1.0
-
     def pivot(self) -> np.ndarray:
         """The point [3] one turns around: the middle of the scene."""
         return np.median(self.means, 0).astype(np.float64) if len(self.means) else np.zeros(3)
 
 
 class CameraMouse(QObject):
-    """Moves the camera with the mouse and the keys of the canvas, which VTK's own interaction would otherwise use.
+    """Moves the camera with the mouse and the keys of the canvas: Ctrl with arrows turns, plus and minus come closer and back off.
 
     Signals
     -------
     clicked(position)
         Without a drag; logical pixels of the canvas.
+    cut(step)
+        The wheel was turned with Ctrl.
     """
 
     clicked = Signal(QPointF)
+    cut = Signal(float)
 
     def __init__(self, canvas: QWidget, camera: SplatCamera) -> None:
         super().__init__(canvas)
@@ -144,7 +118,11 @@ class CameraMouse(QObject):
                 self._released(event)
             return True
         if isinstance(event, QWheelEvent):
-            self._dolly(0.9 ** (event.angleDelta().y() / 120.0))
+            turns = event.angleDelta().y() / 120.0
+            if event.modifiers() & Qt.KeyboardModifier.ControlModifier:
+                self.cut.emit(CUT * turns)
+            else:
+                self._dolly(0.9**turns)
             return True
         if isinstance(event, QKeyEvent) and kind == QEvent.Type.KeyPress:
             self._key(event)
@@ -180,22 +158,20 @@ class CameraMouse(QObject):
             self.clicked.emit(event.position())
 
     def _key(self, event: QKeyEvent) -> None:
-        turn = np.radians(5.0)
+        turn = np.radians(5.0) if event.modifiers() & Qt.KeyboardModifier.ControlModifier else 0.0
         match event.key():
-            case Qt.Key.Key_Left:
+            case Qt.Key.Key_Left if turn:
                 self._orbit(-turn, 0.0)
-            case Qt.Key.Key_Right:
+            case Qt.Key.Key_Right if turn:
                 self._orbit(turn, 0.0)
-            case Qt.Key.Key_Up:
+            case Qt.Key.Key_Up if turn:
                 self._orbit(0.0, -turn)
-            case Qt.Key.Key_Down:
+            case Qt.Key.Key_Down if turn:
                 self._orbit(0.0, turn)
             case Qt.Key.Key_Plus | Qt.Key.Key_Equal:
                 self._dolly(0.9)
             case Qt.Key.Key_Minus:
                 self._dolly(1 / 0.9)
-            case Qt.Key.Key_R:
-                self._camera.reset()
             case _:
                 event.ignore()  # goes on to the parents
 

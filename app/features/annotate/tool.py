@@ -22,7 +22,7 @@ class ToolKind(NamedTuple):
 
 
 TOOLS = (
-    ToolKind("brush", "Brush", "R", "Paint the current class"),
+    ToolKind("brush", "Brush", "B", "Paint the current class"),
     ToolKind("eraser", "Eraser", "E", "Make pixels unlabelled"),
     ToolKind("superpixels", "Superpixels", "S", "Paint whole regions of like colour"),
     ToolKind("polygon", "Polygon", "P", "Click corners; a double click or Enter closes, Backspace takes a corner back, Escape all"),

@@ -5,22 +5,27 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import numpy as np
 from PySide6.QtCore import QObject, QTimer
 
 from degense.app.features.cameras.movie import camera_movie
 from degense.app.features.cameras.panel import CameraList
 from degense.app.features.cameras.state import CameraBook, CameraPath, Stop, load_path, save_path
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.guide_switches import GuideSwitches, frustum
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError
+from degense.widgets.splats.guides import Guide
 
 TICK_MS = 30
+#: Depth of a camera that is drawn, as a share of the distance to the middle of the scene; its colours; points of a path.
+SHOWN_DEPTH, SURGEON, KEPT, PATH_POINTS = 0.2, (90, 200, 250), (250, 160, 60), 100
 
 
 class Cameras(QObject):
     """Binds the list of cameras to that of the session, and moves the 3D view."""
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: Viewer, guides: GuideSwitches) -> None:
         super().__init__(viewer)
         self.viewer, self.shell, self.session = viewer, viewer.shell, viewer.session
         session = self.session
@@ -33,7 +38,9 @@ class Cameras(QObject):
         self._started = 0.0
         self._timer = QTimer(self, interval=TICK_MS)
         self._timer.timeout.connect(self._fly_on)
-        self.book.changed.connect(lambda record: self.shell.refresh())
+        self.book.changed.connect(lambda record: self._changed())
+        self._guides = guides
+        self._guides.offer("cameras", "Cameras", self.frustums)
         session.opened.connect(self._opened)
         shown = self.panel
         shown.add_requested.connect(self.add)
@@ -52,6 +59,25 @@ class Cameras(QObject):
         self.land()
         self.panel.refresh()
         self.shell.refresh()
+
+    def _changed(self) -> None:
+        self._guides.refresh()
+        self.shell.refresh()
+
+    def frustums(self) -> list[Guide]:
+        """The surgeon's camera of this frame, those that were kept, and the path along them, as lines in 3D."""
+        scene, stops = self.session.scene, self.book.stops
+        assert scene is not None
+        assert self.viewer.splats is not None
+        surgeon, middle = scene.camera(self.session.frame), self.viewer.splats.camera.pivot()
+        depth = SHOWN_DEPTH * float(surgeon.project(middle)[1])
+        lines = [frustum(stop.camera, depth, KEPT, stop.name) for stop in stops]
+        if self.has_path():
+            path = CameraPath(stops)
+            eyes = [path.at(seconds)[0].unproject(np.zeros(2), np.array(0.0)) for seconds in np.linspace(0, path.seconds, PATH_POINTS)]
+            lines.append(Guide(np.stack(eyes), KEPT))
+        free = not self.viewer.splats.camera.is_locked()  # one does not see the camera that one looks through
+        return [*lines, frustum(surgeon, depth, SURGEON, "surgeon")] if free else lines
 
     # Editing
 

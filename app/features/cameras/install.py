@@ -6,15 +6,16 @@ from functools import partial
 
 from degense.app.features.cameras.controller import Cameras
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.guide_switches import GuideSwitches
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
 
 
 def install(shell: Shell) -> None:
-    viewer = shell.service(Viewer)
-    if viewer is None:
+    viewer, guides = shell.service(Viewer), shell.service(GuideSwitches)
+    if viewer is None or guides is None:
         return
-    cameras, menu = Cameras(viewer), ("View", "Cameras")
+    cameras, menu = Cameras(viewer, guides), ("View", "Cameras")
     shell.provide(cameras)
 
     def any_saved() -> bool:

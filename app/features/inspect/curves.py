@@ -38,6 +38,7 @@ class Curves:
     where: str  # which place, in words
     similarity: dict[str, np.ndarray] = field(default_factory=dict)  # cosine to each prompt, float [T]
     area: np.ndarray | None = None  # float [T]; of a mask: share of the frame it covers
+    trail: np.ndarray | None = None  # float [T, 3]; where the material is, world coordinates
 
 
 def followed_layers(scene: Scene, view_state: ViewState) -> list[Layer]:
@@ -69,6 +70,7 @@ def follow(scene: Scene, place: Target, view_state: ViewState) -> Steps[Curves]:
         curves = replace(curves, area=np.zeros(scene.frames))
         measure = _pixels(scene, place, curves)
     else:
+        curves = replace(curves, trail=np.zeros((scene.frames, 3)))
         if scene.has_semantics:
             curves = replace(curves, similarity={text: np.zeros(scene.frames) for text in texts})
         measure = _gaussians(scene, *material(scene, place), curves)
@@ -88,6 +90,8 @@ def _gaussians(scene: Scene, indices: np.ndarray, weights: np.ndarray, curves: C
     included = {text: scene.basis.project(scene.included(text)) for text in curves.similarity} if scene.basis is not None else {}
 
     def measure(request: LayerRequest, layers: list[Layer]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        assert curves.trail is not None
+        curves.trail[int(request.frame)] = weights @ scene.splats(request.frame).means[indices].cpu().numpy()
         if included:
             latent = weights @ scene.splats(request.frame, semantics=True).semantics[indices].cpu().numpy()
             latent /= max(1e-12, float(np.linalg.norm(latent)))

@@ -9,17 +9,18 @@ from pathlib import Path
 from degense.app.features.inspect.findings import Findings
 from degense.app.features.inspect.probe import Probe
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.guide_switches import GuideSwitches
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
 
 
 def install(shell: Shell) -> None:
-    viewer = shell.service(Viewer)
-    if viewer is None:
+    viewer, guides = shell.service(Viewer), shell.service(GuideSwitches)
+    if viewer is None or guides is None:
         return
     for channel, urgency in (("material", 31), ("probe", 50), ("curves", 51), ("rank", 52)):
         shell.worker.add_channel(channel, urgency)
-    probe, findings = Probe(viewer), Findings(viewer)
+    probe, findings = Probe(viewer, guides), Findings(viewer)
     shell.provide(probe)
     shell.provide(findings)
     _add_probe_actions(shell, probe)
@@ -32,15 +33,19 @@ def _add_probe_actions(shell: Shell, probe: Probe) -> None:
     def has_mask() -> bool:
         return has_scene() and bool(session.view_state.visible_prompts)
 
+    def can_measure() -> bool:
+        return probe.curves is not None and probe.curves.trail is not None
+
     def region(name: str, key: str) -> Action:
         run, chosen = partial(probe.take_tool, name), partial(probe.has_tool, name)
         return Action(f"inspect.{name}", f"Follow a region: {name}", run, menu, (key,), has_scene, chosen, help="probe curves outline")
 
     save = partial(_save, shell, "curves", probe.save_curves)
     shell.add_actions(
-        region("rectangle", "B"),
+        region("rectangle", "R"),
         region("lasso", "L"),
         Action("inspect.mask", "Follow the mask of a prompt", probe.follow_mask, menu, ("K",), has_mask, help="probe curves class area"),
+        Action("inspect.measure", "Measure a length from here", probe.measure_from, menu, (), can_measure, help="distance ruler mm 3D"),
         Action("inspect.unpin", "Follow nothing", probe.unpin, menu, ("Escape",), lambda: session.probe is not None, help="probe"),
         Action("inspect.save-curves", "Save the curves…", save, menu, (), lambda: probe.curves is not None, help="csv png table"),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
 
@@ -12,6 +13,7 @@ from degense.app.features.inspect.curves import Curves, follow, to_csv
 from degense.app.features.inspect.probe_maps import ProbeMaps, probe_maps
 from degense.app.features.inspect.probe_panel import ProbePanel
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.guide_switches import GuideSwitches
 from degense.app.features.viewer.layer_images import get_layer, write_png
 from degense.app.session.targets import Found, Region, Spot, Target, material
 from degense.app.session.view_state import ViewState
@@ -19,21 +21,30 @@ from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 from degense.widgets.frame.panel_tools import RegionTool
 from degense.widgets.qt_images import to_array
+from degense.widgets.splats.guides import Guide
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
 
+#: Colours of lines in 3D.
+TRAIL, LENGTH = (255, 200, 60), (120, 230, 255)
+
+
 class Probe(QObject):
     """Hovering looks values up in maps that are drawn once a frame; a click, an outline or a prompt's mask is followed through time."""
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: Viewer, guides: GuideSwitches) -> None:
         super().__init__(viewer)
         self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
         session = self.session
         self.panel = ProbePanel()
         self.dock = self.shell.add_dock("Probe", self.panel, height=420)
         self._maps: ProbeMaps | None = None
+        self._start: np.ndarray | None = None  # [T, 3], of the length that is measured
+        self._guides = guides
+        self._guides.offer("trail", "Trail of what is followed", self.trail)
+        self._guides.offer("length", "Measured length", self.length)
         self._cursor: tuple[int, int] | None = None
         self._tools = {"rectangle": RegionTool(False, self), "lasso": RegionTool(True, self)}
         self.curves: Curves | None = None
@@ -51,7 +62,7 @@ class Probe(QObject):
         session.frame_changed.connect(self._frame_changed)
 
     def _opened(self) -> None:
-        self._maps = self._cursor = None
+        self._maps = self._cursor = self._start = None
         self.worker.cancel("probe")
         self.worker.cancel("curves")
         self.dock.setEnabled(self.session.scene is not None)
@@ -212,6 +223,30 @@ class Probe(QObject):
             probe.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
         probe.similarity.setVisible(bool(curves.similarity))
         self.panel.set_cursor(self.session.frame)
+        self._guides.refresh()
+        self.shell.refresh()
+
+    # In 3D
+
+    def measure_from(self) -> None:
+        """Measure from the place that is followed to the one that is followed next, in every frame."""
+        assert self.curves is not None
+        self._start = self.curves.trail
+        self._guides.show("length")
+        self.shell.say("Click the other end; the length is shown in the 3D view.")
+
+    def trail(self) -> list[Guide]:
+        """The way of what is followed, in 3D."""
+        trail = self.curves.trail if self.curves is not None else None
+        return [Guide(trail, TRAIL)] if trail is not None and len(trail) > 1 else []
+
+    def length(self) -> list[Guide]:
+        """The line from the start of the length to what is followed, at this frame."""
+        trail = self.curves.trail if self.curves is not None else None
+        if self._start is None or trail is None or trail is self._start or self.session.scene is None:
+            return []
+        ends = np.stack([self._start, trail])[:, self.session.frame]
+        return [Guide(ends, LENGTH, f"{np.linalg.norm(ends[1] - ends[0]):.3g} {self.session.scene.unit}")]
 
     def _clear_curves(self) -> None:
         self.curves = None

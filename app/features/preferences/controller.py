@@ -9,7 +9,8 @@ from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import QApplication, QFormLayout, QLabel, QWidget
 
 from degense.app.features.preferences.shortcut_table import ShortcutTable
-from degense.app.shell.settings import LIMITS, Theme, log_file
+from degense.app.features.viewer.controller import Viewer
+from degense.app.shell.settings import BACKGROUNDS, LIMITS, Theme, log_file
 from degense.app.shell.shell import Shell
 from degense.widgets import forms
 from degense.widgets.theme import apply_theme
@@ -50,6 +51,8 @@ class Preferences(QObject):
         self.settings.update(**values)
         if "theme" in values:
             self._dress()
+        if "background" in values and (viewer := self.shell.service(Viewer)) is not None:
+            viewer.set_background()
         if "undo_memory" in values:
             self._use_memory()
         if "shortcuts" in values:
@@ -76,6 +79,7 @@ class PreferencesDialog(forms.Dialog):
         super().__init__(parent, "preferences", "Preferences", 680, 560)
         settings = preferences.settings.value
         self.theme = forms.choice("Theme", THEME_WORDS)
+        self.background = forms.choice("3D background", [(name, name.capitalize()) for name in BACKGROUNDS])
         self.autosave = forms.decimal("Autosave", *LIMITS["autosave"], 0.5, " min", "only when asked")
         self.undo = forms.decimal("Undo memory", *LIMITS["undo_memory"], 64, " MB", decimals=0)
         self.shortcuts = ShortcutTable(preferences.registry)
@@ -84,6 +88,7 @@ class PreferencesDialog(forms.Dialog):
         form.setVerticalSpacing(14)
         for title, control, given, words in (
             ("Theme", self.theme, settings.theme, "Colours of the window."),
+            ("3D background", self.background, settings.background, "What is seen between the splats of the 3D view, in every theme."),
             (
                 "Autosave",
                 self.autosave,
@@ -99,6 +104,7 @@ class PreferencesDialog(forms.Dialog):
         self.tabs = forms.tabs(General=page, Shortcuts=self.shortcuts)
         forms.column((self.tabs, 1), self.closing(), margin=11, parent=self)
         self.theme.currentIndexChanged.connect(lambda: preferences.change("Theme", theme=self.theme.currentData()))
+        self.background.currentIndexChanged.connect(lambda: preferences.change("3D background", background=self.background.currentData()))
         self.autosave.valueChanged.connect(lambda minutes: preferences.change("Autosave", autosave=minutes))
         self.undo.valueChanged.connect(lambda megabytes: preferences.change("Undo memory", undo_memory=megabytes))
         self.shortcuts.changed.connect(preferences.keep_shortcuts)

@@ -60,11 +60,7 @@ class TimeControl:
             step("play.back", "10 frames back", "Shift+Left", -10),
             Action("play.first", "First frame", lambda: session.step(-session.frames), menu, ("Home",), has_frames, group=2),
             Action("play.last", "Last frame", lambda: session.step(session.frames), menu, ("End",), has_frames, group=2),
-            Action(
-                "play.from", "Play from here (A)", lambda: playback.start_at(session.frame), menu, ("I",), has_frames, group=3, help="loop"
-            ),
-            Action(
-                "play.to", "Play up to here (B)", lambda: playback.end_at(session.frame), menu, ("O",), has_frames, group=3, help="loop"
-            ),
+            Action("play.from", "Play from here", lambda: playback.start_at(session.frame), menu, ("I",), has_frames, group=3, help="loop"),
+            Action("play.to", "Play up to here", lambda: playback.end_at(session.frame), menu, ("O",), has_frames, group=3, help="loop"),
             Action("play.all", "Play all", playback.play_all, menu, ("Shift+I",), lambda: not playback.whole, group=3, help="loop"),
         )

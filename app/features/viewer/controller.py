@@ -22,6 +22,7 @@ from degense.app.features.viewer.view_rendering import (
     draw_snapshot,
     draw_view,
 )
+from degense.app.shell.settings import BACKGROUNDS
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN
 from degense.widgets.frame.render_panel import RenderPanel
@@ -83,7 +84,7 @@ class Viewer(QObject):
         return False
 
     def _start_splat_view(self, channel: str = "") -> None:
-        """Add the 3D view at once, or after the first frame when something is being opened: loading VTK would hold that up."""
+        """Add the 3D view at once, or after the first frame when something is being opened."""
         if self.splats is not None or not self.shell.isVisible():
             return
         if self.worker.busy("open") or self.worker.busy("view"):
@@ -95,11 +96,11 @@ class Viewer(QObject):
 
     def add_splat_view(self) -> None:
         """Put the 3D view at the left of the 2D view."""
-        from degense.widgets.splats.snapshot_surface import has_gpu
         from degense.widgets.splats.splat_view import SplatView
 
         views = self.shell.docks.views
-        self.splats = splats = SplatView(draw=None if has_gpu() else draw_snapshot)
+        self.splats = splats = SplatView(draw_snapshot)
+        self.set_background()
         views.insertWidget(0, splats)
         self.bars.append(ViewBar(splats))
         views.setStretchFactor(0, 1)
@@ -113,6 +114,11 @@ class Viewer(QObject):
         self.splats_added.emit(splats)
         self.request()
         self.shell.refresh()
+
+    def set_background(self) -> None:
+        """Give the 3D view the background of the settings."""
+        if self.splats is not None:
+            self.splats.set_background(QColor(BACKGROUNDS[self.shell.settings.value.background]))
 
     def set_message(self, text: str) -> None:
         """Show a text in the 2D view while nothing is open."""
@@ -247,7 +253,7 @@ class Viewer(QObject):
             self.request()
 
     def _draw_snapshot(self) -> None:
-        """Render the 3D view in the worker, where there is no GPU."""
+        """Render the 3D view in the worker."""
         splats = self.splats
         request = splats.snapshot_request() if splats is not None else None
         if splats is not None and request is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from degense.app.features.viewer.actions import add_actions
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.guide_switches import GuideSwitches
 from degense.app.features.viewer.layer_controls import LayerControls
 from degense.app.features.viewer.window_layout import WindowLayout
 from degense.app.shell.shell import Shell
@@ -17,3 +18,4 @@ def install(shell: Shell) -> None:
     shell.provide(LayerControls(viewer))
     shell.session.register("window", WindowLayout(viewer))
     add_actions(viewer)
+    shell.provide(GuideSwitches(viewer))

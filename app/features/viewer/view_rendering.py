@@ -28,6 +28,8 @@ EXCLUDED = (86, 180, 233)
 NO_MASK = 40
 #: Opacity of the inside of a mask against its outline, before the user's opacity.
 MASK_FILL = 0.6
+#: From this coverage on splats hide what lies behind them in 3D.
+HIDES = 0.5
 
 
 @dataclass(frozen=True)
@@ -151,15 +153,25 @@ def draw_clip(clip: Clip, frame: int) -> View:
 
 
 def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
-    """Splats as the 3D view wants them, drawn by the rasterizer, uint8 [H, W, 3]."""
+    """Splats as the 3D view wants them, drawn by the rasterizer, with the guides over them, uint8 [H, W, 3]."""
     import torch
 
-    from degense.engine.raster import rasterize
+    from degense.engine.raster import camera_depths, rasterize
     from degense.engine.splats import Splats
 
     *shapes, colours = request.gaussians
     values = (*shapes, colours.astype(np.float32) / 255, np.empty((len(colours), 0), np.float32))
-    splats = Splats(*(torch.from_numpy(np.ascontiguousarray(array)) for array in values))
-    background = torch.tensor(request.background, dtype=torch.float32) / 255
-    drawn = rasterize(splats, splats.colors, request.camera, background=background)
-    return (drawn.image.clamp(0, 1) * 255 + 0.5).byte().numpy()
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    splats = Splats(*(torch.from_numpy(np.ascontiguousarray(array)) for array in values)).to(device)
+    features, background = splats.colors, torch.tensor(request.background, dtype=torch.float32, device=device) / 255
+    if request.guides:
+        features = torch.cat([features, camera_depths(splats.means, request.camera)[:, None]], 1)
+        background = torch.cat([background, background.new_zeros(1)])
+    drawn = rasterize(splats, features, request.camera, background=background)
+    image = (drawn.image[..., :3].clamp(0, 1) * 255 + 0.5).byte().cpu().numpy()
+    if not request.guides:
+        return image
+    from degense.widgets.splats.guides import lay_over
+
+    depth = torch.where(drawn.alpha > HIDES, drawn.image[..., 3] / drawn.alpha, torch.inf)
+    return lay_over(image, depth.cpu().numpy(), request.guides, request.camera)

@@ -120,7 +120,7 @@ def test_polygon_fill_superpixels_holes_and_lock(qtbot, annotating, screenshot):
     qtbot.keyClick(panel, Qt.Key.Key_Return)
     assert (labels(window)[12:38, 12:38] == 7).all()
     assert (labels(window) == 7).sum() < 34 * 34
-    qtbot.keyClick(panel, Qt.Key.Key_R)
+    qtbot.keyClick(panel, Qt.Key.Key_B)
     qtbot.keyClick(panel, Qt.Key.Key_1)
     drag(qtbot, window, (25, 25), (26, 25))
     qtbot.keyClick(panel, Qt.Key.Key_8)

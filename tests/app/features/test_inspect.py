@@ -44,7 +44,7 @@ def test_a_region_is_outlined_and_followed(qtbot, opened, idle, screenshot, save
     session.view.add_prompt("gallbladder")
     idle()
     panel.setFocus()
-    qtbot.keyClick(panel, Qt.Key.Key_B)
+    qtbot.keyClick(panel, Qt.Key.Key_R)
     qtbot.mousePress(panel, LEFT, pos=at(panel, 30, 25))
     qtbot.mouseMove(panel, at(panel, 50, 40))
     qtbot.mouseMove(panel, at(panel, 66, 55))
@@ -151,7 +151,7 @@ def test_two_runs_side_by_side(qtbot, opened, idle, run, screenshot, tiny_clip):
     assert runs.view.frame == 2
     before = panel.grab_image()
     on.viewer(opened).splats.setFocus()
-    qtbot.keyClick(on.viewer(opened).splats._canvas, Qt.Key.Key_Left)  # turn the camera
+    qtbot.keyClick(on.viewer(opened).splats._canvas, Qt.Key.Key_Left, Qt.KeyboardModifier.ControlModifier)  # turn the camera
     qtbot.waitUntil(lambda: session.camera_mode == "free")
     qtbot.wait(200)
     idle()

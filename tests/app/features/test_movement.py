@@ -5,14 +5,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFileDialog, QPushButton
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QMouseEvent
+from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 
-from degense.app.application import FEATURES
 from degense.app.features.cameras.state import CameraPath
 from degense.app.session.targets import Spot
-from degense.app.shell.settings import SettingsFile
-from degense.app.shell.shell import Shell
 from degense.widgets.qt_images import to_array
 from tests.app import installed as on
 
@@ -55,7 +53,7 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     opened.registry.run("cameras.add")
     session.go_to(8)
     for _ in range(3):
-        qtbot.keyClick(splats._canvas, Qt.Key.Key_Right)
+        qtbot.keyClick(splats._canvas, Qt.Key.Key_Right, Qt.KeyboardModifier.ControlModifier)
     there = splats.camera.current()
     opened.registry.run("cameras.add")
     assert [row[:2] for row in listed.rows()] == [("Camera 1", "0"), ("Camera 2", "8")]
@@ -133,18 +131,19 @@ def test_no_cameras_no_harm(qtbot, opened, key):
     assert opened.session.frame == 0
 
 
-def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle):
+def test_slow_pictures_of_the_3d_view_are_coarse_at_first(qtbot, opened, idle, monkeypatch):
     """Coarse pictures while the hand moves, then fine ones with every splat where it should be, turn after turn."""
+    monkeypatch.setattr("degense.widgets.splats.snapshot_surface.SLOW_MS", 0.0)
     splats = on.viewer(opened).splats
     opened.session.go_to(8)
     idle()
     sizes: list[int] = []
-    take = splats._snapshots.take
-    splats._snapshots.take = lambda rgb: (sizes.append(rgb.shape[1]), take(rgb))
+    take = splats._canvas.take
+    splats._canvas.take = lambda rgb: (sizes.append(rgb.shape[1]), take(rgb))
     for _ in range(2):
         sizes.clear()
         for _ in range(2):
-            qtbot.keyClick(splats._canvas, Qt.Key.Key_Right)
+            qtbot.keyClick(splats._canvas, Qt.Key.Key_Right, Qt.KeyboardModifier.ControlModifier)
             idle()
         qtbot.waitUntil(lambda: len(sizes) > 2 and sizes[-1] == splats._canvas.width())
         assert min(sizes) == splats._canvas.width() // 2
@@ -154,28 +153,74 @@ def test_the_worker_draws_the_3d_view_where_there_is_no_gpu(qtbot, opened, idle)
         assert np.abs(shown[covered] / 255 - rendered["rgb"][covered]).max() < 0.03
 
 
-def test_vtk_draws_the_3d_view_where_there_is_a_gpu(qtbot, qapp, run, tmp_path, monkeypatch, screenshot):
-    """In the whole window, although OpenGL is slow here: time, camera, highlight, screenshot and closing."""
-    monkeypatch.setattr("degense.widgets.splats.snapshot_surface.has_gpu", lambda: True)
-    window = Shell(SettingsFile(tmp_path / "settings.json"), FEATURES)
-    qtbot.addWidget(window)
-    with qtbot.waitSignal(on.viewer(window).splats_added):
-        window.show()
-    on.documents(window).open_path(run)
-    session, splats = window.session, on.viewer(window).splats
-    qtbot.waitUntil(lambda: session.scene is not None and window.worker.idle())
-    assert splats._snapshots is None
-    early = splats.screenshot_image()
-    session.go_to(8)
-    session.probe = Spot(8, 40.5, 40.5)
-    qtbot.waitUntil(window.worker.idle)
-    late = splats.screenshot_image()
-    assert np.abs(late.astype(int) - early).mean() > 1
-    qtbot.keyClick(splats.focusProxy(), Qt.Key.Key_Right)
+def test_keys_and_background_of_the_3d_view(qtbot, qapp, opened, idle, screenshot):
+    """After a drag arrows still step through time, with Ctrl they turn, R starts a region, V goes back; the background is no theme's."""
+    session, splats = opened.session, on.viewer(opened).splats
+    canvas = splats.focusProxy()
+    qtbot.mousePress(canvas, Qt.MouseButton.LeftButton, pos=QPoint(200, 200))
+    qtbot.mouseMove(canvas, QPoint(230, 210))
+    move = QMouseEvent(
+        QEvent.Type.MouseMove,
+        QPointF(260, 215),
+        QPointF(canvas.mapToGlobal(QPoint(260, 215))),
+        Qt.MouseButton.NoButton,
+        Qt.MouseButton.LeftButton,
+        Qt.KeyboardModifier.NoModifier,
+    )
+    QApplication.sendEvent(canvas, move)
+    qtbot.mouseRelease(canvas, Qt.MouseButton.LeftButton, pos=QPoint(260, 215))
     assert session.camera_mode == "free"
-    qtbot.waitUntil(lambda: not splats.camera.is_moving())
-    turned = splats.screenshot_image()
-    assert turned.std() > 10
-    assert not np.array_equal(turned, late)
-    screenshot(window, "vtk")
-    window.close()
+    turned = splats.camera.current().viewmat
+    for key, frame in ((Qt.Key.Key_Right, 1), (Qt.Key.Key_Right, 2), (Qt.Key.Key_Left, 1), (Qt.Key.Key_End, 9), (Qt.Key.Key_Home, 0)):
+        qtbot.keyClick(canvas, key)
+        assert session.frame == frame
+    np.testing.assert_array_equal(splats.camera.current().viewmat, turned)
+    qtbot.keyClick(canvas, Qt.Key.Key_Up, Qt.KeyboardModifier.ControlModifier)
+    assert not np.allclose(splats.camera.current().viewmat, turned)
+    qtbot.keyClick(canvas, Qt.Key.Key_R)
+    assert on.probe(opened).has_tool("rectangle")
+    assert session.camera_mode == "free"
+    idle()
+    for theme in ("light", "dark"):
+        opened.registry.run(f"theme.{theme}")
+        idle()
+        screenshot(opened, f"3d-free-{theme}")
+        corner = to_array(canvas.grab().toImage())[-4:, :4]
+        assert corner.max() < 40
+    on.preferences(opened).change("3D background", background="white")
+    idle()
+    assert to_array(canvas.grab().toImage())[-4:, :4].min() > 250
+    session.undo.undo()
+    qtbot.keyClick(canvas, Qt.Key.Key_V)
+    assert session.camera_mode == "surgeon"
+
+
+def test_cameras_trail_and_length_in_3d(qtbot, opened, idle, screenshot):
+    """Guides in the view where truth says: the trail and the length start at the material that is followed."""
+    session, viewer = opened.session, on.viewer(opened)
+    splats, probe = viewer.splats, on.probe(opened)
+    opened.registry.run("cameras.add")
+    session.probe = Spot(0, 30.5, 40.5)
+    idle()
+    start = probe.curves.trail
+    opened.registry.run("inspect.measure")
+    session.probe = Spot(0, 70.5, 40.5)
+    idle()
+    for name in ("guides.trail", "guides.cameras", "guides.axes"):
+        opened.registry.run(name)
+    session.go_to(6)
+    for _ in range(4):
+        qtbot.keyClick(splats.focusProxy(), Qt.Key.Key_Right, Qt.KeyboardModifier.ControlModifier)
+    idle()
+    screenshot(opened, "3d-guides")
+    lines = splats.snapshot_request().guides
+    [length] = [line for line in lines if line.text.endswith(session.scene.unit) and line.text[0].isdigit()]
+    ends = np.stack([start[6], probe.curves.trail[6]])
+    np.testing.assert_allclose(length.points, ends)
+    assert float(length.text.split()[0]) == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=0.01)
+    pixel, _ = session.scene.camera(0).project(start[0])
+    assert np.abs(pixel - [30.5, 40.5]).max() < 8
+    with_lines = splats.screenshot_image()
+    splats.set_guides(())
+    assert (with_lines != splats.screenshot_image()).any(-1).sum() > 300
+    assert {line.text for line in lines} >= {"Camera 1", "surgeon", "x", "y", "z"}
