@@ -58,7 +58,7 @@ class Viewer(QObject):
         self._time = shell.service(TimeControl)
         self.panel = RenderPanel()  # the 2D view
         self.panel.set_message(WELCOME)
-        #: The 3D view. It comes after the window is on the screen, because loading VTK, which draws it on a GPU, takes a second.
+        #: The 3D view. It comes once the window is on the screen.
         self.splats: SplatView | None = None
         self.bars = [ViewBar(self.panel)]  # the colour bar in each view
         _LayerDigits(self.panel)
