@@ -1,6 +1,17 @@
 """Motion seen in images, motion of the model, and the difference between them."""
 
-from degense.engine.motion.flow import chain, confidence, consistent, flow_between, follow, sample, steps_between
+from degense.engine.motion.flow import chain, confidence, consistent, flow_between, flow_error, follow, sample, steps_between
 from degense.engine.motion.observed import displacement, spurious
 
-__all__ = ["chain", "confidence", "consistent", "displacement", "flow_between", "follow", "sample", "spurious", "steps_between"]
+__all__ = [
+    "chain",
+    "confidence",
+    "consistent",
+    "displacement",
+    "flow_between",
+    "flow_error",
+    "follow",
+    "sample",
+    "spurious",
+    "steps_between",
+]

@@ -21,6 +21,7 @@ Flow: TypeAlias = Float[np.ndarray, "height width 2"]
 
 FINEST = 200_000  # pixels: larger frames are matched at half resolution, where the same motion has as few pixels
 WINDOW = 7  # pixels: side of the window that `confidence` looks at
+LEAST_NOISE = 0.3  # grey levels: of rounding
 
 
 def flow_between(rgb_a: Rgb, rgb_b: Rgb, initial: Flow | None = None) -> Flow:
@@ -125,12 +126,31 @@ def confidence(rgb: Rgb, noise: float = 2.0) -> np.ndarray:
     alone would give. Near 0 on plain or overexposed surfaces and along straight edges, where flow is a guess of its smoothness term;
     near 1 on texture in two directions. `noise` is the standard deviation of the grey frame's noise, grey levels.
     """
+    # White noise of unit variance, blurred by σ = 1, has a gradient of variance 1 / (8 π σ⁴).
+    return np.clip(1 - noise**2 / (8 * np.pi) / np.maximum(_texture(rgb), 1e-12), 0, 1)
+
+
+def flow_error(rgb: Rgb) -> np.ndarray:
+    """What noise alone makes of flow on this texture: its standard deviation along the less certain direction, pixels, float32 [H, W].
+
+        √2 σ / √(λ n)
+
+    as for a least-squares match of a window of n pixels in two frames of noise σ (estimated: Immerkær 1996, by the median), λ as in
+    `confidence`, less what the noise adds to it.
+    """
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    curved = cv2.filter2D(grey, -1, np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32))
+    noise = max(np.median(np.abs(curved)) / (0.6745 * 6), LEAST_NOISE)
+    texture = _texture(rgb) - noise**2 / (8 * np.pi)
+    return np.sqrt(2) * noise / (WINDOW * np.sqrt(np.maximum(texture, 1e-6)))
+
+
+def _texture(rgb: Rgb) -> np.ndarray:
+    """The smaller eigenvalue of the structure tensor around each pixel, float32 [H, W], grey levels² a pixel²; see `confidence`."""
     grey = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
     dx, dy = cv2.Scharr(grey, cv2.CV_32F, 1, 0) / 32, cv2.Scharr(grey, cv2.CV_32F, 0, 1) / 32
     xx, yy, xy = (cv2.boxFilter(product, -1, (WINDOW, WINDOW)) for product in (dx * dx, dy * dy, dx * dy))
-    smaller = 0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4 * xy**2))
-    # White noise of unit variance, blurred by σ = 1, has a gradient of variance 1 / (8 π σ⁴).
-    return np.clip(1 - noise**2 / (8 * np.pi) / np.maximum(smaller, 1e-12), 0, 1)
+    return 0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4 * xy**2))
 
 
 def _prolong(a: np.ndarray, b: np.ndarray, start: np.ndarray, chained: np.ndarray) -> np.ndarray:

@@ -88,6 +88,8 @@ class TrainConfig:
         Weight of the distance between each visible Gaussian's motion and the optical flow, in units of the scene.
     flow_constancy : bool
         Whether flow is dropped where tissue changes its look, since it takes a change of colour for motion (`engine.motion.constancy`).
+    flow_precision : bool
+        Whether flow counts less where noise makes it uncertain on the texture that is there.
     displacement, rigidity, shape : float
         Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
     delta_color : float
@@ -157,12 +159,13 @@ class TrainConfig:
     # Weights of the losses on frames and flow
     ssim: float = 0.2
     depth: float = 0.5
-    flow: float = 40.0
+    flow: float = 20.0
     flow_constancy: bool = True
+    flow_precision: bool = True
 
     # Weights of the regularizers
-    displacement: float = 0.002
-    rigidity: float = 0.1
+    displacement: float = 0.01
+    rigidity: float = 1.0
     shape: float = 0.002
     delta_color: float = 0.001
     color_residual: float = 0.002

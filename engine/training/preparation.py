@@ -110,7 +110,8 @@ def prepare(
     if config.flow > 0 and len(clip.train_frames) > 1:
         tell = begin_stage("flow", events, stop)
         tools = semantics.tools if semantics is not None else None
-        flow = FlowSupervision(frames, lambda f, text: tell(0.9 * f, text), tools, constancy=config.flow_constancy)
+        kinds = {"constancy": config.flow_constancy, "precision": config.flow_precision}
+        flow = FlowSupervision(frames, lambda f, text: tell(0.9 * f, text), tools, **kinds)
         if semantics is not None:
             semantics.propagate(flow, lambda f, text: tell(0.9 + 0.1 * f, text))
     return Inputs(clip, frames, flow, name, chosen, semantics)

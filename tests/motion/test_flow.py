@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
-from degense.engine.motion import chain, confidence, consistent, flow_between, follow, sample, steps_between
+from degense.engine.motion import chain, confidence, consistent, flow_between, flow_error, follow, sample, steps_between
 from tests.data.synthetic.files import load
 
 
@@ -118,6 +118,25 @@ def test_confidence_is_low_on_plain_surfaces_and_straight_edges():
     assert np.median(sure[10:-10, 10:70]) > 0.9
     assert np.median(sure[10:-10, 90:150]) < 0.3
     assert np.median(sure[10:-10, 198:202]) < 0.3
+
+
+def test_the_error_that_noise_makes_grows_with_noise_and_with_plainness():
+    rng = np.random.default_rng(8)
+    still = np.full((96, 288, 3), 110.0)
+    for part, contrast in enumerate((0.6, 0.2, 0.05)):
+        still[:, 96 * part : 96 * (part + 1)] += contrast * (texture(rng, 96, 96) - 110.0)
+
+    def noisy(sigma):
+        return np.clip(still + rng.normal(0, sigma, (*still.shape[:2], 1)), 0, 255).astype(np.uint8)
+
+    for sigma in (2.0, 4.0):
+        found = np.linalg.norm(flow_between(noisy(sigma), noisy(sigma)), axis=-1)
+        said = flow_error(noisy(sigma))
+        parts = [np.s_[10:-10, 96 * part + 12 : 96 * part + 84] for part in range(3)]
+        told, true = ([float(np.median(values[part])) for part in parts] for values in (said, found))
+        assert told[0] < told[1] < told[2]
+        assert true[0] < true[1] < true[2]
+        assert 0.2 < true[0] / told[0] < 1
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,8 @@ def exact_pair(clip, here, there):
     """The truth, in the form of measured flow."""
     width, height = clip.size
     relative = clip.flow(here, there) / [width, height]
-    return Pair(there, torch.from_numpy(relative).permute(2, 0, 1).half(), torch.ones(1, height, width).half())
+    ones = torch.ones(1, height, width).half()
+    return Pair(there, torch.from_numpy(relative).permute(2, 0, 1).half(), ones, ones)
 
 
 def points_on(clip, flow, here, there, seed, count=300):
@@ -285,3 +286,28 @@ def test_flow_is_no_evidence_where_tissue_changes_its_look():
     assert kept(trusting, spot) > 0.3
     assert kept(strict, spot) < 0.05
     assert kept(strict, corner) > 0.9 * kept(trusting, corner) > 0.5
+
+
+class PlainerWall(MovingWall):
+    """A wall whose right half has hardly any texture, seen by a camera that has noise."""
+
+    def frame(self, index):
+        rgb = super().frame(index).astype(float)
+        rgb[:, rgb.shape[1] // 2 :] = 120 + 0.05 * (rgb[:, rgb.shape[1] // 2 :] - 120)
+        return np.clip(rgb + np.random.default_rng(index).normal(0, 2, (*rgb.shape[:2], 1)), 0, 255).astype(np.uint8)
+
+
+def test_flow_on_plain_tissue_counts_less():
+    frames = TrainingFrames(PlainerWall(velocity=SLIDING), 1 << 20, CPU)
+    weighed, plain = FlowSupervision(frames), FlowSupervision(frames, precision=False)
+    width = weighed.size[0]
+    for pair, other in zip(weighed.pairs[2], plain.pairs[2], strict=True):
+        assert torch.equal(pair.flow, other.flow)
+        assert (other.precision == 1).all()
+        textured, bare = (pair.precision[0][8:-8, part].float().mean() for part in (slice(8, width // 2 - 8), slice(width // 2 + 8, -8)))
+        assert bare < 0.1 * textured
+        here, _ = points_on(frames.clip, weighed, 2, pair.to, 5)
+        right = here[:, 0] > 0.2
+        for side, factor in ((right, 0.1), (~right, 1.0)):
+            error, trusting = (error_of(weighed, here[side], here[side], torch.ones(int(side.sum())), 2, p) for p in (pair, other))
+            assert error <= factor * trusting

@@ -21,10 +21,12 @@ def motion_error(
     other: Tensor,
     flow: Tensor,
     weight: Tensor,
+    precision: Tensor,
     before: Tensor | None = None,
     after: Tensor | None = None,
 ) -> Tensor:
-    """Robust distance between the model's motion and the observed one, averaged over visible Gaussians whose flow is known.
+    """Robust distance between the model's motion and the observed one, times its precision, averaged over visible Gaussians whose flow is
+    known.
 
     With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion across
     the line of sight is compared, at the Gaussian's own depth.
@@ -37,7 +39,7 @@ def motion_error(
         Weight of each Gaussian: 0 hidden, 1 on the surface.
     camera, other : float [5, 4]
         `view_and_lens` at both frames.
-    flow, weight : float16 [2, h, w], [1, h, w]
+    flow, weight, precision : float16 [2, h, w], [1, h, w], [1, h, w]
         See `Pair`.
     before, after : float [H, W] or None
         Measured depth of both frames, 0 where unknown.
@@ -58,7 +60,7 @@ def motion_error(
         error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
     error = torch.where(reliable[:, None] > 0, error, 0.0)  # elsewhere it may be beyond all numbers, which no weight would undo
     distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
-    return (distance * reliable).sum() / reliable.sum().clamp_min(1)
+    return (distance * look_up(precision.float(), grid)[:, 0] * reliable).sum() / reliable.sum().clamp_min(1)
 
 
 def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from degense.engine.motion import chain, consistent, follow, sample, steps_between
+from degense.engine.motion import chain, consistent, flow_error, follow, sample, steps_between
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.progress import Progress, silent
 from degense.engine.raster.camera_tensors import view_and_lens
@@ -24,6 +24,7 @@ from degense.engine.training.frames import TrainingFrames
 FLOW_PIXELS = 100_000
 PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller frames; four pairs a frame, six bytes each
 WINDOW = 8  # training frames before and after one, in which its look must stay the same
+HALF = 0.15  # pixels of the flow's size: flow with such an error by noise has half the precision of flow without
 STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
 
 
@@ -39,11 +40,14 @@ class Pair:
         Fractions of the image's width and height.
     weight : float16 [1, h, w]
         1 where the flow is consistent forwards and backwards and both ends are valid, else 0.
+    precision : float16 [1, h, w]
+        How much it counts for a loss: 1 / (1 + (σ / `HALF`)²), σ the error that noise makes (`engine.motion.flow_error`).
     """
 
     to: int
     flow: Tensor
     weight: Tensor
+    precision: Tensor
 
 
 class FlowSupervision:
@@ -69,6 +73,7 @@ class FlowSupervision:
         tools: Callable[[int], np.ndarray | None] | None = None,
         *,
         constancy: bool = True,
+        precision: bool = True,
     ):
         self.frames = frames
         width, height = frames.size
@@ -79,6 +84,8 @@ class FlowSupervision:
         small = [cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train]
         seen = {} if tools is None else {i: tool for i in train if (tool := tools(i)) is not None}
         tissue = [self._inside(frames.valid(i) & ~seen[i] if i in seen else frames.valid(i)) for i in train]
+        precise = [1 / (1 + (flow_error(frame) / HALF) ** 2) if precision else np.ones(frame.shape[:2]) for frame in small]
+        on_device = [torch.from_numpy(values[None]).to(frames.device).half() for values in precise]
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
 
         neighbours, steps = tee(steps_between(small))
@@ -88,8 +95,9 @@ class FlowSupervision:
                 progress(k / len(train), "following tissue through the clip")
                 # the second frame is the first one's neighbour
                 for a, (there, back) in ((k, step), (0, far)) if k else ((0, step),):
-                    found.append((train[a], pool.submit(self._matched, train[k + 1], there, back, tissue[a], tissue[k + 1])))
-                    found.append((train[k + 1], pool.submit(self._matched, train[a], back, there, tissue[k + 1], tissue[a])))
+                    for here, to, forward, backward in ((a, k + 1, there, back), (k + 1, a, back, there)):
+                        ends = tissue[here], tissue[to], on_device[here]
+                        found.append((train[here], pool.submit(self._matched, train[to], forward, backward, *ends)))
         for frame, pair in found:
             self.pairs[frame].append(pair.result())
         if constancy:
@@ -136,11 +144,11 @@ class FlowSupervision:
         small = cv2.resize(valid.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST)
         return cv2.erode(small, np.ones((7, 7), np.uint8), borderValue=1) > 0
 
-    def _matched(self, to: int, forward: np.ndarray, backward: np.ndarray, here: np.ndarray, there: np.ndarray) -> Pair:
+    def _matched(self, to: int, forward: np.ndarray, backward: np.ndarray, here: np.ndarray, there: np.ndarray, precision: Tensor) -> Pair:
         """The pair of a frame whose tissue is `here` with the frame `to`, where it is `there`, bool [h, w]."""
         weight = here & (sample(there.astype(np.float32), forward) > 0.99) & consistent(forward, backward)
         relative = np.moveaxis(forward / np.array(self.size, np.float32), -1, 0).copy()
-        return Pair(to, *(torch.from_numpy(array).to(self.frames.device).half() for array in (relative, weight[None])))
+        return Pair(to, *(torch.from_numpy(array).to(self.frames.device).half() for array in (relative, weight[None])), precision)
 
     def warped(self, values: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Values of one training frame, warped to where its tissue is in another, by way of the first training frame.
@@ -223,7 +231,7 @@ class FlowSupervision:
         camera, other = (view_and_lens(self.frames.cameras[i], self.frames.device) for i in (frame, pair.to))
         measured = self.frames.clip.depth_measured
         depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
-        return (camera, other, pair.flow, pair.weight, *depths)
+        return (camera, other, pair.flow, pair.weight, pair.precision, *depths)
 
 
 def from_nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:
