@@ -1,0 +1,67 @@
+"""Where optical flow counts as evidence of motion, and how much."""
+
+import numpy as np
+import torch
+
+from degense.engine.training.flow.motion_error import motion_error
+from degense.engine.training.flow.supervision import FlowSupervision
+from degense.engine.training.frames import TrainingFrames
+from tests.fakes import MovingWall
+
+CPU = torch.device("cpu")
+
+
+class CharringWall(MovingWall):
+    """A wall that stands still while a soft spot of it darkens and grows."""
+
+    def frame(self, index):
+        height, width = self.size[::-1]
+        y, x = np.mgrid[:height, :width]
+        away = np.hypot(x - width / 2, y - height / 2) / (0.05 * width * (1 + index))
+        return np.clip(super().frame(index) * (1 - 0.8 * np.exp(-(away**2) / 2))[..., None], 0, 255).astype(np.uint8)
+
+
+def test_flow_is_no_evidence_where_tissue_changes_its_look():
+    clip = CharringWall(velocity=(0.0, 0.0, 0.0))
+    frames = TrainingFrames(clip, 1 << 20, CPU)
+    strict, trusting = FlowSupervision(frames), FlowSupervision(frames, constancy=False)
+    width, height = strict.size
+    spot, corner = np.s_[height // 2 - 3 : height // 2 + 3, width // 2 - 3 : width // 2 + 3], np.s_[: height // 5, : width // 5]
+
+    def kept(flow, where):
+        return np.mean([float(pair.weight[0][where].float().mean()) for pairs in flow.pairs.values() for pair in pairs])
+
+    assert kept(trusting, spot) > 0.3
+    assert kept(strict, spot) < 0.05
+    assert kept(strict, corner) > 0.9 * kept(trusting, corner) > 0.5
+
+
+class PlainerWall(MovingWall):
+    """A wall whose right half has hardly any texture, seen by a camera that has noise."""
+
+    def frame(self, index):
+        rgb = super().frame(index).astype(float)
+        rgb[:, rgb.shape[1] // 2 :] = 120 + 0.05 * (rgb[:, rgb.shape[1] // 2 :] - 120)
+        return np.clip(rgb + np.random.default_rng(index).normal(0, 2, (*rgb.shape[:2], 1)), 0, 255).astype(np.uint8)
+
+
+def still_error(flow, here, pair):
+    """The error of points that stay where they are at frame 2."""
+    return motion_error(here, here, torch.ones(len(here)), *flow.inputs(2, pair))
+
+
+def test_flow_on_plain_tissue_counts_less():
+    frames = TrainingFrames(PlainerWall(velocity=(0.06, 0.03, 0.0)), 1 << 20, CPU)
+    weighed, plain = FlowSupervision(frames), FlowSupervision(frames, precision=False)
+    width = weighed.size[0]
+    for pair, other in zip(weighed.pairs[2], plain.pairs[2], strict=True):
+        assert torch.equal(pair.flow, other.flow)
+        assert (other.precision == 1).all()
+        textured, bare = (pair.precision[0][8:-8, part].float().mean() for part in (slice(8, width // 2 - 8), slice(width // 2 + 8, -8)))
+        assert bare < 0.1 * textured
+        inside = np.random.default_rng(5).uniform(-0.8, 0.8, (300, 2))
+        here = torch.from_numpy((np.c_[inside, np.full(300, 3.0)] + 2 * frames.clip.velocity) * frames.unit).float()
+        right = here[:, 0] > 0.2
+        for side, factor in ((right, 0.1), (~right, 1.0)):
+            error, trusting = (still_error(weighed, here[side], p) for p in (pair, other))
+            assert error <= factor * trusting
