@@ -56,15 +56,9 @@ class Gradient(forms.PaintedWidget):
 
 
 class ColourBar(QWidget):
-    """A vertical colour bar with its range: of this frame, of the whole sequence, or fixed by hand.
+    """A vertical colour bar with its range: of this frame, of the whole sequence, or fixed by hand."""
 
-    Signals
-    -------
-    changed(changes)
-        What the user chose, a dict of some of: mode, low, high, cmap, clip.
-    """
-
-    changed = Signal(dict)
+    changed = Signal(dict)  # (changes) what the user chose, a dict of some of: mode, low, high, cmap, clip
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -35,17 +35,13 @@ class PersistentState:
 
     `session.register(name, state)` makes it part of what is saved: it is cleared when something else is opened, read from the session
     file, written into it, and its changes between two saves go to the journal.
-
-    Signals
-    -------
-    changed(record)
-        After each change. `record` is a small JSON value from which `replay` makes the change again (a stroke); None stands for the whole
-        `to_json()`, for states that are small.
     """
 
     counts = True  # whether a change marks the session as unsaved and goes to the journal. Changes of the frame or camera do not
 
     def __init__(self) -> None:
+        #: (record) after each change. `record` is a small JSON value from which `replay` makes the change again (a stroke); None stands for
+        #: the whole `to_json()`, for states that are small.
         self.changed: Signal[[Any]] = Signal()
 
     def clear(self) -> None:

@@ -36,17 +36,12 @@ class UndoStack:
         Bytes that all edits together may hold. The last edit stays whatever its size.
     merge_seconds : float
         Pause after which an edit with the same key starts a new step.
-
-    Signals
-    -------
-    changed()
-        The entries or the position.
     """
 
     def __init__(
         self, limit: int = 500, memory: int = 256 << 20, merge_seconds: float = 1.0, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.changed: Signal[[]] = Signal()
+        self.changed: Signal[[]] = Signal()  # the entries or the position
         self._limit, self._memory, self._merge_seconds, self._clock = limit, memory, merge_seconds, clock
         self._edits: list[Edit] = []
         self.position = 0  # how many of the entries are done

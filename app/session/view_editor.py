@@ -16,17 +16,12 @@ if TYPE_CHECKING:
 
 
 class ViewEditor(PersistentState):
-    """Holds and edits the session's view state, `state`. The encoder of the open `scene` must know the words of prompts.
-
-    Signals
-    -------
-    view_changed(before, after)
-        The `ViewState` before and after, for views that redraw only what changed.
-    """
+    """Holds and edits the session's view state, `state`. The encoder of the open `scene` must know the words of prompts."""
 
     def __init__(self, undo: UndoStack, scene: Callable[[], Scene | None]) -> None:
         super().__init__()
         self._undo, self._scene = undo, scene
+        #: (before, after) the `ViewState` before and after, for views that redraw only what changed.
         self.view_changed: Signal[[ViewState, ViewState]] = Signal()
         self.state = ViewState()
 

@@ -24,28 +24,14 @@ Service = TypeVar("Service")
 
 
 class Shell(QMainWindow):
-    """The window. It knows no feature: each installs itself through what this class offers.
+    """The window. It knows no feature: each installs itself through what this class offers."""
 
-    Signals
-    -------
-    complaint(text)
-        Show an error; safe to emit from any thread.
-    ticked()
-        Every second.
-    dropped(path), started()
-        A file or folder was dropped into the window; everything is installed.
-    leaving()
-        The window is asked to close, before `may_close` is.
-    closed()
-        It closes now.
-    """
-
-    complaint = Signal(str)
-    ticked = Signal()
-    dropped = Signal(object)
-    started = Signal()
-    leaving = Signal()
-    closed = Signal()
+    complaint = Signal(str)  # (text) show an error; safe to emit from any thread
+    ticked = Signal()  # every second
+    dropped = Signal(object)  # (path) a file or folder was dropped into the window
+    started = Signal()  # everything is installed
+    leaving = Signal()  # the window is asked to close, before `may_close` is
+    closed = Signal()  # it closes now
 
     def __init__(self, settings: SettingsFile, features: Sequence[Callable[[Shell], None]] = ()) -> None:
         super().__init__()

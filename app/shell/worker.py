@@ -36,14 +36,9 @@ class Worker(QObject):
     and between two steps the worker turns to more urgent channels; a newer job on the same channel closes it there. Results of replaced or
     cancelled jobs are dropped, so what arrives always answers the last question. A DegenseError arrives at `failed` in its own words; any
     other exception is logged with its traceback and arrives as a short sentence.
-
-    Signals
-    -------
-    freed(channel)
-        The answer of a channel's last job has been delivered.
     """
 
-    freed = Signal(str)
+    freed = Signal(str)  # (channel) the answer of a channel's last job has been delivered
     _reported = Signal(str, object, str, object)
 
     def __init__(self, parent: QObject | None = None) -> None:

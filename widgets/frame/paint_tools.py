@@ -13,16 +13,10 @@ CLOSING = 10.0
 
 
 class StrokeTool(PanelTool):
-    """A round brush with the left button held down.
+    """A round brush with the left button held down."""
 
-    Signals
-    -------
-    began(x, y), moved(from x, from y, to x, to y), ended()
-        In pixels of the image.
-    """
-
-    began = Signal(float, float)
-    moved = Signal(float, float, float, float)
+    began = Signal(float, float)  # (x, y) in pixels of the image
+    moved = Signal(float, float, float, float)  # (from x, from y, to x, to y)
     ended = Signal()
 
     def __init__(self, parent: QObject | None = None) -> None:
@@ -55,14 +49,9 @@ class StrokeTool(PanelTool):
 
 
 class ClickTool(PanelTool):
-    """A single click.
+    """A single click."""
 
-    Signals
-    -------
-    clicked(x, y)
-    """
-
-    clicked = Signal(float, float)
+    clicked = Signal(float, float)  # (x, y)
     cursor = Qt.CursorShape.PointingHandCursor
 
     def press(self, point: QPointF, event: QMouseEvent) -> None:
@@ -70,15 +59,9 @@ class ClickTool(PanelTool):
 
 
 class PolygonTool(PanelTool):
-    """Clicks set corners; a double click, or a click on the first corner, closes.
+    """Clicks set corners; a double click, or a click on the first corner, closes."""
 
-    Signals
-    -------
-    drawn(corners)
-        A list of (x, y), at least three.
-    """
-
-    drawn = Signal(list)
+    drawn = Signal(list)  # (corners) a list of (x, y), at least three
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)

@@ -36,15 +36,9 @@ class PanelTool(QObject):
 
 
 class RegionTool(PanelTool):
-    """Draw a rectangle, or freely (`lasso`), with the left button held down.
+    """Draw a rectangle, or freely (`lasso`), with the left button held down."""
 
-    Signals
-    -------
-    drawn(outline)
-        A list of (x, y), pixels, of at least three corners.
-    """
-
-    drawn = Signal(list)
+    drawn = Signal(list)  # (outline) a list of (x, y), pixels, of at least three corners
 
     def __init__(self, lasso: bool, parent: QObject | None = None) -> None:
         super().__init__(parent)

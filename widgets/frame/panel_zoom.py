@@ -13,15 +13,9 @@ MARGIN = 40.0
 
 
 class PanelZoom(QObject):
-    """The map between image pixels and widget pixels.
+    """The map between image pixels and widget pixels."""
 
-    Signals
-    -------
-    changed(factor)
-        The user or the panel zoomed or moved the frame.
-    """
-
-    changed = Signal(float)
+    changed = Signal(float)  # (factor) the user or the panel zoomed or moved the frame
 
     def __init__(self, panel: QWidget) -> None:
         super().__init__(panel)

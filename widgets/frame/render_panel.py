@@ -36,11 +36,6 @@ _KEYS = {
 class RenderPanel(PaintedWidget):
     """Shows one frame, a mask overlay above it, and a label map above both.
 
-    Signals
-    -------
-    hovered(x, y), clicked(x, y)
-        Pixels of the image; (-1, -1) when the pointer leaves it.
-
     Attributes
     ----------
     zoom : PanelZoom
@@ -50,8 +45,8 @@ class RenderPanel(PaintedWidget):
         Title, marker, outline and legend.
     """
 
-    hovered = Signal(int, int)
-    clicked = Signal(int, int)
+    hovered = Signal(int, int)  # (x, y) pixels of the image; (-1, -1) when the pointer leaves it
+    clicked = Signal(int, int)  # (x, y) pixels of the image
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

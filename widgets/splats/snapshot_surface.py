@@ -40,14 +40,9 @@ class SnapshotSurface(QLabel):
     """Requests a snapshot whenever something has changed, and shows the last one, stretched, until it comes.
 
     An OpenGL widget would have the whole window composed by OpenGL at every painting, which takes long where there is no GPU.
-
-    Signals
-    -------
-    wanted()
-        A snapshot of `request` should be rendered and given to `take`.
     """
 
-    wanted = Signal()
+    wanted = Signal()  # a snapshot of `request` should be rendered and given to `take`
 
     def __init__(self, parent: QWidget, draw: SnapshotDrawer) -> None:
         super().__init__(parent)

@@ -18,18 +18,11 @@ CUT = 0.05
 
 
 class SplatCamera(QObject):
-    """Through which camera the splats are seen.
+    """Through which camera the splats are seen."""
 
-    Signals
-    -------
-    changed()
-        Another camera: the view is to be drawn again.
-    moved(camera), locked_changed(locked)
-    """
-
-    changed = Signal()
-    moved = Signal(object)
-    locked_changed = Signal(bool)
+    changed = Signal()  # another camera: the view is to be drawn again
+    moved = Signal(object)  # (camera)
+    locked_changed = Signal(bool)  # (locked)
 
     def __init__(self, canvas: QWidget) -> None:
         super().__init__(canvas)
@@ -86,18 +79,10 @@ class SplatCamera(QObject):
 
 
 class CameraMouse(QObject):
-    """Moves the camera with the mouse and the keys of the canvas: Ctrl with arrows turns, plus and minus come closer and back off.
+    """Moves the camera with the mouse and the keys of the canvas: Ctrl with arrows turns, plus and minus come closer and back off."""
 
-    Signals
-    -------
-    clicked(position)
-        Without a drag; logical pixels of the canvas.
-    cut(step)
-        The wheel was turned with Ctrl.
-    """
-
-    clicked = Signal(QPointF)
-    cut = Signal(float)
+    clicked = Signal(QPointF)  # (position) without a drag; logical pixels of the canvas
+    cut = Signal(float)  # (step) the wheel was turned with Ctrl
 
     def __init__(self, canvas: QWidget, camera: SplatCamera) -> None:
         super().__init__(canvas)

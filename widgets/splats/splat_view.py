@@ -28,14 +28,9 @@ class SplatView(QWidget):
     draw : SnapshotDrawer
         Renders a snapshot at once, for screenshots. Otherwise the owner renders them elsewhere: `snapshot_wanted` requests one,
         `snapshot_request` says of what, and `show_snapshot` shows it.
-
-    Signals
-    -------
-    picked(index)
-        Of the clicked splat, −1 for none.
     """
 
-    picked = Signal(int)
+    picked = Signal(int)  # (index) of the clicked splat, −1 for none
     snapshot_wanted = Signal()
 
     def __init__(self, draw: SnapshotDrawer, parent: QWidget | None = None) -> None:

@@ -16,17 +16,11 @@ SWATCH = 22
 
 
 class ClassList(QListWidget):
-    """One row a class. A double click renames; the menu of the right button recolours.
+    """One row a class. A double click renames; the menu of the right button recolours."""
 
-    Signals
-    -------
-    chosen(index), renamed(index, name), recoloured(index, (red, green, blue))
-        By the user.
-    """
-
-    chosen = Signal(int)
-    renamed = Signal(int, str)
-    recoloured = Signal(int, tuple)
+    chosen = Signal(int)  # (index) by the user
+    renamed = Signal(int, str)  # (index, name)
+    recoloured = Signal(int, tuple)  # (index, (red, green, blue))
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

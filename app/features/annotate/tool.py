@@ -31,18 +31,11 @@ TOOLS = (
 
 
 class PaintTool:
-    """What the left button does while one annotates.
-
-    Signals
-    -------
-    changed()
-        Name, radius, label or `inside`.
-    active_changed(active)
-    """
+    """What the left button does while one annotates."""
 
     def __init__(self) -> None:
-        self.changed: Signal[[]] = Signal()
-        self.active_changed: Signal[[bool]] = Signal()
+        self.changed: Signal[[]] = Signal()  # name, radius, label or `inside`
+        self.active_changed: Signal[[bool]] = Signal()  # (active)
         self._active = False
         self.clear()
 

@@ -14,15 +14,9 @@ START = "As opened"
 
 
 class HistoryList(QListWidget):
-    """Named states, the oldest first. Those that are undone are grey, and the current one is selected.
+    """Named states, the oldest first. Those that are undone are grey, and the current one is selected."""
 
-    Signals
-    -------
-    position_chosen(position)
-        The user wants `position` entries done; 0 is the state before all of them.
-    """
-
-    position_chosen = Signal(int)
+    position_chosen = Signal(int)  # (position) the user wants `position` entries done; 0 is the state before all of them
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

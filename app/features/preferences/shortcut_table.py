@@ -11,15 +11,9 @@ from degense.widgets import forms
 
 
 class ShortcutTable(QWidget):
-    """Choose an action, press the new keys below. A key that another action has is refused until it is taken away there.
+    """Choose an action, press the new keys below. A key that another action has is refused until it is taken away there."""
 
-    Signals
-    -------
-    changed()
-        The registry has other shortcuts now.
-    """
-
-    changed = Signal()
+    changed = Signal()  # the registry has other shortcuts now
 
     def __init__(self, registry: ActionRegistry, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -16,13 +16,9 @@ class SimilarityHistogram(CurvePlot):
     """One curve a prompt over the similarity from 0 to 1, and the threshold as a line that can be dragged.
 
     Heights are square roots of shares: most pixels lie outside the mask, and would dwarf those inside.
-
-    Signals
-    -------
-    threshold_dragged(threshold)
     """
 
-    threshold_dragged = Signal(float)
+    threshold_dragged = Signal(float)  # (threshold)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

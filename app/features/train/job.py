@@ -158,10 +158,6 @@ class TrainingQueue:
     """One training at a time; the others wait in order. While one is paused, none of them starts: somebody wants the machine.
 
     What is not done when the program ends is kept (`jobs`), and comes back paused (`restore`).
-
-    Signals
-    -------
-    changed()
     """
 
     def __init__(self) -> None:

@@ -33,16 +33,10 @@ def duration(seconds: float) -> str:
 
 
 class RunQueue(QWidget):
-    """The trainings that wait, the next one first. It asks for changes and shows what it is given.
+    """The trainings that wait, the next one first. It asks for changes and shows what it is given."""
 
-    Signals
-    -------
-    removed(row), raised(row)
-        Take a training out of the queue; let it come earlier.
-    """
-
-    removed = Signal(int)
-    raised = Signal(int)
+    removed = Signal(int)  # (row) take a training out of the queue
+    raised = Signal(int)  # (row) let it come earlier
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -48,24 +48,13 @@ class EventLines:
 class TrainingProcess(QObject):
     """A running training.
 
-    Signals
-    -------
-    told(event)
-        Each `engine.events.Event` as it comes.
-    finished(run path)
-        Training is complete.
-    stopped()
-        It was stopped on request; a checkpoint is kept when it had got that far.
-    failed(message)
-        In words for the user.
-
     Exactly one of the last three is emitted.
     """
 
-    told = Signal(object)
-    finished = Signal(str)
-    stopped = Signal()
-    failed = Signal(str)
+    told = Signal(object)  # (event) each `engine.events.Event` as it comes
+    finished = Signal(str)  # (run path) training is complete
+    stopped = Signal()  # it was stopped on request; a checkpoint is kept when it had got that far
+    failed = Signal(str)  # (message) in words for the user
 
     def __init__(self, job: TrainingJob, parent: QObject | None = None, command: Sequence[str] | None = None) -> None:
         super().__init__(parent)

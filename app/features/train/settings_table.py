@@ -15,15 +15,9 @@ from degense.widgets import forms
 
 
 class SettingsTable(QWidget):
-    """The values that a preset leads to, and those the user has typed over them (bold).
+    """The values that a preset leads to, and those the user has typed over them (bold)."""
 
-    Signals
-    -------
-    changed()
-        The user has typed a value, or emptied a cell to have the preset's again.
-    """
-
-    changed = Signal()
+    changed = Signal()  # the user has typed a value, or emptied a cell to have the preset's again
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -37,19 +37,11 @@ WELCOME = "Drop a clip or a run here, or open one from the File menu.\nFile ▸ 
 
 
 class Viewer(QObject):
-    """Requests what the session shows from the worker, and shows the result in both views.
+    """Requests what the session shows from the worker, and shows the result in both views."""
 
-    Signals
-    -------
-    drawn(View), shown(View)
-        The 2D view shows it, perhaps without its masks yet; both views show all of it.
-    splats_added(SplatView)
-        The 3D view is there.
-    """
-
-    shown = Signal(object)
-    drawn = Signal(object)
-    splats_added = Signal(object)
+    shown = Signal(object)  # (View) both views show all of it
+    drawn = Signal(object)  # (View) the 2D view shows it, perhaps without its masks yet
+    splats_added = Signal(object)  # (SplatView) the 3D view is there
 
     def __init__(self, shell: Shell) -> None:
         super().__init__(shell)
