@@ -25,7 +25,7 @@ class Annotator(QObject):
         self.panel = AnnotationPanel(self.shell, state)
         self.dock = self.shell.add_dock("Annotation", self.panel)
         self.painter = Painter(self.shell, state, viewer.panel)
-        self.review = PropagationReview(self.shell, state, self.panel)
+        self.review = PropagationReview(self.shell, state)
         AnnotationKeys(self.shell, state, self.painter, self.review.go_to_flagged)
         state.pixels_changed.connect(self._show_pixels)
         state.records_changed.connect(self._show_frame)

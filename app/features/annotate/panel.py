@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLineEdit,
-    QProgressBar,
     QPushButton,
     QSlider,
     QToolButton,
@@ -66,9 +65,6 @@ class AnnotationPanel(QWidget):
         self._status.addItems(STATUSES)
         self._status.activated.connect(lambda row: self._attempt(lambda: state.set_status(STATUSES[row])))
         self.frame, self.summary = forms.label(), forms.label(secondary=True)
-        self._progress = forms.named(QProgressBar(textVisible=False, maximum=1000), "Progress")
-        self._progress.setMaximumHeight(8)
-        self._progress.hide()
         forms.column(
             self._tool_buttons(),
             forms.row(QLabel("Size"), (self._slider, 1), self._size),
@@ -80,7 +76,6 @@ class AnnotationPanel(QWidget):
             self._button_row(accept="Accept", reject="Reject", next="Next flagged"),
             self.summary,
             self._button_row(propagate="Propagate to all frames", stop="Stop"),
-            self._progress,
             self._button_row(accept_all="Accept all", reject_all="Reject all", teach="Train…"),
             parent=self,
         ).setContentsMargins(8, 6, 8, 6)
@@ -190,12 +185,6 @@ class AnnotationPanel(QWidget):
         """What is said of the frame that is shown."""
         self.frame.setText(text)
         self._status.setCurrentText(status)
-
-    def set_progress(self, fraction: float | None) -> None:
-        """How far the propagation is, in [0, 1]; None while nothing is propagated."""
-        self._progress.setVisible(fraction is not None)
-        if fraction is not None:
-            self._progress.setValue(round(1000 * fraction))
 
 
 def _lit(overlay: np.ndarray) -> np.ndarray:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
 
-from degense.app.features.annotate.panel import AnnotationPanel
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
+from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
     from degense.engine.annotation.edits import Proposal
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 class PropagationReview(QObject):
     """Propagates the labelled frames in the worker, and accepts or rejects the proposals."""
 
-    def __init__(self, shell: Shell, state: AnnotationState, panel: AnnotationPanel) -> None:
+    def __init__(self, shell: Shell, state: AnnotationState) -> None:
         super().__init__(shell)
-        self.shell, self.session, self.state, self.panel = shell, shell.session, state, panel
-        self.session.opened.connect(self._opened)
+        self.shell, self.session, self.state = shell, shell.session, state
+        self.session.opened.connect(lambda: shell.worker.cancel("annotate"))
 
     def propagate(self) -> None:
         """Propagate the frames that were edited by hand, and this one, to all others."""
@@ -33,33 +33,24 @@ class PropagationReview(QObject):
         if not sources:
             raise DegenseError("No frame is labelled yet; paint one, and its labels can be propagated to the others.")
 
-        def steps() -> Generator[tuple[float, str], None, dict[int, Proposal]]:
+        def steps() -> Steps[dict[int, Proposal]]:
             from degense.engine.annotation.propagation.propagate import propagate
 
             return propagate(clip, sources, scene)
 
-        def progress(step: tuple[float, str]) -> None:
-            self.panel.set_progress(step[0])
-            self.shell.set_busy(step[1][0].upper() + step[1][1:], step[0])
-
         def done(proposals: dict[int, Proposal]) -> None:
-            self._ended()
             self.state.propose(proposals)
             more = "" if self.state.ready().next_flagged(-1) is None else " Next flagged goes to the doubtful ones."
             self.shell.say(f"Propagated to {len(proposals)} frames: accept or reject them.{more}", 20)
 
-        def failed(message: str) -> None:
-            self._ended()
-            self.shell.show_error(message)
-
-        self.panel.set_progress(0.0)
-        self.shell.submit("annotate", steps, done, failed, progress)
+        self.shell.run_task("annotate", "Propagating labels", steps, done, detailed=True)
         self.shell.refresh()
 
     def stop(self) -> None:
         """Stop propagating; nothing of it is proposed."""
         self.shell.worker.cancel("annotate")
-        self._ended()
+        self.shell.set_busy()
+        self.shell.refresh()
         self.shell.say("Stopped; no frame was changed.")
 
     def answer(self, answer: Callable[[Sequence[int]], None], all_frames: bool = False) -> None:
@@ -74,12 +65,3 @@ class PropagationReview(QObject):
         else:
             self.session.pause()
             self.session.go_to(frame)
-
-    def _ended(self) -> None:
-        self.shell.set_busy()
-        self.panel.set_progress(None)
-        self.shell.refresh()
-
-    def _opened(self) -> None:
-        self.shell.worker.cancel("annotate")
-        self.panel.set_progress(None)
