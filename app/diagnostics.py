@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import importlib.metadata
-import importlib.util
 import os
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -20,6 +20,7 @@ from degense.app.shell.settings import config_folder, log_file
 
 #: Seconds that a check in a child process may take; drawing in software on a busy machine is slow to start.
 PATIENCE = 60
+ABSENT = "(not installed)"  # in place of a version
 
 
 @dataclass(frozen=True)
@@ -49,13 +50,6 @@ def qt_problem(version: str, python: tuple[int, int]) -> str | None:
             "install an older one: pip install 'PySide6-Essentials<6.12'"
         )
     return None
-
-
-def _python() -> Diagnosis:
-    version = platform.python_version()
-    if not (3, 10) <= sys.version_info[:2] < (3, 15):
-        return Diagnosis("missing", f"{version}; DeGense needs 3.10 to 3.14")
-    return Diagnosis("ok", version)
 
 
 def _processor() -> Diagnosis:
@@ -94,25 +88,13 @@ def _gsplat() -> Diagnosis:
     return Diagnosis("note", f"{version} lacks nvcc to compile its kernels: install CUDA toolkit {torch.version.cuda}, or use --device cpu")
 
 
-def _numba() -> Diagnosis:
-    import numba
-
-    return Diagnosis("ok", f"{numba.__version__}, {numba.get_num_threads()} threads")
-
-
-def _opencv() -> Diagnosis:
-    import cv2
-
-    return Diagnosis("ok", cv2.__version__)
-
-
-def _label_formats() -> Diagnosis:
-    """The libraries that read and write COCO and NIfTI files."""
-    packages = ("pycocotools", "nibabel")
-    absent = [package for package in packages if importlib.util.find_spec(package) is None]
+def _packages() -> Diagnosis:
+    """What the program is installed with, extras apart."""
+    wanted = [re.split(r"[^\w-]", line)[0] for line in importlib.metadata.requires("degense") or () if "extra ==" not in line]
+    absent = [package for package in wanted if _version(package) == ABSENT]
     if absent:
         return Diagnosis("missing", f"{' and '.join(absent)} not installed: pip install {' '.join(absent)}")
-    return Diagnosis("ok", ", ".join(f"{package} {_version(package)}" for package in packages))
+    return Diagnosis("ok", ", ".join(f"{package} {_version(package)}" for package in wanted))
 
 
 def _video() -> Diagnosis:
@@ -159,7 +141,7 @@ def _opengl() -> Diagnosis:
 
 def _models() -> Diagnosis:
     version = _version("transformers")
-    if version.startswith("("):
+    if version == ABSENT:
         return Diagnosis("note", "transformers is not installed: the teacher vlm needs it (pip install transformers)")
     return Diagnosis("ok", f"transformers {version}: CLIP and CLIPSeg models on this machine can teach")
 
@@ -180,7 +162,7 @@ def _version(package: str) -> str:
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
-        return "(not installed)"
+        return ABSENT
 
 
 def _child(code: str) -> tuple[bool, str]:
@@ -197,13 +179,11 @@ def _child(code: str) -> tuple[bool, str]:
 
 
 CHECKS: dict[str, Callable[[], Diagnosis]] = {
-    "Python": _python,
+    "Python": lambda: Diagnosis("ok", platform.python_version()),
     "Machine": _processor,
     "PyTorch": _torch,
     "gsplat": _gsplat,
-    "Numba": _numba,
-    "OpenCV": _opencv,
-    "Label files": _label_formats,
+    "Packages": _packages,
     "Movies": _video,
     "Qt": _qt,
     "OpenGL": _opengl,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib.metadata
 import subprocess
 import sys
 
 import cv2
+import numpy as np
 import pytest
 import torch
 
@@ -18,21 +19,21 @@ def test_a_sound_machine(own_folders):
     text, ok = diagnostics.report()
     assert ok, text
     assert text.endswith("Nothing is missing.\nFor research; not a medical device.")
-    for name, said in {"PyTorch": torch.__version__, "OpenCV": cv2.__version__, "Folders": str(own_folders)}.items():
+    for name, said in {"PyTorch": torch.__version__, "Packages": f"numpy {np.__version__}", "Folders": str(own_folders)}.items():
         line = next(line for line in text.splitlines() if f" {name} " in line)
         assert said in line
 
 
 def test_what_is_missing_is_named(monkeypatch, tmp_path):
-    find = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "nibabel" else find(name))
+    requires = importlib.metadata.requires
+    monkeypatch.setattr(importlib.metadata, "requires", lambda name: [*requires(name), "nobodys-package>=2.1; python_version > '3'"])
     monkeypatch.delattr(cv2, "ximgproc")  # only a benchmark uses it
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "file"))
     text, ok = diagnostics.report()
     assert not ok
-    assert "To be mended: Label files, Folders." in text
-    assert "pip install nibabel" in text
+    assert "To be mended: Packages, Folders." in text
+    assert "pip install nobodys-package" in text
 
 
 @pytest.mark.parametrize(
