@@ -41,13 +41,6 @@ class TrainingProgress:
 
 
 @dataclass(frozen=True)
-class Budget:
-    """What the clip does not need, one sentence a setting, and what the training will cost."""
-
-    words: list[str]
-
-
-@dataclass(frozen=True)
 class Preview:
     """A frame was drawn to an image file."""
 
@@ -60,15 +53,6 @@ class Rollback:
     """Training diverged and went back to the step `iteration`."""
 
     iteration: int
-    reason: str
-
-
-@dataclass(frozen=True)
-class EarlyStopped:
-    """The validation frames stopped improving at the step `iteration`; the cool-down begins, and `iterations` steps are made in all."""
-
-    iteration: int
-    iterations: int
     reason: str
 
 
@@ -93,7 +77,7 @@ class Failed:
     message: str
 
 
-Event: TypeAlias = Stage | Step | TrainingProgress | Budget | Preview | Rollback | EarlyStopped | Done | Stopped | Failed
+Event: TypeAlias = Stage | Step | TrainingProgress | Preview | Rollback | Done | Stopped | Failed
 Events: TypeAlias = Callable[[Event], None]
 
 #: The value of "event" in each event's JSON form.
@@ -101,10 +85,8 @@ NAMES: dict[str, type[Event]] = {
     "stage": Stage,
     "step": Step,
     "progress": TrainingProgress,
-    "budget": Budget,
     "preview": Preview,
     "rollback": Rollback,
-    "early_stopped": EarlyStopped,
     "done": Done,
     "stopped": Stopped,
     "error": Failed,
@@ -134,8 +116,6 @@ def from_json(data: Any) -> Event | None:
 
 def _fits(value: Any, hint: Any) -> bool:
     """Whether a JSON value is of the kind that a field wants."""
-    if hint == list[str]:
-        return isinstance(value, list) and all(isinstance(item, str) for item in value)
     if hint == dict[str, float]:
         return isinstance(value, dict) and all(_fits(item, float) for item in value.values())
     kinds = get_args(hint) or (hint,)

@@ -73,9 +73,7 @@ def _training(command: Command) -> None:
     sub.add_argument("--out", type=Path, required=True, metavar="RUN", help="run folder to write")
     sub.add_argument("--preset", default="balanced", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--routing", metavar="NAME", help="how semantic gradients travel: paper, isolated or coupled")
-    sub.add_argument(
-        "--system", metavar="NAME", help=f"train as a system that the paper compares ({SYSTEMS}), with the preset's full budget"
-    )
+    sub.add_argument("--system", metavar="NAME", help=f"train as a system that the paper compares ({SYSTEMS})")
     sub.add_argument(
         "--teacher", metavar="NAME", help="where semantics come from: labels, strokes, precomputed[:FOLDER], vlm:MODEL or none"
     )
@@ -93,7 +91,6 @@ def _training(command: Command) -> None:
         metavar="NAME=VALUE",
         help="any other setting, repeatable; --set help explains them all",
     )
-    sub.add_argument("--no-fit", dest="fit", action="store_false", help="the preset's full budget, even where the clip needs less")
     sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
     sub.add_argument("--logger", choices=("tensorboard",), help="also write every term of the loss to RUN/tensorboard (extra tensorboard)")
     sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")

@@ -86,7 +86,7 @@ def compare(options: argparse.Namespace) -> None:
     from degense.engine.training import TrainConfig
 
     config = TrainConfig.preset_of(
-        options.preset, iterations=options.iterations, max_gaussians=options.max_gaussians, device=options.device, fit=False
+        options.preset, iterations=options.iterations, max_gaussians=options.max_gaussians, device=options.device
     )
     seeds, methods = list(range(options.seeds)), options.methods or None
     try:

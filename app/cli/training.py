@@ -54,7 +54,6 @@ def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
         max_gaussians=options.max_gaussians,
         device=options.device,
         seed=options.seed,
-        fit=options.fit,
         **parse_settings(tuple(options.settings)),
     )
     if options.system:

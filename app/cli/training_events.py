@@ -46,12 +46,8 @@ class TerminalEvents:
                 self._bar(fraction, message)
             case events.Stage(stage):
                 self._say(f"{stage} …")
-            case events.Budget(words):
-                self._say("\n".join(words))
             case events.Rollback(iteration, reason):
                 self._say(f"went back to iteration {iteration}: {reason}")
-            case events.EarlyStopped(iteration, iterations, reason):
-                self._say(f"early stop at iteration {iteration}, {iterations} in all: {reason}")
             case events.Stopped(0):
                 self._say("stopped before the first step")
             case events.Stopped(iteration):

@@ -44,8 +44,7 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
     dict
         `poses` (where the cameras come from, in words), image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion
         scores, `train_seconds`, `gaussians`, `render_fps` (baked states, colour only, this machine), `query_ms` (warm frame, prompt to
-        mask) and `query_new_frame_ms`; `budget`, what was skipped because the clip does not need it, and why (None for a run with its
-        preset's full budget).
+        mask) and `query_new_frame_ms`; `moving`, how many Gaussians the field changes (None for runs of earlier versions).
 
     Raises
     ------
@@ -67,7 +66,7 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
         "preset": scene.run.info["config"]["preset"],
         "unit": scene.unit,
         "poses": scene.run.info.get("provenance", {}).get("poses"),
-        "budget": scene.run.info.get("budget"),
+        "moving": scene.run.info.get("moving"),
     }
     images = ImageScores()
     for done, i in enumerate(frames):

@@ -52,8 +52,6 @@ class SystemComparison:
     def open(cls, clip: Clip, out: Path, config: TrainConfig, teacher: str | None = None) -> SystemComparison:
         """Begin a comparison in `out`, or go on with the one that is there.
 
-        `fit` is switched off: budgets that fit the clip would not be the same for all.
-
         Raises
         ------
         DegenseError
@@ -61,7 +59,7 @@ class SystemComparison:
         """
         if not clip.labelled_frames:
             raise DegenseError(f"{clip.path} has no label maps, so masks cannot be scored; add labels/ and classes.json")
-        found = cls(clip, out, replace(config, fit=False), teacher or default_teacher(clip))
+        found = cls(clip, out, config, teacher or default_teacher(clip))
         if found.teacher == "none":
             raise DegenseError("systems are compared by their masks, which need a teacher; name one with --teacher")
         path = out / "comparison.json"

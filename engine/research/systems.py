@@ -153,12 +153,12 @@ def as_system(name: str, config: TrainConfig) -> TrainConfig:
 
 
 def training_of(name: str, config: TrainConfig) -> TrainConfig:
-    """`as_system` for one training with its full budget. DegenseError where the system sets what was given by hand to something else."""
+    """`as_system` for one training. DegenseError where the system sets what was given by hand to something else."""
     found = as_system(name, config)
     for setting in config.given:
-        if setting not in ("iterations", "fit") and (value := getattr(found, setting)) != getattr(config, setting):
+        if setting != "iterations" and (value := getattr(found, setting)) != getattr(config, setting):
             raise DegenseError(f"the system {name} is trained with {setting} {value}; leave {setting} out, or the system")
-    return replace(found, fit=False)
+    return found
 
 
 def words_of(name: str) -> str:
@@ -181,7 +181,6 @@ def _peer(config: TrainConfig) -> TrainConfig:
         "region": 0.0,
         "guided": False,
         "lift": False,
-        "early_stopping": False,
         "fixed_latents": True,
     }
     return replace(config, **without)

@@ -16,7 +16,6 @@ SETTINGS = {
     "rate_tints": "rate_color_residuals",
     "drifts": "velocities",
     "lasting": "persistent",
-    "early_stop": "early_stopping",
     "plane_still": "plane_static",
 }
 TENSORS = {
@@ -32,7 +31,7 @@ FILES = {"observability.safetensors": "support.safetensors"}
 #: What a checkpoint says of a trainer's progress.
 PROGRESS = {"caution": "rate_scale"}
 #: Settings of trainings that no longer exist.
-REMOVED = {"flow_final", "codebook"}
+REMOVED = {"flow_final", "codebook", "fit", "early_stop", "early_stopping"}
 
 
 def current_tensors(tensors: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
@@ -63,5 +62,11 @@ def existing_file(folder: Path, name: str) -> Path:
 
 
 def current_progress(progress: dict[str, Any]) -> dict[str, Any]:
-    """What a checkpoint says of a trainer's progress, by the names of today."""
-    return {PROGRESS.get(name, name): value for name, value in progress.items()}
+    """What a checkpoint says of a trainer's progress, by the names of today.
+
+    A training that had stopped early (up to decision 32) goes on at the same place of its schedule: it stands as many steps later as it
+    had left out.
+    """
+    current = {PROGRESS.get(name, name): value for name, value in progress.items()}
+    skipped = current.pop("early", {"skipped": 0})["skipped"]
+    return current | {"iteration": current["iteration"] + skipped}

@@ -22,15 +22,13 @@ class TrainConfig:
     preset : str
         The preset the values started from.
     given : tuple of str
-        Settings that were chosen by hand, which fitting leaves alone.
+        Settings that were chosen by hand.
     seed : int
         Of everything that is drawn at random.
     device : {"auto", "cpu", "cuda"}
         What computes; "auto" is the GPU where there is one.
     max_pixels : int
         Frames larger than this are trained on at a reduced size.
-    fit : bool
-        Whether settings may become smaller where the clip needs less (`engine.training.fitting.budget`).
     checkpoint_seconds : float
         Seconds between checkpoints: what the end of the program by force can cost at most.
     iterations : int
@@ -41,8 +39,6 @@ class TrainConfig:
         where the iterations are fewer than the preset's.
     coarse_frames : {"first", "all"}
         Which training frames they draw.
-    early_stopping : bool
-        Watch a few training frames of a long clip, and cool down as soon as they stop improving (`engine.training.fitting.early_stopping`).
     semantic_every : int
         A semantic pass every so many steps, where semantics are trained together with geometry (`paper`, `coupled`).
     semantic_steps : int
@@ -118,14 +114,12 @@ class TrainConfig:
     seed: int = 0
     device: str = "auto"
     max_pixels: int = 1 << 20
-    fit: bool = True
     checkpoint_seconds: float = 30.0
 
     # Schedule
     iterations: int = 3000
     coarse_iterations: int = 600
     coarse_frames: CoarseFrames = "first"
-    early_stopping: bool = False
     semantic_every: int = 2
     semantic_steps: int = 600
 
@@ -242,7 +236,7 @@ PRESETS: dict[str, dict] = {
         "semantic_steps": 400,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
-    "best": {"iterations": 10_000, "coarse_iterations": 1000, "early_stopping": True, "color_residual_change": 0.1},
+    "best": {"iterations": 10_000, "coarse_iterations": 1000, "color_residual_change": 0.1},
 }
 
 #: Which settings belong together: the name of a group and its first setting; a group ends where the next begins.

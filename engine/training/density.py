@@ -50,17 +50,11 @@ class Density:
     @torch.no_grad()
     def observe(self, screen_gradient: Tensor, radii: Tensor, opacities: Tensor, half_width: float) -> None:
         """Add one step: gradient of the loss by projected centre [N, 2] (per pixel), drawn radii [N] (pixels) and opacities [N]."""
-        drawn = self.observe_visible(radii, opacities)
+        drawn = (radii > 0).to(self.opacity.dtype)
+        torch.maximum(self.opacity, opacities.detach() * drawn, out=self.opacity)
         self.gradient += screen_gradient.norm(dim=1) * half_width * drawn
         self.seen += drawn
         torch.maximum(self.radius, radii.to(self.radius.dtype), out=self.radius)
-
-    @torch.no_grad()
-    def observe_visible(self, radii: Tensor, opacities: Tensor) -> Tensor:
-        """Add a look at a frame, trained on or not: what is visible there is of use. Returns 1 for what was drawn, else 0, float [N]."""
-        drawn = (radii > 0).to(self.opacity.dtype)
-        torch.maximum(self.opacity, opacities.detach() * drawn, out=self.opacity)
-        return drawn
 
     @torch.no_grad()
     def step(self, optimizer: torch.optim.Optimizer, generator: torch.Generator, *, prune: bool = True) -> dict[str, int]:

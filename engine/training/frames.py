@@ -104,10 +104,10 @@ class FrameOrder:
         self.frames, self.random = list(frames), np.random.default_rng(seed)
         self.left: list[int] = []
 
-    def next(self, held_out: Collection[int], wanted: Collection[int] = ()) -> int:
-        """The next frame; the next one of `wanted`, if this round has any left. A new round leaves out those that are held out."""
+    def next(self, wanted: Collection[int] = ()) -> int:
+        """The next frame; the next one of `wanted`, if this round has any left."""
         if not self.left:
-            self.left = [frame for frame in self.random.permutation(self.frames).tolist() if frame not in held_out]
+            self.left = self.random.permutation(self.frames).tolist()
         for position in range(len(self.left) - 1, -1, -1):
             if self.left[position] in wanted:
                 return self.left.pop(position)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +15,7 @@ import torch
 from degense.engine.clip import Clip
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import Cancelled, DegenseError
-from degense.engine.events import Budget, Done, Events, Preview, Stage, Stopped, TrainingProgress
+from degense.engine.events import Done, Events, Preview, Stage, Stopped, TrainingProgress
 from degense.engine.field import SceneModel
 from degense.engine.field.static_gaussians import find_moving
 from degense.engine.files import replacing
@@ -26,7 +25,6 @@ from degense.engine.store.migrations import current_settings
 from degense.engine.store.run import hardware
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from degense.engine.training.config import TrainConfig, choose_device
-from degense.engine.training.fitting.budget import estimate, fit_budget, shortened
 from degense.engine.training.flow.observability import motion_observability
 from degense.engine.training.passes import draw
 from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
@@ -82,16 +80,9 @@ def train(
         inputs = prepare(clip, run, config, teacher, encoder, device, events, stop)
     except Cancelled:
         return None
-    record, words = None, shortened(config) if run is None else []
-    if run is None and config.fit:
-        budget = fit_budget(inputs.frames, config, inputs.flow, inputs.semantics.basis if inputs.semantics is not None else None)
-        config, record = budget.config, budget.to_json()
-        words += [*budget.words, estimate(inputs.clip, replace(config, fit=False))["words"]]
-    if words:
-        events(Budget(words))
     model = build_model(inputs, config)
     if run is None:
-        run = _create(out, inputs, config, model, record)
+        run = _create(out, inputs, config, model)
     training = TrainingRun(run, inputs, model, config, events, stop, started)
     if checkpoint is not None:
         training.trainer.restore(checkpoint)
@@ -114,7 +105,7 @@ def _refuse_to_resume(run: Run, clip: Clip, config: TrainConfig) -> None:
         raise DegenseError(f"{run.path} has finished its {config.iterations} iterations; start a new run to train longer")
 
 
-def _create(out: Path, inputs: Inputs, config: TrainConfig, model: SceneModel, budget: dict[str, Any] | None) -> Run:
+def _create(out: Path, inputs: Inputs, config: TrainConfig, model: SceneModel) -> Run:
     """The folder of a new run, with all that is known before its first step."""
     clip, teacher = inputs.clip, inputs.teacher
     info = {
@@ -128,7 +119,6 @@ def _create(out: Path, inputs: Inputs, config: TrainConfig, model: SceneModel, b
         "teacher": {"name": inputs.teacher_name, "provenance": inputs.semantic_provenance},
         "encoder": teacher.encoder.name if teacher is not None else None,
         "train_seconds": 0.0,
-        "budget": budget,
     }
     run = Run.create(out, clip, info)
     if teacher is not None and inputs.semantics is not None:
@@ -184,14 +174,14 @@ class TrainingRun:
 
     def _steps(self) -> bool:
         """Run the trainer to its end; False when `stop()` asked to leave. DegenseError when it diverges again and again."""
-        trainer = self.trainer
+        trainer, total = self.trainer, self.config.iterations
         first = last = trainer.iteration
         try:
-            while trainer.iteration < trainer.total:
+            while trainer.iteration < total:
                 if self.stop():
                     return False
                 trainer.step()
-                now, total = trainer.iteration, trainer.total
+                now = trainer.iteration
                 if now - last >= REPORT_EVERY or now == total:
                     seconds = time.perf_counter() - self._begun
                     eta = seconds / max(1, now - first) * (total - now)
@@ -212,7 +202,7 @@ class TrainingRun:
         self.run.log(asdict(progress))
         self.events(progress)
         now = time.perf_counter()
-        if now - self._last_preview > PREVIEW_SECONDS or progress.iteration == self.trainer.total:
+        if now - self._last_preview > PREVIEW_SECONDS or progress.iteration == progress.iterations:
             self.events(write_preview(self.run, self.trainer))
             self._last_preview = now
         if now - self._last_checkpoint > self.config.checkpoint_seconds:
@@ -224,7 +214,7 @@ class TrainingRun:
         if not self.distils or self.inputs.semantics is None:
             return True
         tell = begin_stage("semantics", self.events)
-        begin, made = time.perf_counter(), self.trainer.total
+        begin, made = time.perf_counter(), self.config.iterations
 
         def report(step: int, steps: int, loss: float, losses: dict[str, float]) -> None:
             now = time.perf_counter()
@@ -245,11 +235,7 @@ class TrainingRun:
     def _finish(self) -> None:
         """Save the model and what is known of its motion; checkpoints go."""
         run, trainer = self.run, self.trainer
-        static = exclude_static(trainer)
-        if run.info.get("budget") is not None:
-            run.info["budget"]["chosen"]["static Gaussians"] = static
-            if self.config.early_stopping:
-                run.info["budget"]["chosen"]["early stopping"] = trainer.early.to_json()
+        run.info["moving"] = exclude_static(trainer)
         run.save_model(trainer.model)
         if trainer.flow is not None:
             run.save_observability(motion_observability(trainer.model, trainer.frames, trainer.flow))
@@ -259,16 +245,14 @@ class TrainingRun:
             file.unlink()
 
 
-def exclude_static(trainer: Trainer) -> dict[str, Any]:
-    """Let Gaussians that the field never changes visibly stay out of it for good; the record of it, as budget choices are written."""
+def exclude_static(trainer: Trainer) -> int:
+    """Let Gaussians that the field never changes visibly stay out of it for good; how many stay in it."""
     model, clip = trainer.model, trainer.frames.clip
     moments = np.linspace(0, len(clip) - 1, min(len(clip), STATIC_MOMENTS))
     moving = find_moving(model, [clip.time(i) for i in moments], trainer.frames.cameras[0].fx)
-    left = len(model) - len(moving)
-    if left >= STATIC_SHARE * len(model):
+    if len(model) - len(moving) >= STATIC_SHARE * len(model):
         model.set_moving(moving)
-    why = f"the field changes {len(moving):,} of {len(model):,} visibly"
-    return {"preset": len(model), "chosen": len(model) if model.moving is None else len(moving), "why": why}
+    return len(model) if model.moving is None else len(moving)
 
 
 @torch.no_grad()

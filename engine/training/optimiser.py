@@ -9,10 +9,10 @@ from torch import Tensor
 
 from degense.engine.field import SceneModel
 from degense.engine.training.config import TrainConfig
-from degense.engine.training.fitting.early_stopping import COOLDOWN
 
 DECAYING = {"means", "field", "planes", "semantic"}
 MOMENTS = ("step", "exp_avg", "exp_avg_sq")
+COOLDOWN = 0.3  # last part of a training, in which all learning rates fall
 SETTLED = 0.05  # of its rate is left of everything at the end
 
 

@@ -10,25 +10,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from degense.engine.events import EarlyStopped, Events, Rollback
+from degense.engine.events import Events, Rollback
 from degense.engine.field import SceneModel
 from degense.engine.raster import rasterize
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.density import Density
-from degense.engine.training.fitting.early_stopping import EarlyStopping
 from degense.engine.training.flow.supervision import FlowSupervision, Pair
 from degense.engine.training.frames import FrameOrder, TrainingFrames
 from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.losses import angular, l1
 from degense.engine.training.optimiser import learned_state, make_optimiser, restore_learned, set_rates
-from degense.engine.training.passes import FieldState, Passes, draw, draw_latents
+from degense.engine.training.passes import FieldState, Passes, draw_latents
 from degense.engine.training.semantic.targets import SemanticTargets
 
 GUARD_EVERY = 100  # steps between tests of whether all is finite
 ROLLBACKS = 5
-VALIDATE_EVERY = 50  # steps between scores of the validation frames
 SMOOTHNESS_EVERY = 4  # steps between passes of the regularizers of planes and colour residuals, which change slowly
 
 
@@ -47,7 +45,7 @@ class Trainer:
     flow : FlowSupervision or None
     config : TrainConfig
     events : callable
-        Gets `Rollback` and `EarlyStopped`.
+        Gets `Rollback`.
     """
 
     def __init__(
@@ -62,18 +60,16 @@ class Trainer:
         self.model, self.frames, self.semantics, self.flow = model, frames, semantics, flow
         self.config, self.events = config, events
         self.device = model.bounds.device
-        train_frames = frames.clip.train_frames
         self.optimizer = make_optimiser(model, config)
         self.density = Density(model, config.max_gaussians)
-        self.order = FrameOrder(train_frames, config.seed)
+        self.order = FrameOrder(frames.clip.train_frames, config.seed)
         self.generator = torch.Generator().manual_seed(config.seed)
         self.iteration = 0
         self.rate_scale = 1.0  # of all learning rates; every rollback halves it
         self.rollbacks = 0
         self.sums = LossSums(self.device)
         self.times = torch.tensor([frames.clip.time(i) for i in range(len(frames.clip))], device=self.device)
-        self.early = EarlyStopping(config.iterations, train_frames if config.early_stopping else ())
-        self.unseen = set(train_frames) - self._held_out  # since the last pruning
+        self.unseen = set(frames.clip.train_frames)  # since the last pruning
         measured = frames.clip.depth_measured and config.depth > 0
         self.passes = Passes(model, config, depth=measured, semantics=semantics is not None)
         self._regularizes = max(config.plane_space, config.plane_time, config.plane_static) > 0 or model.config.color_knots > 1
@@ -94,7 +90,6 @@ class Trainer:
                 "unseen": sorted(self.unseen),
                 "rate_scale": self.rate_scale,
                 "rollbacks": self.rollbacks,
-                "early": self.early.state(),
                 **self.order.state(),
             },
         }
@@ -107,7 +102,6 @@ class Trainer:
         plain, neighbours = state["plain"], state["neighbours"]
         self.iteration, self.rate_scale, self.rollbacks = (plain[name] for name in ("iteration", "rate_scale", "rollbacks"))
         self.unseen = set(plain["unseen"])
-        self.early.restore(**plain["early"])
         self.order.restore(plain["order"], plain["random"])
         self.passes.neighbours = tuple(neighbours[name].to(self.device) for name in ("index", "weight")) if neighbours else None
         self.passes.forget()
@@ -115,12 +109,7 @@ class Trainer:
     @property
     def progress(self) -> float:
         """How far the training has got, 0 to 1: what the learning rates follow."""
-        return self.early.schedule.progress(self.iteration)
-
-    @property
-    def total(self) -> int:
-        """Steps that will be made: those of the configuration, or fewer once the validation frames have stopped improving."""
-        return self.early.schedule.total
+        return self.iteration / self.config.iterations
 
     @property
     def deforms(self) -> bool:
@@ -131,11 +120,6 @@ class Trainer:
     def densifies(self) -> bool:
         """Whether Gaussians are still cloned, split and pruned."""
         return self.progress < self.config.densify_until
-
-    @property
-    def _held_out(self) -> frozenset[int]:
-        """Validation frames that are not trained on at this step."""
-        return self.early.held_out(self.iteration)
 
     # -- one step --------------------------------------------------------------------------------------------------------------------------
     def step(self) -> None:
@@ -170,7 +154,6 @@ class Trainer:
         self.iteration += 1
         self._densify()
         self._guard()
-        self._validate()
 
     def _make_passes(self, asked: tuple[Tensor, ...]) -> None:
         """Make what reads the model, when the Gaussians or the stage have changed: before any gradient of this step is on its way."""
@@ -189,7 +172,7 @@ class Trainer:
         if not self.deforms and self.config.coarse_frames == "first":
             return self.frames.clip.train_frames[0]
         wanted = set(self.semantics.frames) if semantic and self.semantics is not None else ()
-        return self.order.next(self._held_out, wanted)
+        return self.order.next(wanted)
 
     def _semantic_loss(self, frame_index: int) -> Loss:
         """The semantic pass, on this step's frame where it has a target, else on another."""
@@ -213,7 +196,7 @@ class Trainer:
         prune = not self.unseen
         self.density.step(self.optimizer, self.generator, prune=prune)
         if prune:
-            self.unseen = set(self.frames.clip.train_frames) - self._held_out
+            self.unseen = set(self.frames.clip.train_frames)
         self.passes.neighbours = None
         self.passes.forget()
 
@@ -233,26 +216,6 @@ class Trainer:
         self.rollbacks, self.rate_scale = rollbacks, scale
         self.sums.zero_()
         self.events(Rollback(self.iteration, f"values stopped being numbers at step {failed}; learning rates halved"))
-
-    def _validate(self) -> None:
-        """Score the validation frames from time to time; begin the cool-down when they have stopped improving."""
-        if self.iteration % VALIDATE_EVERY or not self._held_out or not self.deforms:
-            return
-        if self.early.observe(self.iteration, self.validation_psnr()):
-            self.events(EarlyStopped(self.iteration, self.total, self.early.rule.reason))
-
-    @torch.no_grad()
-    def validation_psnr(self) -> float:
-        """Mean over the validation frames, valid pixels, dB. What is drawn there is not pruned for not being seen in other frames."""
-        scores = []
-        for index in self.early.frames:
-            frame = self.frames[index]
-            splats = self.model.at(self.times[index], semantics=False).splats
-            render = draw(splats, self.frames.cameras[index])
-            self.density.observe_visible(render.radii, splats.opacities)
-            error = (render.image[..., :3].clamp(0, 1) - frame.image.float() / 255).square()
-            scores.append(-10 * torch.log10(error[frame.valid].mean().clamp_min(1e-10)))
-        return float(torch.stack(scores).mean())
 
     def report(self, steps: int) -> dict[str, Any]:
         """Mean loss, its terms, and PSNR (training frames, valid pixels) over the last `steps` steps; forgets them."""

@@ -8,8 +8,7 @@ import torch
 
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.training.config import TrainConfig
-from degense.engine.training.density import PRUNE_OPACITY, Density, rotate
-from degense.engine.training.fitting.early_stopping import validation_frames
+from degense.engine.training.density import Density, rotate
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.optimiser import make_optimiser
@@ -100,22 +99,6 @@ def test_what_lives_for_one_frame_of_a_long_clip_is_not_pruned_before_its_turn()
         trainer.step()
     assert left("dead") == 0
     assert left("brief") > 0.8 * start[0]
-
-
-def test_what_is_seen_only_in_a_watched_frame_is_not_pruned():
-    clip = MemoryClip(130)
-    frames = TrainingFrames(clip, 1 << 20, torch.device("cpu"))
-    canonical, bounds = initial_gaussians(frames, None, 200, 0, np.random.default_rng(0))
-    config = TrainConfig.preset_of("quick", iterations=2000, coarse_iterations=0, early_stopping=True, rate_opacity=0.0, device="cpu")
-    watched = validation_frames(clip.train_frames)[0]
-    canonical["temporal_windows"][:40] = torch.tensor([clip.time(watched), 1e4])
-    model = SceneModel(FieldConfig(channels=8, resolution=8, time_resolution=4), bounds, canonical)
-    trainer = Trainer(model, frames, None, None, config, lambda event: None)
-    for _ in range(50):
-        trainer.step()
-    seen = trainer.density.opacity[:40] >= PRUNE_OPACITY
-    assert seen.float().mean() > 0.8
-    assert not trainer.density.seen[:40].any()  # nothing was learned of them
 
 
 def test_large_gaussians_split_into_two_smaller_ones_about_the_same_centre():

@@ -101,7 +101,10 @@ def test_stopped_and_resumed_is_the_same_as_not_stopped(tmp_path):
 
 
 def test_a_checkpoint_of_an_earlier_version_is_resumed_to_the_same_bits(tmp_path):
-    """What `degense.engine.store.migrations` says had other names: tensors, their moments, the trainer's progress and settings."""
+    """What `degense.engine.store.migrations` says had other names: tensors, their moments, the trainer's progress and settings.
+
+    The training had stopped early: at step 40 it left ten steps out.
+    """
     clip = MemoryClip()
     run_it(clip, tmp_path / "whole", tiny(iterations=60, appearance=True))
     run_it(clip, tmp_path / "parts", tiny(iterations=60, appearance=True), stop_at=50)
@@ -114,19 +117,22 @@ def test_a_checkpoint_of_an_earlier_version_is_resumed_to_the_same_bits(tmp_path
         renamed[of + dot + ".".join([tensors.get(now, now), *key])] = values
     assert {"model/canonical.tints", "moments/canonical.tints.exp_avg", "model/canonical.lifetimes"} <= set(renamed)
     write_tensors(path, renamed)
+    path.rename(path.with_name("step-0000040.safetensors"))
     progress = read_json(path.parent / "last.json")
-    write_json(path.parent / "last.json", {"caution" if name == "rate_scale" else name: value for name, value in progress.items()})
+    progress = {"caution" if name == "rate_scale" else name: value for name, value in progress.items()}
+    write_json(path.parent / "last.json", progress | {"iteration": 40, "early": {"skipped": 10, "seen": [[40, 20.0]]}})
     settings = {
         "delta_color": "recolour",
         "delta_semantics": "resemantics",
         "color_residual": "tint",
         "color_residual_change": "tint_change",
     }
-    settings |= {"rate_color_residuals": "rate_tints", "velocities": "drifts", "persistent": "lasting", "early_stopping": "early_stop"}
+    settings |= {"rate_color_residuals": "rate_tints", "velocities": "drifts", "persistent": "lasting"}
     settings |= {"plane_static": "plane_still"}
     run = Run.open(tmp_path / "parts")
     assert set(settings) <= set(run.info["config"])
-    run.info["config"] = {settings.get(name, name): value for name, value in run.info["config"].items()} | {"flow_final": 0.5}
+    run.info["config"] = {settings.get(name, name): value for name, value in run.info["config"].items()}
+    run.info["config"] |= {"flow_final": 0.5, "fit": True, "early_stop": False, "early_stopping": False}
     run.save()
     finished, _ = run_it(clip, tmp_path / "parts", tiny(), resume=True)
     assert finished.info["state"] == "finished"
@@ -205,6 +211,11 @@ def test_refusals_are_one_sentence(tmp_path):
     (tmp_path / "other" / "thesis.txt").write_text("mine")
     with pytest.raises(RunError, match="not empty"):
         run_it(clip, tmp_path / "other", tiny())
+
+
+def test_fewer_iterations_shorten_the_coarse_stage_in_proportion():
+    for preset, iterations, coarse in (("quick", 120, 24), ("quick", 2000, 160), ("balanced", None, 600), ("best", 5000, 500)):
+        assert TrainConfig.preset_of(preset, iterations=iterations).coarse_iterations == coarse
 
 
 def test_hostile_run_folders(tmp_path):

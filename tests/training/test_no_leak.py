@@ -120,8 +120,7 @@ def teaching(monkeypatch):
     monkeypatch.setattr(LabelTeacher, "targets", targets)
 
 
-def test_without_a_teacher_labels_and_truth_change_no_bit(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("degense.engine.training.fitting.early_stopping.FEWEST_FRAMES", 8)  # so that frames are watched
+def test_without_a_teacher_labels_and_truth_change_no_bit(folder, tmp_path):
     bare = shutil.copytree(folder, tmp_path / "bare")
     shutil.rmtree(bare / "labels")
     (bare / "gt.npz").unlink()

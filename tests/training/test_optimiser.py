@@ -4,8 +4,7 @@ import pytest
 import torch
 
 from degense.engine.training.config import TrainConfig
-from degense.engine.training.fitting.early_stopping import COOLDOWN
-from degense.engine.training.optimiser import DECAYING, SETTLED, set_rates
+from degense.engine.training.optimiser import COOLDOWN, DECAYING, SETTLED, set_rates
 
 
 def rates(progress, caution=1.0, **changes):

@@ -89,10 +89,10 @@ def training_answers(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise DegenseError(f"{path} cannot be read: {error}.") from error
     config, teacher = _dict(info.get("config")), _dict(info.get("teacher"))
-    named = ("preset", "routing", "iterations", "max_gaussians", "device", "seed", "fit")
+    named = ("preset", "routing", "iterations", "max_gaussians", "device", "seed")
     given = config.get("given")
-    chosen = set(given if isinstance(given, list) else ()) - {"fit"}
-    answers = {name: config[name] for name in named if name in config and (name in chosen or name in ("preset", "routing", "seed", "fit"))}
+    chosen = set(given if isinstance(given, list) else ())
+    answers = {name: config[name] for name in named if name in config and (name in chosen or name in ("preset", "routing", "seed"))}
     others = sorted(chosen - set(named))
     return answers | {
         "teacher": teacher.get("name"),

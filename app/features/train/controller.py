@@ -19,7 +19,7 @@ from degense.app.features.train.train_dialog import TrainDialog
 from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
-from degense.engine.events import Budget, Done, EarlyStopped, Event, Failed, Preview, Rollback, Stage, Step, Stopped, TrainingProgress
+from degense.engine.events import Done, Event, Failed, Preview, Rollback, Stage, Step, Stopped, TrainingProgress
 
 log = logging.getLogger(__name__)
 
@@ -206,12 +206,8 @@ class Training(QObject):
                 monitor.set_progress(event)
             case Preview(path, frame):
                 self._preview(path, frame)
-            case Budget(words):
-                monitor.note("\n".join(words))
             case Rollback(iteration, reason):
                 monitor.note(f"went back to iteration {iteration}: {reason}")
-            case EarlyStopped(iteration, iterations, reason):
-                monitor.note(f"early stop at iteration {iteration:,}, {iterations:,} in all: {reason}")
             case Done() | Stopped() | Failed():  # the process says so when it has ended
                 pass
 

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 CLIP_OPTIONS = tuple(item.name for item in fields(ClipOptions))
 OF_THE_CLIP = ("clip", "out", "resume", *CLIP_OPTIONS)
 #: The answers that are reused for another clip, by the kind of their values; besides them `settings`.
-ANSWERS = {str: ("preset", "routing", "teacher", "device"), int: ("iterations", "max_gaussians", "seed"), bool: ("fit",)}
+ANSWERS = {str: ("preset", "routing", "teacher", "device"), int: ("iterations", "max_gaussians", "seed")}
 #: Settings with an option of their own, or that are none.
-NAMED = ("preset", "routing", "iterations", "max_gaussians", "device", "seed", "fit", "given")
+NAMED = ("preset", "routing", "iterations", "max_gaussians", "device", "seed", "given")
 #: Options of `degense train` that take a value and whose name is the field's.
 _VALUED = ("routing", "teacher", "iterations", "max_gaussians", "device", "seed", *CLIP_OPTIONS)
 
@@ -49,7 +49,6 @@ class TrainingJob:
     start: int | None = None
     stride: int | None = None
     max_frames: int | None = None
-    fit: bool = True  # whether settings may become smaller where the clip needs less
     settings: tuple[tuple[str, str], ...] = ()  # further settings of `TrainConfig` by name, as JSON text
 
     def arguments(self) -> list[str]:
@@ -61,13 +60,13 @@ class TrainingJob:
                 words += [f"--{name.replace('_', '-')}", str(value)]
         for name, text in self.settings:
             words += ["--set", f"{name}={text}"]
-        return [*words, *(() if self.fit else ("--no-fit",)), *(("--resume",) if self.resume else ())]
+        return [*words, *(("--resume",) if self.resume else ())]
 
     def config(self) -> TrainConfig:
         """The settings that it amounts to. DegenseError when one of them is not allowed."""
         from degense.engine.training import TrainConfig
 
-        names = ("routing", "iterations", "max_gaussians", "device", "seed", "fit")
+        names = ("routing", "iterations", "max_gaussians", "device", "seed")
         return TrainConfig.preset_of(self.preset, **{name: getattr(self, name) for name in names}, **parse_settings(self.settings))
 
     def clip_options(self) -> dict[str, Any]:
@@ -82,11 +81,13 @@ class TrainingJob:
     @staticmethod
     def from_json(data: Any) -> TrainingJob:
         """The job that `to_json` wrote. DegenseError when it is none."""
+        from degense.engine.store.migrations import REMOVED
+
         kinds = get_type_hints(TrainingJob)
         try:
-            values = {**data, "clip": Path(data["clip"]), "out": Path(data["out"])}
+            values = {name: data[name] for name in data if name not in REMOVED} | {"clip": Path(data["clip"]), "out": Path(data["out"])}
             if "settings" in values:
-                values["settings"] = tuple((name, text) for name, text in values["settings"])
+                values["settings"] = _current(values["settings"])
                 parse_settings(values["settings"])
             if wrong := [name for name, value in values.items() if name != "settings" and not isinstance(value, kinds[name])]:
                 raise ValueError(f"{wrong[0]} cannot be {values[wrong[0]]!r}")
@@ -104,7 +105,7 @@ class TrainingJob:
         known: dict[str, Any] = {name: value for name, value in answers.items() if name in kinds and type(value) is kinds[name]}
         settings = answers.get("settings", ())
         if isinstance(settings, list | tuple) and all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in settings):
-            known["settings"] = tuple((str(name), str(text)) for name, text in settings)
+            known["settings"] = _current(settings)
         job = replace(self, **known)
         try:
             job.config()
@@ -129,6 +130,13 @@ def parse_settings(pairs: tuple[tuple[str, str], ...]) -> dict[str, Any]:
             raise DegenseError(f"There is no setting {given!r}; add --set help to the command to see all.")
         values[name] = _value(name, text, defaults[name])
     return values
+
+
+def _current(settings: Sequence[Sequence[Any]]) -> tuple[tuple[str, str], ...]:
+    """Stored settings, without those that no longer exist."""
+    from degense.engine.store.migrations import REMOVED
+
+    return tuple((str(name), str(text)) for name, text in settings if name not in REMOVED)
 
 
 def _value(name: str, text: str, default: Any) -> Any:

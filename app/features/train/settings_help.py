@@ -39,7 +39,6 @@ POSES_WORDS = {
     "still": ("Stands still", "The endoscope does not move; all motion is tissue's and tools'."),
     "estimate": ("Moves", "Its path is estimated from the frames before training."),
 }
-FIT_WORDS = "Spends less than the preset allows where the clip needs less; the run records what was left out and why."
 ITERATION_WORDS = "Steps of training. More are slower and finer, up to a point."
 GAUSSIAN_WORDS = "Cap on the number of Gaussians: it bounds memory and time."
 SEED_WORDS = "Another seed, another random start: how much of a result is luck."

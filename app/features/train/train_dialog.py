@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtWidgets import (
-    QCheckBox,
     QComboBox,
     QDialogButtonBox,
     QFileDialog,
@@ -54,14 +53,13 @@ class TrainDialog(forms.Dialog):
         self.folder = forms.PathLine("Teacher's folder", lambda at: QFileDialog.getExistingDirectory(self, "The teacher's folder", at))
         self.device = _choice("Device", words.DEVICE_WORDS)
         self.poses = _choice("Camera", words.POSES_WORDS)
-        self.fit = QCheckBox("Fit the budget to the clip")
         self.iterations = forms.number("Iterations", most=1_000_000, step=500, zero="as the preset")
         self.max_gaussians = forms.number("Gaussians", most=5_000_000, step=5000, zero="as the preset")
         self.seed = forms.number("Seed", most=2**31 - 1)
         self._place = forms.PathLine("Run folder", lambda at: QFileDialog.getSaveFileName(self, "Folder for the run", at, "")[0])
         self.out = self._place.line
         self.out.setText(str(free_path(clip.path.parent / f"{clip.path.stem}-run")))
-        names = ("preset", "routing", "teacher", "device", "poses", "fit", "iterations", "max_gaussians", "seed")
+        names = ("preset", "routing", "teacher", "device", "poses", "iterations", "max_gaussians", "seed")
         self._controls: dict[str, QWidget] = {name: getattr(self, name) for name in names}
         self.table = SettingsTable()
         self.cost, self.complaint = forms.named(QLabel(wordWrap=True), "Cost"), forms.complaint()
@@ -119,7 +117,6 @@ class TrainDialog(forms.Dialog):
             ("Gradient routing", self.routing, words.ROUTING_WORDS),
             ("Camera", self.poses, words.POSES_WORDS),
             ("Device", self.device, words.DEVICE_WORDS),
-            ("Budget", self.fit, words.FIT_WORDS),
             ("Iterations", self.iterations, words.ITERATION_WORDS),
             ("Gaussians", self.max_gaussians, words.GAUSSIAN_WORDS),
             ("Seed", self.seed, words.SEED_WORDS),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from typing import Any
 
 from degense.engine.metrics.averages import mean
@@ -38,7 +37,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
             BenchTraining(
                 clip,
                 options.scratch / f"systems-{kind}-{name}-{seed}",
-                replace(as_system(name, base_config(options, seed=seed)), fit=False),
+                as_system(name, base_config(options, seed=seed)),
                 vlm_like(seed),
             )
             for name in SYSTEMS

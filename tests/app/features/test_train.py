@@ -88,17 +88,17 @@ def test_every_setting_is_explained_and_can_be_changed(qtbot, with_clip, tmp_pat
     assert table.item(rows["flow"], 0).font().bold()
     screenshot(with_clip, "train-settings")
     dialog.poses.setCurrentIndex(dialog.poses.findData("still"))
-    dialog.fit.setChecked(False)
+    dialog.seed.setValue(7)
     dialog.out.setText(str(tmp_path / "run"))
     jobs: list[TrainingJob] = []
     monkeypatch.setattr(on.training(with_clip), "start", jobs.append)
     dialog.accept()
-    assert (jobs[0].poses, jobs[0].fit, jobs[0].settings) == ("still", False, (("flow", "7.5"),))
+    assert (jobs[0].poses, jobs[0].seed, jobs[0].settings) == ("still", 7, (("flow", "7.5"),))
     assert jobs[0].config().flow == 7.5
     again = ask(with_clip)  # the answers are reused, those about the clip are not
-    assert (again.fit.isChecked(), again.table.typed, again.poses.currentData()) == (False, {"flow": "7.5"}, "auto")
+    assert (again.seed.value(), again.table.typed, again.poses.currentData()) == (7, {"flow": "7.5"}, "auto")
     qtbot.mouseClick(again.reset, Qt.MouseButton.LeftButton)
-    assert (again.fit.isChecked(), again.table.typed) == (True, {})
+    assert (again.seed.value(), again.table.typed) == (0, {})
     again.reject()
 
 

@@ -143,9 +143,7 @@ def test_the_job_is_the_command_line():
     from degense.app.cli.parser import build_parser
 
     job = TrainingJob(Path("a clip"), Path("run"), "quick", "paper", "none", 7, 99, "cpu", 5, True, "frames", "keep", 321.5)
-    job = replace(
-        job, poses="still", pose_axes="opencv", start=3, stride=2, max_frames=50, fit=False, settings=(("flow", "10"), ("levels", "[1]"))
-    )
+    job = replace(job, poses="still", pose_axes="opencv", start=3, stride=2, max_frames=50, settings=(("flow", "10"), ("levels", "[1]")))
     options = build_parser()[0].parse_args(job.arguments())
     named = {name: getattr(options, name) for name in vars(job)}
     assert named | {"settings": tuple(options.settings)} == vars(job)

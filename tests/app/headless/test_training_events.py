@@ -17,9 +17,7 @@ from degense.engine.errors import DegenseError
 from degense.engine.events import (
     NAMES,
     STAGES,
-    Budget,
     Done,
-    EarlyStopped,
     Event,
     Failed,
     Preview,
@@ -39,10 +37,8 @@ EXAMPLES = [
     Step("flow", 0.5, "following tissue"),
     TrainingProgress(25, 100, 0.5, 21.5, 400, 3.0, 9.0, {"l1": 0.4, "ssim": 0.1}),
     TrainingProgress(25, 100),
-    Budget(["levels 1 instead of 1, 2"]),
     Preview("previews/last.png", 7),
     Rollback(100, "values stopped being numbers"),
-    EarlyStopped(250, 430, "no gain"),
     Done("run"),
     Stopped(0),
     Failed("The disk is full."),
@@ -70,7 +66,6 @@ def test_every_event_survives_the_border():
         {"event": "stage", "stage": 5},
         {"event": "stopped", "iteration": True},
         {"event": "stopped", "iteration": 2.5},
-        {"event": "budget", "words": "text"},
         {"event": "progress", "iteration": 1, "iterations": 2, "losses": {"l1": "x"}},
     ],
 )

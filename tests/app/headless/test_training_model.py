@@ -48,7 +48,7 @@ def test_one_at_a_time_and_nobody_overtakes_who_is_paused(tmp_path):
 
 
 def test_what_is_not_done_is_kept(tmp_path):
-    job = TrainingJob(tmp_path / "clip", tmp_path / "a", "quick", iterations=7, focal=500.0, fit=False, settings=(("flow", "7"),))
+    job = TrainingJob(tmp_path / "clip", tmp_path / "a", "quick", iterations=7, focal=500.0, settings=(("flow", "7"),))
     other = replace(JOB, out=tmp_path / "b")
     queue = TrainingQueue()
     queue.add(job)
@@ -65,6 +65,8 @@ def test_what_is_not_done_is_kept(tmp_path):
             TrainingJob.from_json(wrong)
     with pytest.raises(DegenseError, match="cannot be read"):
         TrainingJob.from_json(job.to_json() | {"telepathy": 1})
+    old = job.to_json() | {"fit": False, "settings": [["early_stopping", "true"], ["flow", "7"]]}
+    assert TrainingJob.from_json(json.loads(json.dumps(old))) == job
 
 
 def test_settings_are_typed_and_refused_in_words():
@@ -83,13 +85,15 @@ def test_settings_are_typed_and_refused_in_words():
             parse_settings((pair,))
     with pytest.raises(DegenseError, match="iterations"):
         parse_settings((("iterations", "5"),))  # it has an option of its own
-    assert parse_settings((("early_stop", "true"), ("tint", "0.5"))) == {"early_stopping": True, "color_residual": 0.5}
+    assert parse_settings((("plane_still", "0.1"), ("tint", "0.5"))) == {"plane_static": 0.1, "color_residual": 0.5}
 
 
 def test_answers_are_reused_and_hostile_ones_left_out():
-    job = replace(JOB, preset="quick", seed=4, fit=False, settings=(("flow", "3"),), poses="still")
+    job = replace(JOB, preset="quick", seed=4, settings=(("flow", "3"),), poses="still")
     again = JOB.with_answers(json.loads(json.dumps(job.answers())))
     assert again == replace(job, poses=None)
+    old = job.answers() | {"fit": True, "settings": [["early_stop", "true"], ["flow", "3"]]}
+    assert JOB.with_answers(old) == again
     assert JOB.with_answers({"seed": "x", "preset": 5, "out": "elsewhere", "settings": [["flow", "1", "2"]]}) == JOB
     assert JOB.with_answers({"preset": "of a newer version"}) == JOB
 

@@ -58,7 +58,7 @@ def test_it_prints_the_papers_table(clip, compared, capsys):
 def test_the_runs_are_what_they_are_called(compared):
     configs = {name: read_json(compared / "runs" / name / "run.json")["config"] for name in ("surgtpgs-1", "degense-1")}
     assert (configs["surgtpgs-1"]["routing"], configs["surgtpgs-1"]["flow"], configs["surgtpgs-1"]["angular"]) == ("coupled", 0, False)
-    assert (configs["degense-1"]["routing"], configs["degense-1"]["seed"], configs["degense-1"]["fit"]) == ("isolated", 1, False)
+    assert (configs["degense-1"]["routing"], configs["degense-1"]["seed"]) == ("isolated", 1)
     assert configs["surgtpgs-1"]["iterations"] == configs["degense-1"]["iterations"] == 15
 
 

@@ -19,7 +19,7 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from tests.fakes import MemoryClip
 
-TINY = {"iterations": 40, "max_gaussians": 400, "resolution": 8, "channels": 8, "device": "cpu", "fit": False, "semantic_steps": 20}
+TINY = {"iterations": 40, "max_gaussians": 400, "resolution": 8, "channels": 8, "device": "cpu", "semantic_steps": 20}
 
 
 @pytest.fixture(scope="module")

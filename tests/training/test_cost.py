@@ -8,7 +8,7 @@ import torch
 
 from degense.engine.errors import DegenseError
 from degense.engine.training.config import PRESETS, TrainConfig
-from degense.engine.training.fitting.budget import estimate
+from degense.engine.training.cost import estimate
 from tests.fakes import MemoryClip
 
 
