@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import torch
@@ -11,9 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from degense.engine.layers.layer import Layer, LayerRequest
-from degense.engine.scene import REVEALED, Scene
-
-GUESS = "hatched: a guess, the recording does not show how this moved"
+from degense.engine.scene import Scene
 
 Measure = Callable[[Scene, float], Tensor]
 
@@ -55,25 +52,6 @@ def growth_of(scene: Scene, frame: float) -> Tensor:
     return growths(scene.splats(frame).scales, scene.splats(scene.reference_frame).scales)
 
 
-def guessed(
-    scene: Scene, request: LayerRequest, drawn: tuple[str, ...] = ("observability",), since_reference: bool = True
-) -> np.ndarray | None:
-    """Pixels whose motion the recording does not reveal, bool [H, W], by a frame of the channels `drawn`, observability among them.
-
-    None when the run does not say, and at the reference frame for what is measured from there: it is 0 by definition, which is certain.
-    """
-    if scene.observability is None or (since_reference and request.frame == scene.reference_frame):
-        return None
-    return scene.render(request.frame, request.camera, drawn)["observability"] < REVEALED
-
-
-def guessed_splats(scene: Scene, request: LayerRequest, since_reference: bool = True) -> np.ndarray | None:
-    """As `guessed`, bool [N] of the Gaussians."""
-    if scene.observability is None or (since_reference and request.frame == scene.reference_frame):
-        return None
-    return scene.observability.cpu().numpy() < REVEALED
-
-
 def moving(name: str, description: str, measure: Measure, unit: Callable[[Scene], str], signed: bool = False) -> Layer:
     """A layer of one number a Gaussian. All but the speed are measured from the reference frame."""
 
@@ -93,10 +71,9 @@ def moving(name: str, description: str, measure: Measure, unit: Callable[[Scene]
         "vik" if signed else "viridis",
         signed=signed,
         from_zero=not signed,
-        uncertain=partial(guessed, since_reference=measure is not speed_of),
-        uncertain_splats=partial(guessed_splats, since_reference=measure is not speed_of),
-        uncertain_words=GUESS,
         of_motion=True,
+        guess="hatched: a guess, the recording does not show how this moved",
+        since_reference=measure is not speed_of,
     )
 
 

@@ -12,11 +12,13 @@ from degense.engine.camera import Camera
 from degense.engine.colour_maps import CLASS_COLOURS, hatched
 from degense.engine.colour_maps import colourise as colourise_values
 from degense.engine.layer_titles import LAYER_TITLES
-from degense.engine.scene import NO_OBSERVABILITY, Scene
+from degense.engine.scene import NO_OBSERVABILITY, REVEALED, Scene
 from degense.engine.semantics.prompts import NO_PROMPTS, PromptSet
 
 Kind = Literal["colour", "scalar", "mask"]
 RangeMode = Literal["frame", "sequence"]
+#: Channels of displacement: its values, and where they are guesses. Frames of the surgeon's camera are cached: one drawing for both.
+MOVED = ("displacement", "observability")
 
 
 @dataclass(frozen=True)
@@ -41,10 +43,6 @@ class LayerImage:
     uncertain: np.ndarray | None = None  # bool [H, W]; pixels whose value is a guess; None where the layer cannot tell
 
 
-def nowhere(scene: Scene, request: LayerRequest) -> None:
-    """No value of the layer is known to be a guess."""
-
-
 @dataclass(frozen=True)
 class Layer:
     """One entry of the registry."""
@@ -60,9 +58,8 @@ class Layer:
     from_zero: bool = False  # its range starts at zero
     fixed_range: tuple[float, float] | None = None  # the range that it always has; None where the values decide
     of_motion: bool = False  # large values are findings about motion, whose worst frames and places are worth a list
-    uncertain: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere  # bool [H, W], a guess; None where the scene cannot tell
-    uncertain_splats: Callable[[Scene, LayerRequest], np.ndarray | None] = nowhere  # bool [N]
-    uncertain_words: str = ""  # what that means, for legends
+    guess: str = ""  # what is hatched where the recording does not reveal the motion, for legends; empty where no value is a guess
+    since_reference: bool = True  # of motion: measured from the reference frame, where it is 0 by definition, which is no guess
     needs_semantics: bool = False
     needs_clip: bool = False
     needs_prompt: bool = False
@@ -75,6 +72,23 @@ class Layer:
     def image(self, scene: Scene, request: LayerRequest) -> LayerImage:
         """Draw the layer. DegenseError when the scene cannot show it."""
         return LayerImage(self.pixels(scene, request), self.unit(scene), self.kind, self.uncertain(scene, request))
+
+    def uncertain(self, scene: Scene, request: LayerRequest) -> np.ndarray | None:
+        """Pixels whose motion the recording does not reveal, bool [H, W]; None where none is a guess, or the scene cannot tell."""
+        if not self._guesses(scene, request):
+            return None
+        drawn = MOVED if self.name == MOVED[0] and request.camera is None else MOVED[1:]
+        return scene.render(request.frame, request.camera, drawn)["observability"] < REVEALED
+
+    def uncertain_splats(self, scene: Scene, request: LayerRequest) -> np.ndarray | None:
+        """As `uncertain`, bool [N] of the Gaussians."""
+        if not self._guesses(scene, request) or scene.observability is None:
+            return None
+        return scene.observability.cpu().numpy() < REVEALED
+
+    def _guesses(self, scene: Scene, request: LayerRequest) -> bool:
+        measured = self.since_reference and request.frame == scene.reference_frame
+        return bool(self.guess) and scene.observability is not None and not measured
 
     def missing(self, scene: Scene, prompts: tuple[str, ...]) -> str:
         """Why the scene cannot show this layer now, in one sentence; empty when it can."""

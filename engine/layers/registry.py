@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from degense.engine.errors import DegenseError
-from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED, guessed, guessed_splats
-from degense.engine.layers.layer import Layer, LayerRequest
+from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED
+from degense.engine.layers.layer import MOVED, Layer, LayerRequest
 from degense.engine.motion import spurious
 from degense.engine.scene import NO_OBSERVABILITY, REVEALED, Scene
 from degense.engine.scene.clip_query import decode_frame, decode_splats, splat_semantics
@@ -58,7 +58,6 @@ def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
-MOVED = ("displacement", "observability")  # channels of the displacement layer: its values, and where they are guesses
 
 
 def _channel(name: str) -> Callable[[Scene, LayerRequest], np.ndarray]:
@@ -75,14 +74,8 @@ def _depth_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 
 def _displacement(scene: Scene, request: LayerRequest) -> np.ndarray:
-    together = (
-        request.camera is None and scene.observability is not None
-    )  # frames of the surgeon's camera are cached: one drawing for both of MOVED
+    together = request.camera is None and scene.observability is not None
     return scene.render(request.frame, request.camera, MOVED if together else MOVED[:1])["displacement"]
-
-
-def _displacement_guessed(scene: Scene, request: LayerRequest) -> np.ndarray | None:
-    return guessed(scene, request, MOVED if request.camera is None else MOVED[1:])
 
 
 def _observability_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -169,9 +162,7 @@ LAYERS: dict[str, Layer] = {
             _displacement,
             _displacement_splats,
             lambda scene: scene.unit,
-            uncertain=_displacement_guessed,
-            uncertain_splats=guessed_splats,
-            uncertain_words="hatched: a guess, the recording does not show how far this moved",
+            guess="hatched: a guess, the recording does not show how far this moved",
             from_zero=True,
             of_motion=True,
         ),

@@ -12,7 +12,7 @@ import torch
 from degense.engine.clip import Clip
 from degense.engine.errors import ClipError
 from degense.engine.layers import LAYERS, LayerRequest
-from degense.engine.layers.registry import MOVED
+from degense.engine.layers.layer import MOVED
 from degense.engine.metrics.averages import Mean
 from degense.engine.metrics.image import ImageScores
 from degense.engine.metrics.motion import MotionScores, scene_depth

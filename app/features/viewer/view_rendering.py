@@ -99,7 +99,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         cmap=cmap,
         observed=scene.observed(round(frame)) if view_state.compare != "off" and request.camera is None else None,
         splats=splat_arrays(scene, layer, query, view_state, span, cmap) if request.splats else None,
-        uncertain=layer.uncertain_words if image.uncertain is not None and image.uncertain.any() else "",
+        uncertain=layer.guess if image.uncertain is not None and image.uncertain.any() else "",
     )
     if request.recorded and (recorded := scene.observed(round(frame))) is not None:
         view = replace(view, rgb=recorded, span=None, uncertain="")
