@@ -169,19 +169,10 @@ class FrameTrack(Painted, QSlider):
         self.setSliderDown(False)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        step = 10 if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else 1
-        key, page = Qt.Key, self.pageStep()
-        steps = {
-            key.Key_Left: -step,
-            key.Key_Down: -step,
-            key.Key_Right: step,
-            key.Key_Up: step,
-            key.Key_PageUp: -page,
-            key.Key_PageDown: page,
-        }
-        if (move := steps.get(Qt.Key(event.key()))) is not None:
-            self.setValue(self.value() + move)
-        else:
+        pages = {Qt.Key.Key_PageUp: -1, Qt.Key.Key_PageDown: 1}.get(Qt.Key(event.key()), 0)  # down is on, as in a text
+        self.setValue(self.value() + pages * self.pageStep())
+        if not pages:
+            self.setSingleStep(10 if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else 1)
             super().keyPressEvent(event)
 
     def event(self, event) -> bool:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import re
 from collections.abc import Sequence
@@ -14,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
+from degense.app.features.inspect.curves import table_of
 from degense.app.features.viewer.layer_images import write_png
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
@@ -61,7 +60,7 @@ def write_clip_masks(scene: Scene, prompts: PromptSet, frames: Sequence[int], ou
         areas[frame] = found.areas
         yield len(areas) / len(frames), f"frame {frame}"
     table = {text: np.array([areas[frame][index] for frame in frames]) for index, text in enumerate(prompts.prompts)}
-    _write_areas(out / "areas.csv", frames, table)
+    write_text(out / "areas.csv", table_of({"frame": np.asarray(frames), **table}))
     return table
 
 
@@ -110,11 +109,3 @@ def _areas(folders: Sequence[Path], frame: int) -> np.ndarray:
             raise DegenseError(f"{folder / _file(frame)} is missing or damaged; delete the label map of frame {frame} to make it anew.")
         shares.append((mask > 0).mean())
     return np.array(shares)
-
-
-def _write_areas(path: Path, frames: Sequence[int], areas: dict[str, np.ndarray]) -> None:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["frame", *areas])
-    table.writerows([frame, *(f"{values[row]:.6f}" for values in areas.values())] for row, frame in enumerate(frames))
-    write_text(path, text.getvalue())
