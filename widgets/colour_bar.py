@@ -29,6 +29,7 @@ class Gradient(forms.PaintedWidget):
         super().__init__()
         self._bar = width
         self.low, self.high, self.cmap = 0.0, 1.0, COLOUR_MAPS[0]
+        self.beyond = (False, False)  # whether values lie below the first and above the last colour
         self.setAccessibleName("Colours and their numbers")
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
         self.setMinimumHeight(120)
@@ -48,11 +49,12 @@ class Gradient(forms.PaintedWidget):
         count = max(2, int(bar.height() / (3 * metrics.height())))
         inner = MaxNLocator(count, steps=[1, 2, 5, 10]).tick_values(self.low, self.high)
         clear = 1.2 * metrics.height() / max(bar.height(), 1) * (self.high - self.low)
+        signs = dict(zip(ends, ("≤ " if self.beyond[0] else "", "≥ " if self.beyond[1] else ""), strict=True))
         for value in ends + [v for v in inner if self.low + clear < v < self.high - clear]:
             y = bar.bottom() - (value - self.low) / ((self.high - self.low) or 1.0) * bar.height()
             painter.drawLine(round(bar.right()), round(y), round(bar.right()) + 4, round(y))
             label = QRectF(bar.right() + 7, y - metrics.height() / 2, self.width(), metrics.height())
-            painter.drawText(label, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, short(value))
+            painter.drawText(label, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, signs.get(value, "") + short(value))
 
 
 class ColourBar(QWidget):
@@ -102,11 +104,11 @@ class ColourBar(QWidget):
     def cmap(self) -> str:
         return self._gradient.cmap
 
-    def set_range(self, low: float, high: float) -> None:
-        """The numbers of the first and the last colour."""
+    def set_range(self, low: float, high: float, beyond: tuple[bool, bool] = (False, False)) -> None:
+        """The numbers of the first and the last colour, and whether values lie beyond them."""
         if not (math.isfinite(low) and math.isfinite(high)):
             raise ValueError(f"a colour range is finite, not {low} to {high}")
-        self._gradient.low, self._gradient.high = float(low), float(high)
+        self._gradient.low, self._gradient.high, self._gradient.beyond = float(low), float(high), beyond
         self._show_range()
 
     def range(self) -> tuple[float, float]:

@@ -41,7 +41,7 @@ def demo(options: argparse.Namespace) -> int:
 
 def _draw_sample(scene: Scene, out: Path) -> Steps[list[str]]:
     """Write the pictures of the sample, for machines without a display; the sentences that say what they show."""
-    from degense.app.features.viewer.layer_images import get_layer, laid_over, layer_rgb, with_colour_bar, write_png
+    from degense.app.features.viewer.layer_images import beyond, get_layer, laid_over, layer_rgb, with_colour_bar, write_png
     from degense.app.session.view_state import PROMPT_COLOURS
     from degense.engine.colour_maps import mask_overlay
     from degense.engine.layers import LayerRequest, layer_range
@@ -65,7 +65,8 @@ def _draw_sample(scene: Scene, out: Path) -> Steps[list[str]]:
         low, high = layer_range(scene, layer, request, "sequence")
         unit = layer.unit(scene)
         picture, uncertain = layer_rgb(scene, layer, request, (low, high)), layer.uncertain(scene, request)
+        outside = beyond(layer.pixels(scene, request), low, high)
         hatched = uncertain is not None and bool(uncertain.any())
-        write_png(out / f"{name}.png", with_colour_bar(picture, layer.title, unit, low, high, layer.cmap, hatched=hatched))
+        write_png(out / f"{name}.png", with_colour_bar(picture, layer.title, unit, low, high, layer.cmap, hatched=hatched, outside=outside))
         said.append(f"{name}.png: {layer.description} Colours from {low:.3g} to {high:.3g} {unit}.")
     return said

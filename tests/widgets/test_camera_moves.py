@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from degense.widgets.splats.camera_moves import dolly, framing, orbit, pan, splat_at
+from degense.widgets.splats.camera_moves import dolly, filled, framing, letterboxed, orbit, pan, splat_at
 
 
 @pytest.fixture
@@ -78,3 +78,9 @@ def test_picking_nothing(camera, splats):
     assert splat_at(10, 10, camera, means[:0], quats[:0], scales[:0], opacities[:0]) == -1
     behind = camera.unproject(np.full((len(means), 2), 40.0), np.full(len(means), -3.0))
     assert splat_at(40, 40, camera, behind, quats, scales, opacities) == -1
+
+
+@pytest.mark.parametrize("size", [(515, 794), (900, 300)])
+def test_filled_undoes_letterboxed(camera, size):
+    back = filled(letterboxed(camera, *size), camera.width, camera.height)
+    assert (back.fx, back.fy, back.cx, back.cy) == pytest.approx((camera.fx, camera.fy, camera.cx, camera.cy))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QImage, QPainter
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit
 
@@ -47,6 +48,21 @@ def test_programs_are_silent(bar, heard):
     assert (bar.range_mode(), bar.cmap()) == ("frame", "vik")
     assert any(label.text() == "Displacement [mm]" for label in bar.findChildren(QLabel))
     assert heard == []
+
+
+def test_ends_say_what_lies_beyond(bar, monkeypatch):
+    drawn: list[str] = []
+
+    class Painter(QPainter):
+        def drawText(self, *args) -> None:
+            drawn.append(args[-1])
+
+    bar.set_range(2.0, 9.06, (False, True))
+    canvas = QImage(140, 300, QImage.Format.Format_RGB32)
+    with Painter(canvas) as painter:
+        bar._gradient._paint(painter)
+    assert {"2", "≥ 9.06"} <= set(drawn)
+    assert not any(text.startswith("≤") for text in drawn)
 
 
 def test_typing_fixes_the_range(bar, heard):

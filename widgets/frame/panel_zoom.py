@@ -41,10 +41,7 @@ class PanelZoom(QObject):
 
     def fit(self) -> None:
         """Show the whole frame in the middle, as large as it can be, and keep doing so when the panel is resized."""
-        width, height = self.image
-        self.fitted = True
-        self.scale = max(min(self._size.width() / width, self._size.height() / height), 1e-3)
-        self.origin = QPointF((self._size.width() - width * self.scale) / 2, (self._size.height() - height * self.scale) / 2)
+        self.set_view(1.0, 0.0, 0.0, fitted=True)
         self._tell()
 
     def set_image(self, width: int, height: int) -> None:
@@ -62,9 +59,10 @@ class PanelZoom(QObject):
         self._tell()
 
     def resize(self, panel: QSizeF) -> None:
-        """The panel has another size: the whole frame stays whole, otherwise the middle stays in the middle."""
+        """The panel has another size: a frame that is not enlarged is fitted, otherwise the middle stays in the middle."""
+        whole = self.fitted or self.scale <= self._whole()
         grown, self._size = panel - self._size, panel
-        if self.fitted:
+        if whole:
             self.fit()
         else:
             self.move(QPointF(grown.width() / 2, grown.height() / 2))
@@ -74,9 +72,11 @@ class PanelZoom(QObject):
         middle = self.to_image(self._middle())
         return self.scale, middle.x(), middle.y()
 
-    def set_view(self, scale: float, x: float, y: float) -> None:
-        """Zoom and pan as another panel whose `view` this is. Emits nothing, so that two panels can follow each other."""
-        self.scale, self.fitted = scale, False
+    def set_view(self, scale: float, x: float, y: float, fitted: bool = False) -> None:
+        """Zoom and pan as another panel whose `view` this is, or fit as it does. Emits nothing, so that two panels can follow each other."""
+        if fitted:
+            scale, x, y = self._whole(), self.image[0] / 2, self.image[1] / 2
+        self.scale, self.fitted = scale, fitted
         self.origin = self._middle() - QPointF(x, y) * scale
         self._panel.update()
 
@@ -89,6 +89,10 @@ class PanelZoom(QObject):
     def target(self) -> QRectF:
         """The frame's rectangle in the widget."""
         return QRectF(self.origin.x(), self.origin.y(), self.image[0] * self.scale, self.image[1] * self.scale)
+
+    def _whole(self) -> float:
+        """The scale at which the whole frame is as large as it can be."""
+        return max(min(self._size.width() / self.image[0], self._size.height() / self.image[1]), 1e-3)
 
     def _middle(self) -> QPointF:
         return QPointF(self._size.width() / 2, self._size.height() / 2)

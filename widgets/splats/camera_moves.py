@@ -49,7 +49,15 @@ def framing(means: np.ndarray, width: int, height: int) -> Camera:
 
 def letterboxed(camera: Camera, width: int, height: int) -> Camera:
     """The camera whose image fills a viewport of `width` × `height` pixels and shows the whole image of `camera`, centred."""
-    scale = min(width / camera.width, height / camera.height)
+    return _resized(camera, width, height, min(width / camera.width, height / camera.height))
+
+
+def filled(camera: Camera, width: int, height: int) -> Camera:
+    """As `letterboxed`, with no pixel that `camera` does not see: it undoes that, since margins are cut off again."""
+    return _resized(camera, width, height, max(width / camera.width, height / camera.height))
+
+
+def _resized(camera: Camera, width: int, height: int, scale: float) -> Camera:
     return Camera(
         width=width,
         height=height,

@@ -13,7 +13,7 @@ from degense.app.features.viewer.view_rendering import View, ViewRequest, draw_v
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
-from degense.widgets.splats.camera_moves import letterboxed
+from degense.widgets.splats.camera_moves import filled
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -38,7 +38,7 @@ def camera_movie(scene: Scene, stops: tuple[Stop, ...], view_state: ViewState, o
         for i in range(count):
             yield i / count, f"frame {i + 1} of {count}"
             camera, frame = path.at(i / FPS)
-            camera = letterboxed(camera, *scene.clip_size)
+            camera = filled(camera, *scene.clip_size)
             request = ViewRequest(min(frame, scene.frames - 1.0), view_state, span, splats=False, camera=camera)
             view = _last(draw_view(scene, request))
             add(view.rgb if view.masks is None else laid_over(view.rgb, view.masks, view_state.overlay_opacity))

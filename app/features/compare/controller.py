@@ -103,4 +103,4 @@ class RunComparison(QObject):
 
     def _follow_zoom(self, leader: RenderPanel, follower: RenderPanel) -> None:
         if self.scene is not None and follower.isVisible():
-            follower.zoom.set_view(*leader.zoom.view())
+            follower.zoom.set_view(*leader.zoom.view(), leader.zoom.fitted)

@@ -39,7 +39,7 @@ class Exporter(QObject):
         view = self.viewer.view
         if view is not None and view.span is not None:
             title = get_layer(self.session.view_state.layer).title
-            frame = with_colour_bar(frame, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain))
+            frame = with_colour_bar(frame, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain), outside=view.beyond)
 
         def save() -> None:
             write_png(path, frame)

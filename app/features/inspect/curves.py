@@ -126,6 +126,12 @@ def summary(numbers: np.ndarray, weights: np.ndarray) -> tuple[float, float, flo
     return float(np.average(numbers, weights=weights)), float(low), float(high)
 
 
+def means(curves: Curves, frame: int) -> list[tuple[str, str]]:
+    """Name and text of each mean over the place at a frame."""
+    rows = [(name, f"{band[0, frame]:.3g} {curves.units[name]}".strip()) for name, band in curves.layers.items()]
+    return rows if curves.area is None else [*rows, ("area", f"{curves.area[frame]:.2%} of the frame")]
+
+
 def to_csv(curves: Curves) -> str:
     """A table with a row for each frame; units stand in the heads of the columns."""
     columns: dict[str, np.ndarray] = {"frame": curves.frames}

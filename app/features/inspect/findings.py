@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from degense.engine.layers.ranking import Finding, Ranking
 
 
+#: What the value of a finding is; the probe shows that of a single pixel.
+STATISTICS = {"frames": "99th percentile", "places": "Mean around"}
+
+
 class Findings(QObject):
     """Fills its list while it searches; another layer clears it."""
 
@@ -84,7 +88,8 @@ class Findings(QObject):
     def _list(self) -> None:
         """Write the list. Nothing is chosen."""
         unit = self.ranking.unit if self.ranking is not None else ""
-        self.table.setHorizontalHeaderLabels(["Frame", "Place [px]", f"Value [{unit}]" if unit else "Value"])
+        statistic = STATISTICS[self._kinds.currentData()]
+        self.table.setHorizontalHeaderLabels(["Frame", "Place [px]", f"{statistic} [{unit}]" if unit else statistic])
         self.table.setCurrentCell(-1, -1)
         forms.fill(self.table, [(str(f.frame), f"{f.x:.0f}, {f.y:.0f}", f"{f.value:.3g}") for f in self.findings()], right=True)
         self.shell.refresh()

@@ -9,7 +9,7 @@ import numpy as np
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QColor
 
-from degense.app.features.inspect.curves import Curves, follow, to_csv
+from degense.app.features.inspect.curves import Curves, follow, means, to_csv
 from degense.app.features.inspect.probe_maps import ProbeMaps, probe_maps
 from degense.app.features.inspect.probe_panel import ProbePanel
 from degense.app.features.viewer.controller import Viewer
@@ -97,8 +97,12 @@ class Probe(QObject):
             self._show_values()
 
     def _show_values(self) -> None:
+        """The numbers of what the heading names: the spot that is followed, the mean over a region or mask, else what the pointer is on."""
         maps, place = self._maps, self.session.probe
-        at = self._cursor or ((place.x, place.y) if isinstance(place, Spot) else None)
+        if isinstance(place, Region | Found):
+            self.panel.set_values(means(self.curves, self.session.frame) if self.curves is not None else [])
+            return
+        at = self._cursor if place is None else (place.x, place.y)
         if at is None or maps is None or maps.frame != self.session.frame:
             return
         x, y = int(at[0]), int(at[1])
@@ -159,13 +163,16 @@ class Probe(QObject):
     def _probe_changed(self, place: Target | None) -> None:
         self._clear_curves()
         self._mark(place)
+        self.panel.set_values([])
+        self.panel.set_colour(None)
+        self.panel.set_pinned(str(place) if place is not None else "")
         if place is None:
             self.worker.cancel("curves")
-            self.panel.set_pinned("")
+            self._look_up()
             return
         self.dock.raise_()
         self._follow(place)
-        self._draw_maps()
+        self._look_up()
 
     def _frame_changed(self, frame: int) -> None:
         self.panel.set_cursor(frame)
@@ -223,6 +230,7 @@ class Probe(QObject):
             probe.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
         probe.similarity.setVisible(bool(curves.similarity))
         self.panel.set_cursor(self.session.frame)
+        self._show_values()
         self._guides.refresh()
         self.shell.refresh()
 

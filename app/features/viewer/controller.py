@@ -26,7 +26,7 @@ from degense.app.shell.settings import BACKGROUNDS
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN
 from degense.widgets.frame.render_panel import RenderPanel
-from degense.widgets.splats.camera_moves import letterboxed
+from degense.widgets.splats.camera_moves import filled
 
 if TYPE_CHECKING:
     from degense.app.shell.shell import Shell
@@ -204,7 +204,7 @@ class Viewer(QObject):
             if view.span is None:
                 bar.hide()
             else:
-                bar.show_range(f"{title} [{view.unit}]" if view.unit else title, *view.span, view.cmap)
+                bar.show_range(f"{title} [{view.unit}]" if view.unit else title, *view.span, view.cmap, view.beyond)
 
     def _failed(self, message: str) -> None:
         self.view = None
@@ -238,7 +238,7 @@ class Viewer(QObject):
         splats, scene = self.splats, self.session.scene
         if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.camera.is_locked():
             return None
-        return letterboxed(splats.camera.current(), *scene.clip_size)
+        return filled(splats.camera.current(), *scene.clip_size)
 
     def _camera_moved(self, camera: Camera) -> None:
         if self.from_free_camera:

@@ -70,7 +70,7 @@ class LayerControls(QObject):
 
     def _show_span(self, view: View) -> None:
         if view.span is not None:
-            self.colour_bar.set_range(*view.span)
+            self.colour_bar.set_range(*view.span, view.beyond)
             self.colour_bar.set_cmap(view.cmap)
         self.colour_bar.setVisible(view.span is not None)
 

@@ -72,12 +72,31 @@ def laid_over(rgb: np.ndarray, over: np.ndarray, opacity: float = 1.0) -> np.nda
     return (rgb * (1 - alpha) + over[..., :3] * alpha + 0.5).astype(np.uint8)
 
 
-def with_colour_bar(image: np.ndarray, title: str, unit: str, low: float, high: float, cmap: str, *, hatched: bool = False) -> np.ndarray:
-    """The image with a labelled colour bar at its right, uint8 [H, W + bar, 3]; with a line for hatched pixels when there are any."""
+def beyond(values: np.ndarray, low: float, high: float) -> tuple[bool, bool]:
+    """Whether some of the finite values lie below `low`, and above `high`."""
+    return bool((values < low).any()), bool((values > high).any())
+
+
+def with_colour_bar(
+    image: np.ndarray,
+    title: str,
+    unit: str,
+    low: float,
+    high: float,
+    cmap: str,
+    *,
+    hatched: bool = False,
+    outside: tuple[bool, bool] = (False, False),
+) -> np.ndarray:
+    """The image with a labelled colour bar at its right, uint8 [H, W + bar, 3]; with a line for hatched pixels when there are any.
+
+    `outside`: values lie below `low`, above `high`.
+    """
     height = image.shape[0]
     scale = max(0.4, min(0.8, height / 640))
     line = round(30 * scale)
-    labels = [f"{high:.3g} {unit}".strip(), f"{(low + high) / 2:.3g}", f"{low:.3g} {unit}".strip()]
+    signs = "<= " if outside[0] else "", ">= " if outside[1] else ""
+    labels = [f"{signs[1]}{high:.3g} {unit}".strip(), f"{(low + high) / 2:.3g}", f"{signs[0]}{low:.3g} {unit}".strip()]
     note = "hatched: a guess" if hatched else ""
     text_width = max(cv2.getTextSize(text, FONT, scale, 1)[0][0] for text in [*labels, title, note])
     bar = np.full((height, round(40 * scale) + text_width + 2 * line, 3), BACKGROUND, np.uint8)

@@ -26,10 +26,11 @@ class ViewBar(QFrame):
         host.installEventFilter(self)
         self.hide()
 
-    def show_range(self, title: str, low: float, high: float, cmap: str) -> None:
-        """Show the numbers of the first and the last colour, under a title with the unit."""
+    def show_range(self, title: str, low: float, high: float, cmap: str, beyond: tuple[bool, bool]) -> None:
+        """Show the numbers of the first and the last colour, under a title with the unit, and whether values lie beyond them."""
         self._title.setText(title)
         self._gradient.low, self._gradient.high, self._gradient.cmap = low, high, cmap
+        self._gradient.beyond = beyond
         self._gradient.update()
         self.show()
         self.raise_()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from degense.app.features.viewer.layer_images import get_layer
+from degense.app.features.viewer.layer_images import beyond, get_layer
 from degense.app.session.view_state import ViewState
 from degense.engine.colour_maps import colourise, greyed, mask_overlay
 from degense.engine.errors import DegenseError
@@ -61,6 +61,7 @@ class View:
     #: uint8 [H, W, 4]; masks of the visible prompts; None when there are none, or not yet (`complete` is False then).
     masks: np.ndarray | None = None
     complete: bool = True
+    beyond: tuple[bool, bool] = (False, False)  # whether values lie below and above the span
     uncertain: str = ""  # what the hatched pixels mean; empty when there are none
 
 
@@ -97,6 +98,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         span=span,
         unit=image.unit,
         cmap=cmap,
+        beyond=beyond(image.values, *span) if span else (False, False),
         observed=scene.observed(round(frame)) if view_state.compare != "off" and request.camera is None else None,
         splats=splat_arrays(scene, layer, query, view_state, span, cmap) if request.splats else None,
         uncertain=layer.guess if image.uncertain is not None and image.uncertain.any() else "",

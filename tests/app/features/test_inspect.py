@@ -8,7 +8,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
 from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 from degense.app.session.targets import Found, Region, Spot, material
@@ -108,6 +108,10 @@ def test_the_worst_places_are_listed_and_gone_to(qtbot, opened, idle, screenshot
     findings = on.findings(opened).findings()
     assert len(findings) == len(forms.texts(listed)) > 3
     assert [finding.value for finding in findings] == sorted((finding.value for finding in findings), reverse=True)
+    image = LAYERS["displacement"].image(session.scene, LayerRequest(findings[0].frame))
+    known = image.values if image.uncertain is None else image.values[~image.uncertain]
+    assert findings[0].value == pytest.approx(np.nanpercentile(known, 99))
+    assert listed.horizontalHeaderItem(2).text() == "99th percentile [mm]"
     panel.setFocus()
     qtbot.keyClick(panel, Qt.Key.Key_N)
     idle()
@@ -157,10 +161,50 @@ def test_two_runs_side_by_side(qtbot, opened, idle, run, screenshot, tiny_clip):
     idle()
     assert not np.array_equal(panel.grab_image(), before)
     assert np.array_equal(runs.panel.grab_image(), panel.grab_image())  # through one camera
+    session.view.set_layer("rgb")
+    idle()
+    screenshot(opened, "inspect-two-runs-free")
+    assert (panel.grab_image().max(-1) > 30).mean() > 0.7  # as large as the surgeon's frame
     opened.registry.run("inspect.one-run")
     idle()
     assert not runs.panel.isVisible()
+    session.view.set_layer("displacement")
+    idle()
     assert np.array_equal(panel.grab_image(), before)
+    shutil.rmtree(second)
+
+
+def test_the_frame_stays_fitted_when_panes_open_and_close(opened, idle, run, tiny_clip):
+    """Also after two runs were compared, and after a frame that is not enlarged was moved."""
+    panel, runs, docks = on.viewer(opened).panel, on.comparison(opened), opened.docks
+    second = tiny_clip.parent / "second"
+    shutil.copytree(run, second)
+
+    def is_fitted(panel) -> bool:
+        target = panel.zoom.target()
+        inside = QRectF(panel.rect()).adjusted(-1, -1, 1, 1).contains(target)
+        return inside and (abs(target.width() - panel.width()) < 1 or abs(target.height() - panel.height()) < 1)
+
+    def opens(dock) -> None:
+        for shown in (True, False):
+            dock.setVisible(shown)
+            idle()
+            assert is_fitted(panel)
+
+    runs.open(second)
+    idle()
+    assert is_fitted(panel)
+    assert is_fitted(runs.panel)
+    opened.registry.run("inspect.one-run")
+    opens(on.dock(opened, "Training"))
+    panel.zoom.move(QPointF(30, 20))
+    assert not is_fitted(panel)
+    opens(on.dock(opened, "Log"))
+    panel.zoom.set_factor(12.0)
+    assert docks.views.isVisible()
+    on.dock(opened, "Log").show()
+    idle()
+    assert panel.zoom.factor() == 12.0  # what was enlarged stays so
     shutil.rmtree(second)
 
 

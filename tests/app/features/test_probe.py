@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from degense.app.session.targets import Spot, material
+from degense.app.session.targets import Region, Spot, material
+from degense.widgets import forms
 from tests.app import installed as on
 
 
@@ -55,6 +56,35 @@ def test_the_next_click_cancels_the_last(opened, idle):
     on.viewer(opened).panel.clicked.emit(70, 50)
     idle()
     assert on.probe(opened).curves.where == "spot at (70, 50) of frame 0"
+
+
+def shown(window) -> dict[str, str]:
+    return {row[0]: row[1] for row in forms.texts(on.probe(window).panel._table)}
+
+
+def test_the_numbers_belong_to_the_heading(qtbot, opened, idle, screenshot):
+    """Another place on the same frame, a pointer elsewhere, a region: never the numbers of one under the name of another."""
+    session, viewer, probe = opened.session, on.viewer(opened), on.probe(opened)
+    depth = session.scene.render(0, what=("depth",))["depth"]
+    for x, y in ((20, 30), (70, 50)):
+        session.probe = Spot(0, x + 0.5, y + 0.5)
+        assert probe.panel._place.text() == f"spot at ({x + 0.5:.0f}, {y + 0.5:.0f}) of frame 0"
+        idle()
+        viewer.panel.hovered.emit(5, 5)
+        assert shown(opened)["position"] == f"{x}, {y} px"
+        assert shown(opened)["depth"].split()[0] == f"{depth[y, x]:.3g}"
+    session.probe = Region(0, ((10.0, 10.0), (50.0, 10.0), (50.0, 50.0), (10.0, 50.0)))
+    assert shown(opened) == {}
+    session.go_to(7)
+    idle()
+    assert shown(opened)["displacement"].split()[0] == f"{probe.curves.layers['displacement'][0, 7]:.3g}"
+    assert "position" not in shown(opened)
+    screenshot(opened, "probe-region")
+    session.probe = None
+    idle()
+    assert shown(opened)["position"] == "5, 5 px"
+    assert probe.panel._place.text() == "Under the pointer"
+    viewer.panel.hovered.emit(-1, -1)
 
 
 def test_a_click_on_a_splat_is_a_click_on_its_pixel(opened, idle):
