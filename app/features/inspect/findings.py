@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QHeaderView, QWidget
 
 from degense.app.features.inspect.findings_files import findings_sheet, findings_table
 from degense.app.features.viewer.controller import Viewer
@@ -41,6 +41,8 @@ class Findings(QObject):
         self._note = forms.label(secondary=True)
         self.table = forms.table("Findings", ["", "", ""])
         self.table.currentCellChanged.connect(lambda row, *_: self._go(row) if row >= 0 else None)
+        for column in (0, 1):
+            self.table.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
         keep_keys(self.table, ARROWS)
         forms.column(forms.row((self._kinds, 1), find), self._note, (self.table, 1), parent=panel)
         self.dock = self.shell.add_dock("Findings", panel)

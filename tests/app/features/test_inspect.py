@@ -174,7 +174,7 @@ def test_two_runs_side_by_side(qtbot, opened, idle, run, screenshot, tiny_clip):
     shutil.rmtree(second)
 
 
-def test_the_frame_stays_fitted_when_panes_open_and_close(opened, idle, run, tiny_clip):
+def test_the_frame_stays_fitted_when_panes_open_and_close(qtbot, opened, idle, run, tiny_clip):
     """Also after two runs were compared, and after a frame that is not enlarged was moved."""
     panel, runs, docks = on.viewer(opened).panel, on.comparison(opened), opened.docks
     second = tiny_clip.parent / "second"
@@ -187,14 +187,13 @@ def test_the_frame_stays_fitted_when_panes_open_and_close(opened, idle, run, tin
 
     def opens(dock) -> None:
         for shown in (True, False):
+            height = panel.height()
             dock.setVisible(shown)
-            idle()
-            assert is_fitted(panel)
+            qtbot.waitUntil(lambda height=height: panel.height() != height and is_fitted(panel))
 
     runs.open(second)
     idle()
-    assert is_fitted(panel)
-    assert is_fitted(runs.panel)
+    qtbot.waitUntil(lambda: is_fitted(panel) and is_fitted(runs.panel))
     opened.registry.run("inspect.one-run")
     opens(on.dock(opened, "Training"))
     panel.zoom.move(QPointF(30, 20))
