@@ -11,8 +11,8 @@ from pathlib import Path
 from PySide6.QtCore import QCoreApplication, Qt, QTimer
 from PySide6.QtWidgets import QApplication
 
-from degense.app.features.documents.autosave import Autosave
 from degense.app.features.documents.controller import Documents
+from degense.app.session.state_folder import left_behind
 from degense.app.shell.logs import start_logging
 from degense.app.shell.messages import show_error
 from degense.app.shell.settings import SettingsFile, log_file
@@ -45,7 +45,7 @@ def run_window(path: Path | None = None) -> int:
         QTimer.singleShot(0, lambda: show_error(window, settings.complaint or ""))
     signal.signal(signal.SIGINT, lambda number, frame: QTimer.singleShot(0, window.close))  # heard at the window's next tick
     window.show()
-    opener, autosave = window.service(Documents), window.service(Autosave)
-    if opener is not None and autosave is not None and (path := path or autosave.left_behind()) is not None:
+    opener = window.service(Documents)
+    if opener is not None and (path := path or next(iter(left_behind()), None)) is not None:
         opener.open_path(path)
     return app.exec()

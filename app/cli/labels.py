@@ -13,6 +13,7 @@ import numpy as np
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.annotate.label_sets import label_format, names_of, open_annotations, write_labels
 from degense.app.session.session_file import clip_folder
+from degense.app.session.state_folder import held, saved_in
 from degense.engine.annotation.edits import LabelClass, merged, named_classes
 from degense.engine.annotation.folder import NAME, save
 from degense.engine.annotation.formats import MapSet
@@ -39,12 +40,14 @@ class Subject:
             self.scene = Scene.open(path)
             if self.scene.clip is None:
                 raise DegenseError(f"Labels are propagated along the recording, which is missing: {self.scene.clip_missing}.")
-            self.clip, self.folder = self.scene.clip, path / NAME
+            self.clip, self.session = self.scene.clip, path
+            self.folder = saved_in(path) / NAME
         else:
             from degense.engine.data.readers import open_clip
 
             self.clip = open_clip(path)
-            self.folder = clip_folder(self.clip.path)
+            self.session = clip_folder(self.clip.path)
+            self.folder = saved_in(self.session)
         self.work = open_annotations(self.folder, self.scene, self.clip)
         self.names = names_of(self.clip, len(self.clip))
 
@@ -70,7 +73,8 @@ def annotate(options: argparse.Namespace) -> None:
         print(_write(subject, options.format, sources, proposals, options.out))
     if options.review:
         work.propose(proposals)
-        save(work, subject.folder)
+        with held(subject.session):
+            save(work, subject.folder)
         print(f"{subject.folder}: {len(work.waiting())} proposals to accept or reject in the window")
 
 
@@ -100,5 +104,6 @@ def import_labels(options: argparse.Namespace) -> None:
     classes, table = merged(subject.work.classes, maps.classes)
     subject.work.classes = classes
     subject.work.replace_labels({frame: table[maps.read(frame)] for frame in maps.frames}, options.file.name)
-    save(subject.work, subject.folder)
+    with held(subject.session):
+        save(subject.work, subject.folder)
     print(f"{subject.folder}: label maps of {len(maps.frames)} frames, {len(classes)} classes")

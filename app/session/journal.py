@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,10 +29,10 @@ class Journal:
     The header names the session file that the records continue, by its id. A crash between saving and emptying the journal leaves records
     that are in the session file already; their journal names another file and is not read, so nothing is applied twice.
     Records are handed to the system at once, without waiting for the disk: they survive any end of the program, but no power cut.
-    `after` is the id of the session file, empty for none.
+    `after` is the id of the session file, empty for none; `source` the run or clip, `folder` where it is saved.
     """
 
-    def __init__(self, path: Path, after: str) -> None:
+    def __init__(self, path: Path, after: str, source: Path, folder: Path) -> None:
         self.path = path
         self._end = sum(size for _, size in _read(path)) if continues(path, after) else 0
         try:
@@ -40,7 +41,7 @@ class Journal:
             raise DegenseError(f"{path} cannot be written ({error.strerror}): a crash would lose what is not saved.") from error
         os.ftruncate(self._file, self._end)  # without what a crash left half written
         if not self._end:
-            self._write({"journal": 1, "after": after})
+            self._write({"journal": 1, "after": after, "source": str(source), "folder": str(folder)})
 
     def append(self, state: str, record: Any) -> None:
         """Add a record. DegenseError when it cannot be written whole; the journal ends before it then, and later records may succeed."""
@@ -61,13 +62,20 @@ class Journal:
         if written == len(data):
             self._end += written
             return
-        os.ftruncate(self._file, self._end)
+        with suppress(OSError):
+            os.ftruncate(self._file, self._end)
         raise DegenseError(f"{self.path} cannot be written ({reason}): a crash would lose what is not saved.")
 
 
 def continues(path: Path, after: str) -> bool:
     """Whether the journal at `path` continues the session file with this id."""
-    return [line for line, _ in _read(path)[:1]] == [{"journal": 1, "after": after}]
+    head = header(path)
+    return (head.get("journal"), head.get("after")) == (1, after)
+
+
+def header(path: Path) -> dict[str, Any]:
+    """What the journal says of itself; empty where there is none."""
+    return next((line for line, _ in _read(path)), {})
 
 
 def entries(path: Path, after: str) -> list[Entry]:

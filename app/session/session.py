@@ -66,17 +66,17 @@ class Session:
         `keep` says whether to save and to write a journal; not for the sample.
         DamagedSession when the session file is damaged. Nothing is open then.
         """
-        self._open(scene, scene.clip, scene.run.path, keep)
+        self._open(scene, scene.clip, scene.run.path, scene.run.path, keep)
 
     def open_clip(self, clip: Clip, keep: bool = True) -> None:
         """Show a clip that has no run yet, with the session saved beside it (`session_file.clip_folder`); otherwise as `open_scene`."""
-        self._open(None, clip, session_file.clip_folder(clip.path), keep)
+        self._open(None, clip, session_file.clip_folder(clip.path), clip.path, keep)
 
-    def _open(self, scene: Scene | None, clip: Clip | None, folder: Path, keep: bool) -> None:
+    def _open(self, scene: Scene | None, clip: Clip | None, folder: Path, source: Path, keep: bool) -> None:
         self.close()
         self.scene, self.clip = scene, clip
         try:
-            self.store.open(folder, keep)
+            self.store.open(folder, source, keep)
             self._cursor.frame = min(self._cursor.frame, max(0, self.frames - 1))
         except DegenseError:
             self.scene = self.clip = None

@@ -2,47 +2,55 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
 
-from degense.app.session import journal, session_file
+from degense.app.session import journal, session_file, state_folder
 from degense.app.session.journal import Entry, Journal
 from degense.app.session.session_file import SavedSession
 from degense.app.session.state import PersistentState, Signal
+from degense.app.session.state_folder import JOURNAL, LOCK, PLACE
 from degense.engine.errors import DegenseError
-
-JOURNAL, LOCK = "session.journal", "session.lock"
+from degense.engine.files import write_text
 
 
 class SessionStore:
     """The states of a session and the files they live in.
 
-    One session at a time writes into a folder: it holds the lock. In a second window nothing is written, and `save` says so. A folder
-    that is not there yet is made, and locked, by the first change.
+    Every change goes to a journal in the user's state folder first, so that work is safe where its folder cannot be written.
+    One session at a time writes: it holds the locks of the journal and of the folder. In a second window nothing is written, and
+    `save` says so. A folder that is not there yet is made, and locked, by the first change.
 
     Signals
     -------
     dirty_changed(dirty)
-    trouble(sentence)
-        Changes cannot be written to the journal. Emitted once, until they can be again.
+    problem_changed(problem)
     """
 
     def __init__(self) -> None:
         self.dirty_changed: Signal[[bool]] = Signal()
-        self.trouble: Signal[[str]] = Signal()
+        self.problem_changed: Signal[[str]] = Signal()
         self.states: dict[str, PersistentState] = {}
         self.folder: Path | None = None
         self.unsaved: list[Entry] = []  # what a crash left in the journal. `recover` or `discard` it; until then nothing is written over it
-        self.elsewhere = False  # whether another window holds the open folder, or it cannot be written
+        #: Whether another window holds what is open. It stays so until it is opened again: what is there has changed since.
+        self.elsewhere = False
+        self.problem = ""  # why the last change could not be written to where it belongs, in one sentence; empty when all is well
         self._saved = SavedSession()
         self._dirty: set[str] = set()
         self._pending: set[str] = set()
-        self._lock: FileLock | None = None
+        self._missed: list[Entry] = []  # what the journal could not take yet
+        self._own = self._home = self._source = Path()  # the folder where it belongs, that of its journal, and what is open
+        self._locks: dict[Path, FileLock] = {}
         self._journal: Journal | None = None
-        self._troubled = self._loading = False
+        self._loading = False
 
     def register(self, name: str, state: PersistentState) -> None:
         """Hold a state and save it under this name. ValueError when the name is taken."""
@@ -53,13 +61,15 @@ class SessionStore:
 
     # Opening and closing
 
-    def open(self, folder: Path, keep: bool = True) -> None:
-        """Read the states from a folder, and what a crash left in its journal.
+    def open(self, folder: Path, source: Path, keep: bool = True) -> None:
+        """Read the states of a run or clip, `source`, from a folder, or from where they were saved in its place, and its journal.
 
-        `keep` says whether to write into the folder; not for the sample.
+        `keep` says whether to write; not for the sample.
         DamagedSession when the session file or what a state reads from the folder is damaged. Then nothing is open, and nothing written.
         """
         self.close()
+        self._own, self._home, self._source = folder, state_folder.folder_of(folder), source.resolve()
+        folder = state_folder.saved_in(folder)
         path = folder / session_file.NAME
         self._saved = session_file.read(path)
         self._loading = True
@@ -76,39 +86,64 @@ class SessionStore:
             self._loading = False
         self.folder = folder if keep else None
         self._saved = SavedSession({**self._saved.states, **self._to_json()}, self._saved.id)
-        if keep and folder.is_dir() and self._hold():
-            left = folder / JOURNAL
-            self.unsaved = [entry for entry in journal.entries(left, self._saved.id) if entry.state in self.states]
-            if not journal.continues(left, self._saved.id):
-                session_file.set_aside(left)  # of another session file: one that was restored or deleted
+        if keep:
+            self._read_journal(folder)
+
+    def _read_journal(self, folder: Path) -> None:
+        """Take the locks, and what a crash left."""
+        try:
+            self._hold(self._home)
+            if folder.is_dir():
+                self._hold(folder)
+        except DegenseError as error:
+            self._set_problem(str(error))
+        if self.elsewhere or self._home not in self._locks:
+            return
+        left = self._home / JOURNAL
+        if (folder / JOURNAL).is_file() and not left.exists():  # as earlier versions kept it
+            shutil.copyfile(folder / JOURNAL, left)
+            with suppress(OSError):
+                (folder / JOURNAL).unlink()
+        self.unsaved = [entry for entry in journal.entries(left, self._saved.id) if entry.state in self.states]
+        if not journal.continues(left, self._saved.id):
+            session_file.set_aside(left)  # of another session file: one that was restored or deleted
 
     def close(self) -> None:
         """Clear the states and let the folder go. What was not saved stays in the journal."""
         self.write_pending()
         self._close_journal()
-        if self._lock is not None:
-            self._lock.release()
-        self._lock = self.folder = None
+        for lock in self._locks.values():
+            lock.release()
+        self._locks.clear()
+        self.folder = None
         self.unsaved, self._saved = [], SavedSession()
         self._dirty.clear()
+        self._missed.clear()
         self._loading = True
         for state in self.states.values():
             state.clear()
-        self._loading = self._troubled = self.elsewhere = False
+        self._loading = self.elsewhere = False
+        self._set_problem("")
 
-    def _hold(self) -> bool:
-        """Take the lock of the folder, which is made where it is missing; whether this session holds it."""
-        assert self.folder is not None
-        if self._lock is None:
-            lock = FileLock(self.folder / LOCK, timeout=0)
-            try:
-                self.folder.mkdir(exist_ok=True)
+    def _hold(self, place: Path) -> None:
+        """Take the lock of the journal's folder or the session's, which is made where it is missing.
+
+        DegenseError when another window holds it, which is `elsewhere` then, or the folder cannot be written.
+        """
+        try:
+            if place not in self._locks:
+                place.mkdir(parents=place == self._home, exist_ok=True)
+                lock = FileLock(place / LOCK, timeout=0)
                 lock.acquire()
-            except (Timeout, OSError):  # another window holds it, or the folder cannot be written
-                self.elsewhere = True
-                return False
-            self._lock, self.elsewhere = lock, False
-        return True
+                self._locks[place] = lock
+            elif not os.access(place, os.W_OK):
+                raise PermissionError(errno.EACCES, "it is gone or read-only now")
+        except Timeout as error:
+            self.elsewhere = True
+            name = self._source.name
+            raise DegenseError(f"{name} is open in another window: close it there and open it again here to change it.") from error
+        except OSError as error:
+            raise DegenseError(f"{place} cannot be written ({error.strerror}).") from error
 
     # Saving
 
@@ -116,6 +151,11 @@ class SessionStore:
     def dirty(self) -> bool:
         """Whether there is work that the folder does not hold."""
         return bool(self._dirty)
+
+    @property
+    def journaled(self) -> bool:
+        """Whether the journal holds what the folder does not."""
+        return not (self.elsewhere or self._missed or self.folder is None)
 
     def save(self) -> None:
         """Write all states. Those of the file that nobody registered stay in it. A folder in which nothing was done yet is not made.
@@ -126,15 +166,33 @@ class SessionStore:
             return
         if self.unsaved:
             raise DegenseError("Decide first what becomes of the recovered work: restore it or discard it.")
-        if not self._hold():
-            raise DegenseError(f"{self.folder} is open in another window, or cannot be written; nothing was saved.")
-        for state in self.states.values():
-            state.store(self.folder)
-        self._saved = session_file.write(self.folder / session_file.NAME, {**self._saved.states, **self._to_json()})
+        try:
+            if self.elsewhere:
+                raise DegenseError(self.problem)
+            self._hold(self.folder)
+            for state in self.states.values():
+                state.store(self.folder)
+            self._saved = session_file.write(self.folder / session_file.NAME, {**self._saved.states, **self._to_json()})
+            if self.folder != self._own:
+                write_text(self._home / PLACE, str(self.folder))
+        except DegenseError as error:
+            if self.dirty:
+                self._set_problem(str(error))
+            raise
         self._pending.clear()
-        self._close_journal()
-        (self.folder / JOURNAL).unlink(missing_ok=True)
+        self._missed.clear()
+        self.discard()
+        self._set_problem("")
         self._set_dirty(set())
+
+    def save_elsewhere(self, folder: Path) -> None:
+        """Save in another folder, and read and write there from now on. Errors as `save`; then all is as before."""
+        before, self.folder = self.folder, folder.resolve()
+        try:
+            self.save()
+        except DegenseError:
+            self.folder = before
+            raise
 
     def write_pending(self) -> None:
         """Write the small states that changed since the last time into the journal. The window calls it every second."""
@@ -142,6 +200,7 @@ class SessionStore:
             for name in sorted(self._pending):
                 self._append(name, self.states[name].to_json())
         self._pending.clear()
+        self._write_journal()
 
     # After a crash
 
@@ -155,10 +214,10 @@ class SessionStore:
         self._loading = True
         try:
             for entry in entries:
-                self.states[entry.state].replay(entry.record, str(self.folder / JOURNAL))
+                self.states[entry.state].replay(entry.record, str(self._home / JOURNAL))
         except DegenseError:
             self._close_journal()
-            session_file.set_aside(self.folder / JOURNAL)
+            session_file.set_aside(self._home / JOURNAL)
             raise
         finally:
             self._loading = False
@@ -169,7 +228,8 @@ class SessionStore:
         assert self.folder is not None
         self.unsaved = []
         self._close_journal()
-        (self.folder / JOURNAL).unlink(missing_ok=True)
+        with suppress(OSError):  # one that stays does not continue what is saved then
+            (self._home / JOURNAL).unlink(missing_ok=True)
 
     # Changes
 
@@ -186,24 +246,34 @@ class SessionStore:
 
     def _append(self, name: str, record: Any) -> None:
         """Add a record to the journal, where this session may write one."""
-        if self.folder is None or self.elsewhere:
+        if self.folder is not None and not self.elsewhere:
+            self._missed.append(Entry(name, record))
+            self._write_journal()
+
+    def _write_journal(self) -> None:
+        """Write what the journal has not got yet; it waits where that fails. Whether the folder can be written is found out too."""
+        if not self._missed or self.folder is None:
             return
         try:
-            if not self._hold():
-                raise DegenseError(f"{self.folder} is open in another window, or cannot be written: what you do here will not be saved.")
+            self._hold(self._home)
             if self._journal is None:
-                self._journal = Journal(self.folder / JOURNAL, self._saved.id)
-            self._journal.append(name, record)
-            self._troubled = False
+                self._journal = Journal(self._home / JOURNAL, self._saved.id, self._source, self.folder)
+            while self._missed:
+                self._journal.append(self._missed[0].state, self._missed[0].record)
+                del self._missed[0]
+            self._hold(self.folder)
         except DegenseError as error:
-            if not self._troubled:
-                self._troubled = True
-                self.trouble.emit(str(error))
+            self._set_problem(str(error))
 
     def _close_journal(self) -> None:
         if self._journal is not None:
             self._journal.close()
             self._journal = None
+
+    def _set_problem(self, problem: str) -> None:
+        if problem != self.problem:
+            self.problem = problem
+            self.problem_changed.emit(problem)
 
     def _set_dirty(self, names: set[str]) -> None:
         was, self._dirty = self.dirty, names
@@ -212,14 +282,6 @@ class SessionStore:
 
     def _to_json(self) -> dict[str, Any]:
         return {name: _plain(state.to_json()) for name, state in self.states.items()}
-
-
-def waiting(folder: Path) -> bool:
-    """Whether a folder holds work that a crash left unsaved. False where its session file is damaged: opening it says so."""
-    try:
-        return bool(journal.entries(folder / JOURNAL, session_file.read(folder / session_file.NAME).id))
-    except DegenseError:
-        return False
 
 
 def _plain(state: Any) -> Any:

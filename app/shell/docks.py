@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from html import escape
+from types import MappingProxyType
 from typing import Literal
 
 from PySide6.QtCore import QByteArray, QObject, Qt
@@ -33,6 +36,7 @@ class Docks(QObject):
         self._tabs: list[QDockWidget] = []
         self._below: list[QWidget] = []
         self._heights: dict[QDockWidget, int] = {}
+        self._links: dict[str, Callable[[], object]] = {}
         #: In the middle of the window; features put their views there.
         self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         self.views.setObjectName("views")
@@ -120,11 +124,29 @@ class Docks(QObject):
         if fraction is not None:
             self.busy_bar.setValue(round(100 * fraction))
 
+    def set_notice(self, text: str = "", links: Mapping[str, Callable[[], object]] = MappingProxyType({})) -> None:
+        """Keep a sentence in the status bar, with what can be done about it, until another takes its place; no text hides it."""
+        self._links = dict(links)
+        self.notice.setText(f"{' '.join(f'<a href={title!r}>{escape(title)}</a>' for title in links)} &nbsp;⚠ {escape(text)}")
+        self.notice.setToolTip(text)
+        self.notice.setVisible(bool(text))
+
     def _add_status_bar(self) -> None:
         bar = self.window.statusBar()
+        self.notice = forms.complaint()
+        self.notice.setAccessibleName("What needs attention")
+        self.notice.setTextFormat(Qt.TextFormat.RichText)
+        self.notice.setWordWrap(False)
+        self.notice.setMinimumWidth(1)  # a long sentence is cut at its end, never the window widened
+        self.notice.setTextInteractionFlags(
+            Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.LinksAccessibleByKeyboard
+        )
+        self.notice.linkActivated.connect(lambda title: self._links[title]())
+        bar.addPermanentWidget(self.notice)
         self.busy_text, self.busy_bar = QLabel(), forms.named(QProgressBar(textVisible=False), "What is being done")
         self.busy_bar.setFixedWidth(140)
         self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         bar.addPermanentWidget(self.busy_text)
         bar.addPermanentWidget(self.busy_bar)
         self.set_busy()
+        self.set_notice()

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import platformdirs
+from filelock import FileLock
 
+from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 
+log = logging.getLogger(__name__)
+
 RECENT_LIMIT = 10
+PATIENCE = 2.0  # seconds to wait for another window that writes
 Theme = Literal["dark", "light", "system"]
 Background = Literal["dark", "black", "grey", "white"]
 BACKGROUNDS: dict[Background, str] = {"dark": "#0f1114", "black": "#000000", "grey": "#808080", "white": "#ffffff"}
@@ -34,7 +40,9 @@ class Settings:
     background: Background = "dark"  # of the 3D view, whatever the theme
     recent: tuple[str, ...] = field(default=())  # clips and runs opened last, newest first
     last_folder: str = ""
-    open_run: str = ""  # the run that is open now; still there at the next start when the program was not closed
+    speed: float = 1.0
+    autosave: float = 1.0
+    undo_memory: float = 256.0
     speed: float = 1.0  # playback speed, 1 = as recorded
     autosave: float = 1.0  # minutes after a change until it is saved; 0 saves only when asked and at the end
     undo_memory: float = 256.0  # megabytes that undo may hold
@@ -57,34 +65,44 @@ class Settings:
 
 
 class SettingsFile:
-    """Settings on disk. Every change is written at once and atomically.
+    """Settings on disk. Every change is written at once and atomically, to what the file holds by then: several windows share it.
 
-    A file that cannot be read is kept as `settings.json.bad`, the defaults are used, and `complaint` says so once.
+    A file that cannot be read is kept as `settings.json.bad`, and `complaint` says so once. Where the file cannot be written the settings
+    last as long as the window; the log says so.
     """
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or config_folder() / "settings.json"
         self.complaint: str | None = None
+        self.value = Settings()
         self.value = self._read()
 
     def update(self, **changes: Any) -> None:
-        self.store(replace(self.value, **changes))
+        self.change(lambda settings: replace(settings, **changes))
 
-    def store(self, settings: Settings) -> None:
-        """Make these the settings and write them; nothing is written when nothing changed. DegenseError when the file cannot be written."""
-        if settings != self.value:
-            self.value = settings
-            write_text(self.path, json.dumps(asdict(settings), indent=2))
+    def change(self, how: Callable[[Settings], Settings]) -> None:
+        """Change the settings that the file holds now; nothing is written when nothing changes."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with FileLock(self.path.with_name(f"{self.path.name}.lock"), timeout=PATIENCE):
+                held = self._read()
+                self.value = how(held)
+                if self.value != held or not self.path.exists():
+                    write_text(self.path, json.dumps(asdict(self.value), indent=2))
+        except (OSError, DegenseError) as error:
+            log.warning("the settings are not kept: %s", error)
+            self.value = how(self.value)
 
     def _read(self) -> Settings:
+        """What the file holds; the settings as they are where there is none, or a damaged one."""
         try:
             return _parse(json.loads(self.path.read_text(encoding="utf-8")))
-        except FileNotFoundError:
-            return Settings()
+        except (FileNotFoundError, NotADirectoryError):
+            return self.value
         except (OSError, ValueError, TypeError) as error:
             kept = self.path.replace(self.path.with_name(f"{self.path.name}.bad")).name
             self.complaint = f"The settings in {self.path} are unreadable ({error}); they are kept as {kept} and the defaults are used."
-            return Settings()
+            return self.value
 
 
 #: What numbers may be.

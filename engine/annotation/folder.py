@@ -27,16 +27,18 @@ FILE = re.compile(r"\d{1,9}-[0-9a-f]{8}\.png")
 
 
 class StoredMap:
-    """A label map on disk, read when it is called."""
+    """A label map on disk, read when it is called; `kept`, packed, stands in for it where the disk is gone."""
 
-    def __init__(self, path: Path, shape: tuple[int, int], classes: int):
-        self.path, self._shape, self._classes = path, shape, classes
+    def __init__(self, path: Path, shape: tuple[int, int], classes: int, kept: bytes | None = None):
+        self.path, self._shape, self._classes, self._kept = path, shape, classes, kept
 
     def __call__(self) -> np.ndarray:
         """uint8 [H, W]. RunError when the file is damaged."""
         try:
             data = self.path.read_bytes()
         except OSError as error:
+            if self._kept is not None:
+                return unpack(self._kept, self._shape)
             raise RunError(f"{self.path} cannot be read ({error.strerror}); put it back from a backup.") from error
         if f"{zlib.crc32(data):08x}" != self.path.stem.rpartition("-")[2]:
             raise RunError(f"{self.path} is damaged; put it back from a backup.")
@@ -60,9 +62,10 @@ def save(annotations: Annotations, folder: Path) -> None:
     entries = {}
     for frame, record in sorted(annotations.records.items()):
         labels = record.labels
-        if isinstance(labels, bytes):
-            path = _write(folder, frame, unpack(labels, annotations.shape), annotations)
-            labels = StoredMap(path, annotations.shape, len(annotations.classes))
+        if labels is not None and not (isinstance(labels, StoredMap) and labels.path.parent == folder):
+            own = labels if isinstance(labels, bytes) else pack(labels())
+            path = _write(folder, frame, unpack(own, annotations.shape), annotations)
+            labels = StoredMap(path, annotations.shape, len(annotations.classes), own)
             annotations.records[frame] = Record(labels, record.by_hand, record.status, record.proposal)
         proposal = None
         if record.proposal is not None:

@@ -182,6 +182,9 @@ class RenderPanel(PaintedWidget):
             self.update()
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        if self._tool is not None and self._using_tool and not event.buttons() & Qt.MouseButton.LeftButton:
+            self._using_tool = False  # the button went up over another window
+            self._tool.release(self.zoom.to_image(self._last), event)
         if self._tool is not None and (self._using_tool or not event.buttons()):
             self._tool.move(self.zoom.to_image(event.position()), event)
             self.update()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from degense.app.session.state_folder import saved_in
 from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.edits import named_classes
 from degense.engine.annotation.folder import NAME, load
@@ -39,7 +40,7 @@ def label_source(scene: Scene, source: str | None, prompts: PromptSet) -> MapSet
     """The label maps of a run: see `ExportOptions.source`. DegenseError when there are none."""
     if source == "annotations" or (source is None and not prompts.prompts):
         width, height = scene.clip_size
-        work = load(scene.run.path / NAME, (height, width), scene.frames, scene.labels)
+        work = load(saved_in(scene.run.path) / NAME, (height, width), scene.frames, scene.labels)
         if work is not None:
             return annotated(work, scene.clip)
         if source == "annotations":

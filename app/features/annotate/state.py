@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,13 +13,10 @@ import numpy as np
 
 from degense.app.features.annotate.label_sets import open_annotations
 from degense.app.features.annotate.tool import PaintTool
-from degense.app.session import journal, session_file
-from degense.app.session.journal import Journal
 from degense.app.session.state import PersistentState, Signal
-from degense.app.session.store import JOURNAL
 from degense.engine.annotation.annotations import Annotations, Stroke
 from degense.engine.annotation.edits import LabelClass, LabelEdit, Piece, Proposal, State, Status, check_classes, default_colour, merged
-from degense.engine.annotation.folder import INDEX, NAME, save
+from degense.engine.annotation.folder import NAME, save
 from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import DegenseError, RunError
 
@@ -29,8 +25,6 @@ if TYPE_CHECKING:
 
 #: Seconds between two records of one stroke in the journal: what a crash loses of it at most.
 STROKE_SECONDS = 1.0
-#: The journal that earlier versions wrote beside a clip. Its header names the check sum of the index that it continues.
-OLD_JOURNAL = "annotations.journal"
 
 
 class AnnotationState(PersistentState):
@@ -83,9 +77,8 @@ class AnnotationState(PersistentState):
 
     def load(self, folder: Path) -> None:
         scene, clip = self.session.scene, self.session.clip
-        self.folder = folder / NAME if scene is not None else folder
+        self.folder = self._place(folder)
         try:
-            self._adopt_journal(folder)
             self.work = open_annotations(self.folder, scene, clip)
         except DegenseError as error:
             if scene is not None:
@@ -93,10 +86,14 @@ class AnnotationState(PersistentState):
             self.blocked = str(error)  # the clip can still be watched and trained on
 
     def store(self, folder: Path) -> None:
-        if self.work is not None and self.folder is not None and self._edited:
-            save(self.work, self.folder)
-            self._edited = False
+        place = self._place(folder)
+        if self.work is not None and (self._edited or place != self.folder):
+            save(self.work, place)
+            self.folder, self._edited = place, False
         self._unwritten = self._stroke is not None  # the journal, which is emptied now, held what the stroke has painted so far
+
+    def _place(self, folder: Path) -> Path:
+        return folder / NAME if self.session.scene is not None else folder
 
     def replay(self, record: Any, source: str) -> None:
         if self.work is None:
@@ -109,32 +106,20 @@ class AnnotationState(PersistentState):
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise RunError(f"{source} does not hold strokes that can be painted again ({error}).") from error
 
-    def _adopt_journal(self, folder: Path) -> None:
-        """Make the journal of earlier versions that of the session. One that does not continue what is saved is set aside."""
-        old, new = folder / OLD_JOURNAL, folder / JOURNAL
-        if not old.exists():
-            return
-        index = folder / INDEX
-        saved = f"{zlib.crc32(index.read_bytes()):08x}" if index.is_file() else ""
-        if new.exists() or not journal.continues(old, saved):
-            aside = session_file.set_aside(old)
-            self.session.store.trouble.emit(f"{old} does not belong to the annotations that are saved; it was set aside as {aside.name}.")
-            return
-        adopted = Journal(new, session_file.read(folder / session_file.NAME).id)
-        for entry in journal.entries(old, saved):
-            adopted.append(entry.state, entry.record)
-        adopted.close()
-        old.unlink()
-
     # Painting
 
     def ready(self) -> Annotations:
-        """The label maps. DegenseError where there is nothing to paint on, or nothing to paint with."""
-        work = self._opened()
+        """The label maps. DegenseError where there is nothing to paint on or with, or another window has it open."""
+        work = self._changeable()
         if not work.classes:
             raise DegenseError("There is no class yet: add one, then paint.")
         self.tool.label = min(self.tool.label, len(work.classes) - 1)
         return work
+
+    def _changeable(self) -> Annotations:
+        if self.session.store.elsewhere:
+            raise DegenseError(self.session.store.problem)
+        return self._opened()
 
     def _opened(self) -> Annotations:
         if self.work is None:
@@ -197,7 +182,7 @@ class AnnotationState(PersistentState):
 
     def take(self, classes: Sequence[LabelClass], maps: Mapping[int, np.ndarray], name: str) -> None:
         """Take label maps from elsewhere, of which values index `classes`; classes of the same name are the same."""
-        work = self._opened()
+        work = self._changeable()
         own, table = merged(work.classes, classes)
         if len(own) > len(work.classes):
             self._edit_classes(f"Classes of {name}", own)
@@ -212,7 +197,7 @@ class AnnotationState(PersistentState):
 
     def add_class(self, name: str) -> None:
         """Add a class in the next colour, and choose it. DegenseError for a name that is empty or taken."""
-        classes = self._opened().classes
+        classes = self._changeable().classes
         self._edit_classes(f"Class {name}", (*classes, LabelClass(" ".join(name.split()), default_colour(len(classes)))))
         self.choose_class(len(classes))
 

@@ -6,17 +6,16 @@ import logging
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import QApplication, QMessageBox
 
 from degense.app.session import session_file
-from degense.app.session.session_file import DamagedSession, clip_folder
-from degense.app.session.store import waiting
+from degense.app.session.session_file import DamagedSession
 from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
+from degense.engine.files import free_path
 
 log = logging.getLogger(__name__)
 
@@ -32,23 +31,35 @@ class Autosave(QObject):
         self._left_unsaved = False
         session.opened.connect(self._opened)
         session.dirty_changed.connect(self._dirty_changed)
-        session.store.trouble.connect(shell.show_error)
         shell.ticked.connect(self.tick)
         shell.may_close.append(self.may_leave)
-        shell.closed.connect(lambda: self.settings.update(open_run=""))  # the window closes, and all is well
 
     # Saving
 
     def save(self) -> bool:
-        """Save what is open; whether that succeeded. The sample is not changed. Errors are shown."""
+        """Save what is open; whether that succeeded. The sample is not changed. What goes wrong is the store's `problem`."""
         if self.session.store.unsaved:
             return True
         try:
             self.session.save()
         except DegenseError as error:
             self._dirty_since = time.monotonic()  # the next try is an interval away
+            log.warning("not saved: %s", error)
+            return False
+        return True
+
+    def save_elsewhere(self) -> bool:
+        """Ask for a folder, and save and read there from now on; whether that was done."""
+        parent = self.shell.ask_folder(f"Save the work on {self.session.name} in a folder elsewhere")
+        if parent is None:
+            return False
+        folder = free_path(parent / f"{self.session.name}-annotations")
+        try:
+            self.session.store.save_elsewhere(folder)
+        except DegenseError as error:
             self.shell.show_error(str(error))
             return False
+        self.shell.say(f"Saved in {folder}, and read from there when {self.session.name} is opened again.", 20)
         return True
 
     def may_leave(self, go_on: Callable[[], object]) -> bool:
@@ -70,12 +81,17 @@ class Autosave(QObject):
             self._left_unsaved = True
             go_on()
 
+        store = self.session.store
+        elsewhere = Choice("Save elsewhere…", lambda: self.save_elsewhere() and go_on())
         self.shell.ask(
             "unsaved",
             problem,
+            *(() if store.elsewhere else (elsewhere,)),
             Choice("Leave without saving", leave),
             Choice("Stay", default=True, escape=True),
-            details="What was changed since the last save is offered again when this is next opened, if it could be written.",
+            details="What was done since the last save is in the journal on this computer, and is offered at the next start."
+            if store.journaled
+            else "What was done since the last save is lost when you leave.",
         )
 
     def tick(self) -> None:
@@ -91,21 +107,10 @@ class Autosave(QObject):
 
     # What was left behind
 
-    def left_behind(self) -> Path | None:
-        """The run or clip that was open when the program last ended without being closed, if it left unsaved work."""
-        path = Path(self.settings.value.open_run)
-        folder = path if (path / "run.json").is_file() else clip_folder(path)
-        return path if self.settings.value.open_run and waiting(folder) else None
-
     def _opened(self) -> None:
-        scene, clip, store = self.session.scene, self.session.clip, self.session.store
         self._dirty_since, self._left_unsaved = None, False
-        path = scene.run.path if scene is not None else clip.path if clip is not None else None
-        self.settings.update(open_run=str(path.resolve()) if path is not None and store.folder is not None else "")
-        if store.unsaved:
+        if self.session.store.unsaved:
             self._offer_recovery()
-        elif store.elsewhere:
-            self.shell.say("This is open in another window or cannot be written: what you do here will not be saved.", 60)
 
     def _offer_recovery(self) -> None:
         store = self.session.store

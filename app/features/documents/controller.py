@@ -42,9 +42,20 @@ class Documents(QObject):
         self.facts = Facts()
         self.facts_dock = shell.add_dock("Facts", self.facts)
         self.clip_options: dict[str, Any] = {}  # the `ClipOptions` that the user gave for the open clip
+        self.path = Path()  # what is open, or is being shown
         self._chosen = False
         shell.worker.add_channel("open", 0)
         shell.dropped.connect(self.open_path)
+        self.session.store.problem_changed.connect(self._show_problem)
+
+    def _show_problem(self, problem: str) -> None:
+        """Say that work cannot be saved, and offer what helps, where it is in nobody's way."""
+        store, opened = self.session.store, (self.path, self.clip_options)
+        if store.elsewhere:
+            self.shell.docks.set_notice(problem, {"Open again": lambda: self.open_path(*opened)})
+        else:
+            words = "Not saved, but kept in the journal on this computer" if store.journaled else "Not saved"
+            self.shell.docks.set_notice(problem and f"{words}: {problem}", {"Save elsewhere…": self.autosave.save_elsewhere})
 
     # Asking
 
@@ -82,7 +93,7 @@ class Documents(QObject):
     def _load(self, path: Path, job: Callable[[], Any], show: Callable[[Any], None]) -> None:
         def failed(message: str) -> None:
             if not path.exists():
-                self.settings.store(self.settings.value.forgotten(str(path)))
+                self.settings.change(lambda settings: settings.forgotten(str(path)))
             self.failed.emit(message)
 
         self.shell.run_task("open", f"Opening {path.name}", job, show, failed)
@@ -105,8 +116,9 @@ class Documents(QObject):
 
     def _open_session(self, path: Path, open_it: Callable[[bool], None], options: dict[str, Any]) -> bool:
         """Open what was loaded with the session that was saved; whether it is open. A damaged session file is asked about."""
+        self.path = path
         if not is_demo(path):
-            self.settings.store(self.settings.value.opened(path))
+            self.settings.change(lambda settings: settings.opened(path))
         try:
             open_it(not is_demo(path))
         except DamagedSession as error:

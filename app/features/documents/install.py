@@ -17,6 +17,10 @@ from degense.app.shell.shell import Shell
 def install(shell: Shell) -> None:
     session, autosave = shell.session, Autosave(shell)
     documents, menu = Documents(shell, autosave), ("File",)
+
+    def movable() -> bool:
+        return session.store.folder is not None and session.dirty and not session.store.elsewhere
+
     shell.provide(autosave)
     shell.provide(documents)
     if viewer := shell.service(Viewer):
@@ -27,6 +31,7 @@ def install(shell: Shell) -> None:
         Action("file.open-video", "Open video…", documents.ask_for_video, menu, help="clip from a movie file"),
         Action("file.open-run", "Open run…", documents.ask_for_run, menu, ("Ctrl+R",), help="reconstruction scene"),
         Action("file.demo", "Demo", documents.open_demo, menu, help="sample example"),
+        Action("file.save-elsewhere", "Save elsewhere…", autosave.save_elsewhere, menu, (), movable, group=1, help="another folder disk"),
         Action("file.save", "Save view", autosave.save, menu, ("Ctrl+S",), lambda: session.frames > 0 and session.dirty, group=1),
     )
     shell.started.connect(lambda: _add_recent(shell, documents))

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from filelock import FileLock
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QMessageBox
 
@@ -44,6 +47,7 @@ class Training(QObject):
         self.dock = shell.add_dock("Training", self.monitor, "bottom")
         self.queue = TrainingQueue()
         self.process: TrainingProcess | None = None
+        self._kept: tuple[dict[str, Any], ...] = ()
         self._pausing = False
         self._observed: tuple[int, np.ndarray] | None = None
         self._then: Callable[[], object] | None = None
@@ -58,6 +62,7 @@ class Training(QObject):
         shell.may_close.append(self.may_close)
         shell.started.connect(self.dock.hide)  # also where the panel was open last time
         shell.started.connect(self.offer_kept)
+        shell.closed.connect(lambda: self._first.release())
         self.queue.changed.connect(self._show_queue)
 
     @property
@@ -133,9 +138,16 @@ class Training(QObject):
             self._show_paused("Waits. Resume starts it; Cancel gives it up.")
 
     def offer_kept(self) -> None:
-        """Show what an earlier start of the program did not finish. Nothing of it starts by itself."""
-        jobs = []
-        for data in self.shell.settings.value.trainings:
+        """Show what an earlier start of the program did not finish, in the first window only. Nothing of it starts by itself."""
+        jobs, settings = [], self.shell.settings
+        self._first = FileLock(settings.path.with_name("trainings.lock"), timeout=0)
+        try:
+            settings.path.parent.mkdir(parents=True, exist_ok=True)
+            self._first.acquire()
+        except OSError:
+            return
+        self._kept = settings.value.trainings
+        for data in self._kept:
             try:
                 jobs.append(TrainingJob.from_json(data))
             except DegenseError as error:
@@ -172,7 +184,11 @@ class Training(QObject):
 
     def _show_queue(self) -> None:
         self.monitor.queue.set_runs([f"{job.out.name} ({job.preset})" for job in self.queue.waiting])
-        self.shell.settings.update(trainings=tuple(job.to_json() for job in self.queue.jobs))
+        before, self._kept = self._kept, tuple(job.to_json() for job in self.queue.jobs)
+        own = {job.get("out") for job in (*before, *self._kept)}
+        self.shell.settings.change(  # the others are those of other windows
+            lambda settings: replace(settings, trainings=(*(job for job in settings.trainings if job.get("out") not in own), *self._kept))
+        )
         self.shell.refresh()
 
     def may_close(self, close: Callable[[], object]) -> bool:

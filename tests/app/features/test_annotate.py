@@ -8,7 +8,7 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtWidgets import QPushButton
 
 from degense.app.features.annotate.label_sets import label_format
-from degense.app.session.store import JOURNAL
+from degense.app.session.state_folder import JOURNAL, folder_of
 from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.edits import Proposal
 from degense.engine.annotation.folder import NAME
@@ -249,7 +249,7 @@ def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny
     assert state.work.records == {}  # there is no class yet
     state.add_class("grasper")
     drag(qtbot, window, (20, 20), (50, 20))
-    assert (clip / NAME / JOURNAL).exists()
+    assert (folder_of(clip / NAME) / JOURNAL).exists()
     assert window.isWindowModified()
     window.registry.run("file.save")
     assert (clip / NAME / "annotations.json").exists()

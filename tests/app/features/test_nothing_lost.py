@@ -16,10 +16,9 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QApplication, QMessageBox
 
-from degense.app.session.store import JOURNAL
+from degense.app.session.state_folder import JOURNAL, folder_of, left_behind
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
-from degense.engine.files import write_text
 from tests.app import installed as on
 from tests.house.source import ROOT
 
@@ -137,9 +136,7 @@ def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, ki
         killed = time.monotonic()
         os.kill(child.pid, signal.SIGKILL)
     safe = max(x for moment, x in printed if moment < killed - 2)
-    write_text(window.settings.path, settings.read_text())
-    window.settings.__init__(window.settings.path)  # as the next start reads them
-    assert on.autosave(window).left_behind() == path.resolve()
+    assert left_behind() == [path.resolve()]  # as the next start finds it
     on.documents(window).open_path(path)
     idle()
     box = window.findChild(QMessageBox, "recovery")
@@ -153,7 +150,7 @@ def test_a_killed_window_gives_its_work_back_at_the_next_start(qtbot, window, ki
     assert (on.annotations(window).labels(0)[40, 10:safe] == UNLABELLED).all()
     assert window.isWindowModified()
     window.registry.run("file.save")
-    assert not (folder / JOURNAL).exists()
+    assert not (folder_of(folder) / JOURNAL).exists()
     assert not window.isWindowModified()
 
 
@@ -219,11 +216,11 @@ def test_work_that_cannot_be_saved_is_not_left_silently(qtbot, opened, idle, mon
 def test_recovered_work_is_asked_about_once(qtbot, opened, run, idle, answer):
     opened.session.view.set_threshold(0.25)
     opened.session.store.write_pending()
-    journal = (run / JOURNAL).read_bytes()
+    journal = (folder_of(run) / JOURNAL).read_bytes()
     on.documents(opened).open_demo()
     idle()
     (run / "session.json").unlink()
-    (run / JOURNAL).write_bytes(journal)
+    (folder_of(run) / JOURNAL).write_bytes(journal)
     for asked in (True, False):
         on.documents(opened).open_path(run)
         idle()

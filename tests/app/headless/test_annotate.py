@@ -16,6 +16,7 @@ from PIL import Image
 from degense.app.cli.main import main
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.session.session import Session
+from degense.app.session.state_folder import held
 from degense.engine.annotation.folder import INDEX, NAME
 from degense.engine.annotation.painting import brush
 from degense.engine.data.readers import open_clip
@@ -89,10 +90,10 @@ def test_a_full_disk_keeps_the_old_annotations(tmp_path, monkeypatch):
     def full(source, target):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("degense.engine.files.os.replace", full)
-    with pytest.raises(DegenseError, match="No space left"):
-        session.save()
-    monkeypatch.undo()
+    with monkeypatch.context() as patch:
+        patch.setattr("degense.engine.files.os.replace", full)
+        with pytest.raises(DegenseError, match="No space left"):
+            session.save()
     assert session.dirty
     session.close()
     other, others, _ = painted(tmp_path)  # the journal has the rest
@@ -142,6 +143,13 @@ def test_labels_of_other_tools_are_imported(tiny_clip, run, tmp_path, capsys):
     assert "label maps of 10 frames" in capsys.readouterr().out
     assert main(["export", str(run), "--format", "yolo", "--source", "annotations", "--out", str(tmp_path / "yolo")]) == 0
     assert len(list((tmp_path / "yolo" / "labels").glob("*.txt"))) == 10
+
+
+def test_labels_that_a_window_has_open_are_not_written(tiny_clip, run, frame_map, capsys):
+    with held(run):
+        assert main(["annotate", str(run), "--labels", str(frame_map), "--frame", "6", "--review"]) == 2
+    assert "is open in a window" in capsys.readouterr().err
+    assert not (run / NAME).exists()
 
 
 @pytest.mark.parametrize(

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from degense.app.session import session_file
-from degense.app.session.journal import Journal
 from degense.app.session.session_file import DamagedSession
-from degense.app.session.store import JOURNAL, waiting
-from degense.engine.annotation.folder import INDEX
-from degense.engine.annotation.folder import save as save_annotations
+from degense.app.session.state_folder import JOURNAL, folder_of, left_behind
 from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import DegenseError
 from tests.app.painting import FakeClip, annotating, opened_clip, paint_and_kill
-from tests.fakes import MemoryClip
 
 
 @pytest.mark.parametrize(("dabs", "seconds", "lost"), [(0, 2.7, 2.0), (8, 0.7, 0.4)])
@@ -24,7 +20,7 @@ def test_kill_while_labelling_a_clip_loses_two_seconds_of_a_stroke_at_most(tmp_p
     """A clip that has no run: in one stroke that does not end, and in strokes of eight dabs, of which only the last may be lost."""
     last = paint_and_kill(tmp_path, "clip", dabs, seconds)
     assert last * 0.02 > 0.4 * seconds
-    assert waiting(tmp_path / "annotations")
+    assert left_behind() == [tmp_path]
     session, annotations = opened_clip(tmp_path)
     assert annotations.work.records == {}  # until the user has decided
     session.recover()
@@ -33,7 +29,7 @@ def test_kill_while_labelling_a_clip_loses_two_seconds_of_a_stroke_at_most(tmp_p
     assert list(painted) == list(range(len(painted)))
     assert session.dirty
     session.save()
-    assert not waiting(tmp_path / "annotations")
+    assert left_behind() == []
     session.close()
     _, annotations = opened_clip(tmp_path)
     assert np.array_equal(np.flatnonzero((annotations.labels(0) == 0).all(0)), painted)
@@ -48,7 +44,7 @@ def test_the_journal_of_a_clip_is_good_up_to_its_tear_and_never_applied_twice(tm
     session.save()
     assert not (tmp_path / "annotations").exists()  # nothing was done yet
     annotations.paint("Fill", columns(9))
-    left = tmp_path / "annotations" / JOURNAL
+    left = folder_of(tmp_path / "annotations") / JOURNAL
     written = left.read_bytes()
     session.save()
     annotations.paint("Fill", columns(9), 255)
@@ -68,43 +64,33 @@ def test_the_journal_of_a_clip_is_good_up_to_its_tear_and_never_applied_twice(tm
     assert (annotations.labels(0)[:, :5] == 0).all()
     assert session.dirty
     assert not left.exists()
-    assert (tmp_path / "annotations" / f"{JOURNAL}.bad-2").exists()  # the first is that of an older session file
+    assert left.with_name(f"{JOURNAL}.bad-2").exists()  # the first is that of an older session file
 
 
-@pytest.mark.parametrize("fits", [True, False])
-def test_the_journal_that_earlier_versions_wrote_beside_a_clip_is_recovered_or_set_aside(tmp_path, fits):
+def test_a_journal_that_earlier_versions_kept_beside_the_labels_is_recovered(tmp_path):
     session, annotations = opened_clip(tmp_path)
     annotations.paint("Fill", columns(9))
-    save_annotations(annotations.work, folder := tmp_path / "annotations")
-    piece = annotations.work.piece(0, columns(9)).to_json()
     session.close()
-    (folder / JOURNAL).unlink()
-    old = Journal(folder / "annotations.journal", f"{zlib.crc32((folder / INDEX).read_bytes()):08x}" if fits else "")
-    old.append("annotations", {"pieces": [{**piece, "status": "done"}]})
-    old.close()
-    session, annotations = annotating()
-    troubles: list[str] = []
-    session.store.trouble.connect(troubles.append)
-    session.open_clip(FakeClip(tmp_path))
-    assert not (folder / "annotations.journal").exists()
-    assert (folder / "annotations.journal.bad").exists() is not fits
-    assert [("set aside" in trouble) for trouble in troubles] == ([] if fits else [True])
-    assert len(session.store.unsaved) == fits
-    if fits:
-        session.recover()
-    assert (annotations.work.record(0).status == "done") is fits
+    now = folder_of(tmp_path / "annotations") / JOURNAL
+    old = now.replace(tmp_path / "annotations" / JOURNAL)
+    _, *rest = old.read_text().splitlines(keepends=True)
+    old.write_text("".join(['{"journal":1,"after":""}\n', *rest]))
+    session, annotations = opened_clip(tmp_path)
+    session.recover()
+    assert (annotations.labels(0)[:, :9] == 0).all()
+    assert now.exists()
+    assert not old.exists()
 
 
 def test_two_windows_on_a_clip_do_not_write_over_each_other(tmp_path):
     first, labels = opened_clip(tmp_path)
     second, others = opened_clip(tmp_path)
-    troubles: list[str] = []
-    second.store.trouble.connect(troubles.append)
+    assert "open in another window" in second.store.problem
     labels.paint("Fill", columns(9))
-    for count in (3, 4):
-        others.paint("Fill", columns(count))
-    assert len(troubles) == 1  # said once
-    assert "open in another window" in troubles[0]
+    for change in (lambda: others.paint("Fill", columns(3)), lambda: others.add_class("fat"), lambda: others.begin("Paint")):
+        with pytest.raises(DegenseError, match="open in another window"):
+            change()
+    assert others.work.records == {}  # nothing is painted that would be lost
     third, _ = opened_clip(tmp_path)
     assert (second.store.elsewhere, third.store.elsewhere, third.store.unsaved) == (True, True, [])
     with pytest.raises(DegenseError, match="open in another window"):
@@ -116,16 +102,54 @@ def test_two_windows_on_a_clip_do_not_write_over_each_other(tmp_path):
     assert (again.labels(0)[:, :9] == 0).all()
 
 
-def test_a_clip_that_cannot_be_written_to_says_so_and_stays_open():
+def test_work_on_a_clip_that_cannot_be_written_is_in_the_journal_and_can_be_saved_elsewhere(tmp_path):
+    """The clip lies where nothing can be made, not even by the superuser."""
     session, annotations = annotating()
-    troubles: list[str] = []
-    session.store.trouble.connect(troubles.append)
-    session.open_clip(MemoryClip())
+    clip = FakeClip(Path("/sys/kernel"))
+    session.open_clip(clip)
+    assert session.store.problem == ""  # nothing was done yet
     annotations.paint("Fill", columns(9))
-    assert "cannot be written" in troubles[0]
-    assert session.dirty
-    with pytest.raises(DegenseError, match="nothing was saved"):
+    assert "/sys/kernel/annotations cannot be written" in session.store.problem
+    assert (session.dirty, session.store.journaled) == (True, True)
+    with pytest.raises(DegenseError, match="cannot be written"):
         session.save()
+    session.close()
+    assert left_behind() == [clip.path]
+    session, annotations = annotating()
+    session.open_clip(clip)
+    session.recover()
+    assert (annotations.labels(0)[:, :9] == 0).all()
+    session.store.save_elsewhere(tmp_path / "mine")
+    assert (session.dirty, session.store.problem, left_behind()) == (False, "", [])
+    annotations.paint("Fill", columns(12))
+    session.save()
+    session.close()
+    session, annotations = annotating()
+    session.open_clip(clip)  # finds it there again
+    assert session.store.unsaved == []
+    assert (annotations.labels(0)[:, :12] == 0).all()
+
+
+def test_a_drive_that_vanishes_takes_nothing_along_that_was_painted_since_it_was_opened(tmp_path):
+    drive = tmp_path / "drive" / "clip"
+    drive.mkdir(parents=True)
+    session, annotations = opened_clip(drive)
+    annotations.paint("Fill", columns(9))
+    session.save()
+    session.go_to(1)
+    annotations.paint("Fill", columns(5))
+    drive.parent.rename(tmp_path / "unplugged")
+    annotations.paint("Fill", columns(7))
+    assert "gone or read-only" in session.store.problem
+    with pytest.raises(DegenseError):
+        session.save()
+    assert not drive.parent.exists()  # nothing is made where it was
+    session.store.save_elsewhere(tmp_path / "mine")
+    session.close()
+    (tmp_path / "unplugged").rename(drive.parent)
+    session, annotations = opened_clip(drive)
+    assert (annotations.labels(0)[:, :9] == 0).all()
+    assert (annotations.labels(1)[:, :7] == 0).all()
 
 
 def test_a_damaged_session_of_a_clip_offers_its_backup(tmp_path):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,36 @@ def test_settings_come_back(tmp_path):
     again = SettingsFile(path)
     assert again.value == Settings(theme="light", speed=2.0, recent=("a", "b"))
     assert again.complaint is None
+
+
+def test_two_windows_lose_no_settings_of_each_other(tmp_path):
+    """Changes by turns, and eight processes at once."""
+    path = tmp_path / "settings.json"
+    one, other = SettingsFile(path), SettingsFile(path)
+    one.update(theme="light")
+    other.update(speed=2.0)
+    one.change(lambda settings: settings.opened(tmp_path / "a"))
+    other.change(lambda settings: settings.opened(tmp_path / "b"))
+    assert one.value.speed == 2.0
+    last = SettingsFile(path).value
+    assert (last.theme, last.speed, [Path(entry).name for entry in last.recent]) == ("light", 2.0, ["b", "a"])
+    program = (
+        "import sys; from pathlib import Path; from degense.app.shell.settings import SettingsFile\n"
+        "file = SettingsFile(Path(sys.argv[1]))\n"
+        "for step in range(20):\n"
+        "    file.change(lambda s: type(s)(**{**vars(s), 'training': {**s.training, f'{sys.argv[2]}-{step}': 1}}))"
+    )
+    started = [subprocess.Popen([sys.executable, "-c", program, str(path), str(number)]) for number in range(8)]
+    assert [process.wait() for process in started] == [0] * 8
+    assert len(SettingsFile(path).value.training) == 160
+
+
+def test_settings_that_cannot_be_written_last_as_long_as_the_window(tmp_path, caplog):
+    (tmp_path / "file").write_text("in the way of the folder")
+    settings = SettingsFile(tmp_path / "file" / "settings.json")
+    settings.update(theme="light")
+    assert settings.value.theme == "light"
+    assert "not kept" in caplog.text
 
 
 @pytest.mark.parametrize(
