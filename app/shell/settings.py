@@ -40,9 +40,6 @@ class Settings:
     background: Background = "dark"  # of the 3D view, whatever the theme
     recent: tuple[str, ...] = field(default=())  # clips and runs opened last, newest first
     last_folder: str = ""
-    speed: float = 1.0
-    autosave: float = 1.0
-    undo_memory: float = 256.0
     speed: float = 1.0  # playback speed, 1 = as recorded
     autosave: float = 1.0  # minutes after a change until it is saved; 0 saves only when asked and at the end
     undo_memory: float = 256.0  # megabytes that undo may hold
