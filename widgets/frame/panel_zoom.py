@@ -73,7 +73,7 @@ class PanelZoom(QObject):
         return self.scale, middle.x(), middle.y()
 
     def set_view(self, scale: float, x: float, y: float, fitted: bool = False) -> None:
-        """Zoom and pan as another panel whose `view` this is, or fit as it does. Emits nothing, so that two panels can follow each other."""
+        """Zoom and pan as another panel whose `view` this is, or fit as it does. Emits nothing: two panels can follow each other."""
         if fitted:
             scale, x, y = self._whole(), self.image[0] / 2, self.image[1] / 2
         self.scale, self.fitted = scale, fitted
