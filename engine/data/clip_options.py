@@ -20,34 +20,21 @@ class ClipOptions:
     """Answers that overrule what the reader would decide by itself. What was decided stands in `Clip.provenance`.
 
     ClipError when a value is not allowed.
-
-    Attributes
-    ----------
-    layout : str, optional
-        One of `LAYOUTS`; None: `detect` chooses.
-    mask_means : "tool" or "keep", optional
-        What the high value of a mask marks: pixels to leave out, or pixels to reconstruct. None: decided by evidence.
-    focal : float, optional
-        Focal length in pixels; None: from the clip's cameras, else 70° across the field of view.
-    pose_axes : "llff" or "opencv"
-        What the three rotation columns of a moving camera's `poses_bounds.npy` are: (down, right, back), as the format defines them, or
-        (right, down, forward), as some converters write them. The numbers alone cannot tell.
-    poses : "auto", "still" or "estimate"
-        Whether the camera moves. "auto": as the clip says, else training finds out; "still": it does not; "estimate": it does, and its
-        poses are estimated from the frames even where the clip brings some.
-    labels : str, optional
-        A folder with `labels/` and `classes.json` that is read instead of the clip's own label maps.
-    start, stride, max_frames : int
-        Which frames of a video file are used: from `start` on, each `stride`-th one, at most `max_frames`.
     """
 
-    layout: str | None = None
+    layout: str | None = None  # one of `LAYOUTS`; None: `detect` chooses
+    #: What the high value of a mask marks: pixels to leave out, or pixels to reconstruct. None: decided by
+    #: evidence.
     mask_means: MaskMeans | None = None
-    focal: float | None = None
+    focal: float | None = None  # focal length in pixels; None: from the clip's cameras, else 70° across the field of view
+    #: What the three rotation columns of a moving camera's `poses_bounds.npy` are: (down, right, back), as the format
+    #: defines them, or (right, down, forward), as some converters write them. The numbers alone cannot tell.
     pose_axes: PoseAxes = "llff"
+    #: Whether the camera moves. "auto": as the clip says, else training finds out; "still": it does not;
+    #: "estimate": it does, and its poses are estimated from the frames even where the clip brings some.
     poses: Poses = "auto"
-    labels: str | None = None
-    start: int = 0
+    labels: str | None = None  # a folder with `labels/` and `classes.json` that is read instead of the clip's own label maps
+    start: int = 0  # of a video file, frames are used from `start` on, each `stride`-th one, at most `max_frames`
     stride: int = 1
     max_frames: int = 2000
 

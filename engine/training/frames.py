@@ -23,37 +23,25 @@ FARTHEST = 1e3  # times the median depth; what is farther, or nearer than its in
 
 @dataclass
 class Frame:
-    """One training frame on the training device.
+    """One training frame on the training device."""
 
-    Attributes
-    ----------
-    image : uint8 [H, W, 3]
-    valid : bool [H, W]
-    depth : float [H, W], normalised, 0 where unknown
-        Unknown everywhere where depth was not measured: guesses serve as a start only, and take longer than all else.
-    """
-
-    image: Tensor
-    valid: Tensor
+    image: Tensor  # uint8 [H, W, 3]
+    valid: Tensor  # bool [H, W]
+    #: float [H, W], normalised, 0 where unknown; unknown everywhere where depth was not measured: guesses serve as a start only, and take
+    #: longer than all else.
     depth: Tensor
 
 
 class TrainingFrames:
-    """Frames, cameras and times of a clip at the working size.
-
-    Attributes
-    ----------
-    unit : float
-        Normalised length = clip length × `unit`; chosen so that the median depth of the first training frame that shows any is 1.
-    cameras : list of Camera
-        At the working size, in the normalised unit.
-    """
+    """Frames, cameras and times of a clip at the working size."""
 
     def __init__(self, clip: Clip, max_pixels: int, device: torch.device):
         self.clip, self.device = clip, device
         width, height = clip.size
         self.scale = min(1.0, (max_pixels / (width * height)) ** 0.5)
+        #: Normalised length = clip length × `unit`; chosen so that the median depth of the first training frame that shows any is 1.
         self.unit = 1.0 / _typical_depth(clip)
+        #: At the working size, in the normalised unit.
         self.cameras: list[Camera] = [camera.scaled(self.scale).with_unit(self.unit) for camera in clip.cameras]
         pixels = self.cameras[0].width * self.cameras[0].height
         self._cache = Latest(max(2, CACHE_BYTES // (pixels * 8)))

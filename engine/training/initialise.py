@@ -21,24 +21,13 @@ DIFFERENT = 30  # grey levels by which a pixel must differ from the first frame 
 
 
 class Points(NamedTuple):
-    """Where Gaussians begin.
+    """Where Gaussians begin."""
 
-    Attributes
-    ----------
-    means : float [n, 3]
-    colors : float [n, 3]
-    pitches : float [n]
-        Distance to the next point, in units of the scene.
-    temporal_windows : float [n, 2]
-        Centre and inverse scale; the latter is 0 for persistent points.
-    velocities : float [n, 3]
-    """
-
-    means: np.ndarray
-    colors: np.ndarray
-    pitches: np.ndarray
-    temporal_windows: np.ndarray
-    velocities: np.ndarray
+    means: np.ndarray  # float [n, 3]
+    colors: np.ndarray  # float [n, 3]
+    pitches: np.ndarray  # float [n]; distance to the next point, in units of the scene
+    temporal_windows: np.ndarray  # float [n, 2]; centre and inverse scale; the latter is 0 for persistent points
+    velocities: np.ndarray  # float [n, 3]
 
 
 def initial_gaussians(

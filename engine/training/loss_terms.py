@@ -21,18 +21,10 @@ TERMS = {
 
 
 class Loss(NamedTuple):
-    """The loss of one part of a step.
+    """The loss of one part of a step."""
 
-    Attributes
-    ----------
-    total : float []
-        With its gradient.
-    terms : float [k]
-        The weighted terms that it is the sum of, in the order of `TERMS`, without gradient.
-    """
-
-    total: Tensor
-    terms: Tensor
+    total: Tensor  # float []; with its gradient
+    terms: Tensor  # float [k]; the weighted terms that it is the sum of, in the order of `TERMS`, without gradient
 
     @classmethod
     def of(cls, part: str, terms: Mapping[str, Tensor], zero: Tensor) -> Loss:

@@ -23,28 +23,16 @@ Neighbours = tuple[Tensor, Tensor]
 
 
 class FieldState(NamedTuple):
-    """What `FieldPass` finds: all Gaussians at a time, ready to be drawn.
+    """What `FieldPass` finds: all Gaussians at a time, ready to be drawn."""
 
-    Attributes
-    ----------
-    means, quats, scales, opacities
-        As of `Splats`.
-    features : float [N, 4]
-        Colour and camera z.
-    loss, terms
-        The `Loss` of the deformation.
-    other_means : float [N, 3] or None
-        Centres at the other time, where one was asked for.
-    """
-
-    means: Tensor
+    means: Tensor  # these four as of `Splats`
     quats: Tensor
     scales: Tensor
     opacities: Tensor
-    features: Tensor
-    loss: Tensor
+    features: Tensor  # float [N, 4]; colour and camera z
+    loss: Tensor  # total and terms of the deformation's `Loss`
     terms: Tensor
-    other_means: Tensor | None = None
+    other_means: Tensor | None = None  # float [N, 3]; centres at the other time, where one was asked for
 
     @property
     def splats(self) -> Splats:
@@ -172,16 +160,11 @@ class SemanticPass:
 
 
 class Passes:
-    """The passes of a trainer, as CUDA graphs where there is a GPU. `forget` them when the Gaussians or the stage have changed.
-
-    Attributes
-    ----------
-    neighbours : (index, weight) or None
-        Of the canonical centres, for local rigidity; found again when it is None.
-    """
+    """The passes of a trainer, as CUDA graphs where there is a GPU. `forget` them when the Gaussians or the stage have changed."""
 
     def __init__(self, model: SceneModel, config: TrainConfig, *, depth: bool, semantics: bool):
         self.model, self.config, self.semantics = model, config, semantics
+        #: Index and weight of the canonical centres, for local rigidity; found again when it is None.
         self.neighbours: Neighbours | None = None
         self._functions: dict[str, Callable[..., tuple[Tensor, ...]]] = {"frame": FrameLoss(config, depth=depth), "flow": FlowLoss(config)}
         self._graphs: dict[str, Callable[..., tuple[Tensor, ...]]] = {}

@@ -77,22 +77,13 @@ WORKING_WIDTH = 320  # the prior is smooth, so it is computed on small frames
 
 @dataclass(frozen=True)
 class Shading:
-    """Depth cues of one frame, at most `WORKING_WIDTH` wide.
+    """Depth cues of one frame, at most `WORKING_WIDTH` wide."""
 
-    Attributes
-    ----------
-    log_depth : float32 [h, w]
-        (3 log cos a − log I) / 2, up to a constant: a wall at depth z that faces a light at the camera sends back
-        I ∝ albedo · cos³a / z², a being the angle of the pixel's ray to the optical axis (cos²a: longer way, cos a: slanting light).
-    tint : float32 [h, w, 5]
-        Colour without brightness: log R/G and log G/B, their squares and their product.
-    seen : bool [h, w]
-        Pixels used: no highlights, and no colourless or dark pixels (instruments, shadows, the vignette).
-    """
-
+    #: float32 [h, w]; (3 log cos a − log I) / 2, up to a constant: a wall at depth z that faces a light at the camera sends back I ∝ albedo
+    #: · cos³a / z², a being the angle of the pixel's ray to the optical axis (cos²a: longer way, cos a: slanting light).
     log_depth: np.ndarray
-    tint: np.ndarray
-    seen: np.ndarray
+    tint: np.ndarray  # float32 [h, w, 5]; colour without brightness: log R/G and log G/B, their squares and their product
+    seen: np.ndarray  # bool [h, w]; pixels used: no highlights, and no colourless or dark pixels (instruments, shadows, the vignette)
 
 
 def shading(rgb: np.ndarray, usable: np.ndarray, camera: Camera) -> Shading | None:
@@ -170,11 +161,6 @@ class DepthPrior:
         Some frames of the clip.
     usable : list of bool [H, W]
         Their pixels that show tissue.
-
-    Attributes
-    ----------
-    words : str
-        For `provenance["depth"]`.
     """
 
     def __init__(self, frames: Sequence[np.ndarray], usable: Sequence[np.ndarray], camera: Camera):
@@ -184,6 +170,7 @@ class DepthPrior:
         if self.flat:
             self.words = "flat, not metric: no depth files, and no shading to tell depth from; it only places the first splats"
             return
+        #: For `provenance["depth"]`.
         self.words = "prior from light falloff, not metric: no depth files; brighter counts as nearer; it only places the first splats"
         tint = np.concatenate([r.tint[r.seen][::7] for r in readings])
         log_depth = np.concatenate([r.log_depth[r.seen][::7] for r in readings])

@@ -22,26 +22,16 @@ STATIC_AREA = 0.03  # share of the tissue that may stand still all the while alt
 
 @dataclass(frozen=True)
 class PoseEstimate:
-    """Estimated poses and how well they explain the frames.
+    """Estimated poses and how well they explain the frames."""
 
-    Attributes
-    ----------
-    viewmats : float64 [T, 4, 4]
-        World to camera in the clip's unit; the world is the camera of frame 0.
-    travel, turn : float
-        The farthest that the camera gets from where it was at frame 0 (clip units), and the most that it turns (degrees).
-    explained : float
-        Share of the motion seen that these poses explain: 1 − Σ r / Σ f over the tracks in which something moves, f being the median length
-        of the way that points went, r the median distance between where they are seen and where the poses put them. Pixels.
-    static_area : float
-        Share of the tissue that never leaves its place in the picture by more than a pixel, though something moves. A camera that moves
-        leaves no such area.
-    """
-
-    viewmats: np.ndarray
-    travel: float
-    turn: float
+    viewmats: np.ndarray  # float64 [T, 4, 4]; world to camera in the clip's unit; the world is the camera of frame 0
+    travel: float  # the farthest that the camera gets from where it was at frame 0, clip units
+    turn: float  # the most that it turns from there, degrees
+    #: Share of the motion seen that these poses explain: 1 − Σ r / Σ f over the tracks in which something moves, f being the median length
+    #: of the way that points went, r the median distance between where they are seen and where the poses put them. Pixels.
     explained: float
+    #: Share of the tissue that never leaves its place in the picture by more than a pixel, though something moves. A camera that moves
+    #: leaves no such area.
     static_area: float
 
     @property

@@ -32,11 +32,6 @@ class Views:
         The frame that the unit is taken from.
     labelled : bool
         Whether label maps may be read for where instruments are.
-
-    Attributes
-    ----------
-    unit : float
-        Lengths here = lengths of the clip × `unit`, chosen so that the median depth of frame `first` is 1 (1 where it has none).
     """
 
     def __init__(self, clip: Clip, first: int, labelled: bool = False):
@@ -46,6 +41,7 @@ class Views:
         self.camera: Camera = clip.cameras[0].scaled(self.factor)
         self._instruments = instruments(clip.classes) if labelled else []
         depth = self.depth(first)[self.tissue(first)]
+        #: Lengths here = lengths of the clip × `unit`, chosen so that the median depth of frame `first` is 1 (1 where it has none).
         self.unit = 1 / float(np.median(depth[depth > 0])) if (depth > 0).any() else 1.0
 
     @property

@@ -44,30 +44,18 @@ def _checksum(image: np.ndarray) -> int:
 
 
 class VideoFrames:
-    """Frames of a video file, read when asked for, exact to the frame. ClipError for a file that cannot be decoded.
-
-    Attributes
-    ----------
-    files : list of Path
-        The one file.
-    size : (width, height)
-    brightest : uint8 [H, W]
-        See `field_of_view.brightest`.
-    announced : int
-        Frames the container claims to have; not to be relied on.
-    rate : float
-        Frames a second that the container claims; 0 where it claims none, or none between 1 and 240.
-    """
+    """Frames of a video file, read when asked for, exact to the frame. ClipError for a file that cannot be decoded."""
 
     def __init__(self, path: Path, start: int = 0, stride: int = 1, max_frames: int = 2000):
-        self.files = [path]
+        self.files = [path]  # the one file
         self.start, self.stride = start, stride
         self._lock = threading.Lock()
         if not path.is_file() or not is_container(path):
             raise ClipError(f"{shown(path)} is not a video that can be read ({', '.join(SUFFIXES)}).")
         self._capture, self._next = self._reopened(), 0
-        self.announced = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        self.announced = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))  # frames the container claims to have; not to be relied on
         rate = float(self._capture.get(cv2.CAP_PROP_FPS))
+        #: Frames a second that the container claims; 0 where it claims none, or none between 1 and 240.
         self.rate = rate if 1 <= rate <= 240 else 0.0
         width, height = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if width * height > MAX_PIXELS:
@@ -101,7 +89,7 @@ class VideoFrames:
                 break
             if not self._sums:
                 self.size = (image.shape[1], image.shape[0])
-                self.brightest = image.max(axis=2)
+                self.brightest = image.max(axis=2)  # uint8 [H, W]; see `field_of_view.brightest`
             elif image.shape[1::-1] != self.size:
                 raise ClipError(f"{shown(self.files[0])} changes its picture size at frame {self._next - 1}; cut it there.")
             if len(self._sums) % every == 0 and len(self._sums) % 8 != 1:  # no held-out frame

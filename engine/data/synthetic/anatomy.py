@@ -53,31 +53,16 @@ LOOKS = {
 
 @dataclass(frozen=True)
 class Anatomy:
-    """The surface at rest and what is painted on it.
+    """The surface at rest and what is painted on it."""
 
-    Attributes
-    ----------
-    mesh : Sheet
-        Grid of the surface's vertices.
-    rest : float64 [Hm, Wm, 3]
-        Vertices at frame 0, mm, camera frame of frame 0.
-    texture : float32 [Ht, Wt, 8]
-        On a finer grid of the same rectangle: linear
-        RGB, slope of the fine relief (2), wetness, start of charring (clip time in [0, 1]) and its final strength in [0, 1].
-    labels : uint8 [Ht, Wt]
-        Organ of each texture point, as if nothing were charred.
-    grasp : float64 [2]
-        Material coordinates of the place that the grasper holds.
-    burn : float64 [k, 2]
-        Path of the hook's tip, material coordinates.
-    """
-
-    mesh: Sheet
-    rest: np.ndarray
+    mesh: Sheet  # grid of the surface's vertices
+    rest: np.ndarray  # float64 [Hm, Wm, 3]; vertices at frame 0, mm, camera frame of frame 0
+    #: float32 [Ht, Wt, 8]; on a finer grid of the same rectangle: linear RGB, slope of the fine relief (2), wetness, start of charring
+    #: (clip time in [0, 1]) and its final strength in [0, 1].
     texture: np.ndarray
-    labels: np.ndarray
-    grasp: np.ndarray
-    burn: np.ndarray
+    labels: np.ndarray  # uint8 [Ht, Wt]; organ of each texture point, as if nothing were charred
+    grasp: np.ndarray  # float64 [2]; material coordinates of the place that the grasper holds
+    burn: np.ndarray  # float64 [k, 2]; path of the hook's tip, material coordinates
 
     def at_rest(self, a: np.ndarray) -> np.ndarray:
         """Surface points [k, 3] at material coordinates [k, 2] at frame 0, mm."""

@@ -23,38 +23,22 @@ from degense.engine.progress import Progress, silent
 
 @dataclass(frozen=True)
 class PhantomOptions:
-    """What to synthesise. The same options give the same bytes.
+    """What to synthesise. The same options give the same bytes."""
 
-    Attributes
-    ----------
-    frames : int
-        The story (of the kind) always fills the clip: fewer frames play it faster.
-    width, height : int
-        Pixels.
-    seed : int
-        Varies shapes, places, textures and motion.
-    camera_motion : float
-        Amplitude of the camera's smooth path, mm, 0 to 15; 0 stands still.
-    noise : float
-        Standard deviation of the sensor noise, 8-bit grey levels. 1.5 (with rounding) puts the noise floor at 44.5 dB: a perfect
-        reconstruction scores no more, and 44.3 dB once it is rounded to 8 bits too.
-    kind : str
-        "cautery": a grasper pulls the gallbladder while an electrocautery hook chars tissue that stands still.
-        "family": a surgery that the seed draws, noise, compression and camera included (`engine.research.surgeries`, once imported).
-    depth : {"exact", "noisy", "none"}
-        What is written to `depth/`: the truth, what a stereo endoscope would measure, or nothing.
-    tool_masks : bool
-        Write `masks/NNNNNN.png` too, 255 = pixels that a tool shows in, so that the tools are neither reconstructed nor scored.
-    """
-
-    frames: int = 40
-    width: int = 320
-    height: int = 256
-    seed: int = 0
-    camera_motion: float = 0.0
+    frames: int = 40  # the story (of the kind) always fills the clip: fewer frames play it faster
+    width: int = 320  # pixels
+    height: int = 256  # pixels
+    seed: int = 0  # varies shapes, places, textures and motion
+    camera_motion: float = 0.0  # amplitude of the camera's smooth path, mm, 0 to 15; 0 stands still
+    #: Standard deviation of the sensor noise, 8-bit grey levels. 1.5 (with rounding) puts the noise floor at 44.5 dB: a perfect
+    #: reconstruction scores no more, and 44.3 dB once it is rounded to 8 bits too.
     noise: float = 1.5
+    #: "cautery": a grasper pulls the gallbladder while an electrocautery hook chars tissue that stands still. "family": a surgery that the
+    #: seed draws, noise, compression and camera included (`engine.research.surgeries`, once imported).
     kind: str = "cautery"
+    #: What is written to `depth/`: the truth, what a stereo endoscope would measure, or nothing.
     depth: Literal["exact", "noisy", "none"] = "exact"
+    #: Write `masks/NNNNNN.png` too, 255 = pixels that a tool shows in, so that the tools are neither reconstructed nor scored.
     tool_masks: bool = False
 
     def __post_init__(self) -> None:

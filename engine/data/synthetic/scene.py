@@ -21,27 +21,14 @@ MESH_CELLS = (96, 480)  # across the view
 
 @dataclass(frozen=True)
 class PhantomFrame:
-    """What the camera sees at one time.
+    """What the camera sees at one time."""
 
-    Attributes
-    ----------
-    rgb : float64 [H, W, 3]
-        Display values in [0, 1], without noise.
-    depth : float32 [H, W]
-        Camera z, mm.
-    labels : uint8 [H, W]
-    displacement : float32 [H, W, 3]
-        mm, world frame; NaN where no tissue is seen.
-    cautery : bool [H, W]
-    tools : bool [H, W]
-        Pixels that a tool shows in, be it in a corner: they are no tissue to score, unlike what `labels` says of their centres.
-    """
-
-    rgb: np.ndarray
-    depth: np.ndarray
-    labels: np.ndarray
-    displacement: np.ndarray
-    cautery: np.ndarray
+    rgb: np.ndarray  # float64 [H, W, 3]; display values in [0, 1], without noise
+    depth: np.ndarray  # float32 [H, W]; camera z, mm
+    labels: np.ndarray  # uint8 [H, W]
+    displacement: np.ndarray  # float32 [H, W, 3]; mm, world frame; NaN where no tissue is seen
+    cautery: np.ndarray  # bool [H, W]
+    #: bool [H, W]; pixels that a tool shows in, be it in a corner: they are no tissue to score, unlike what `labels` says of their centres.
     tools: np.ndarray
 
 
