@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
+from degense.app.cli.sweep_options import add_sweep_options
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions, MaskMeans, PoseAxes, Poses
 
 LABEL_FORMATS = "masks-png, coco, cvat, yolo, nifti, cholecseg8k or endovis18"
@@ -130,6 +131,8 @@ def _scores(command: Command) -> None:
     sub.add_argument("--quick", action="store_true", help="small scenes, short trainings: to see that it runs, not to quote")
     sub.add_argument("--clip", type=Path, action="append", default=[], metavar="CLIP", help="a real clip to measure on too; repeatable")
     sub.add_argument("--out", type=Path, metavar="PATH", help="folder for tables (.json) and plots (.png); of a report, the file")
+    group = sub.add_argument_group("of the benchmark surgeries", "which goes on where it stopped in the folder of --out")
+    add_sweep_options(group, _setting, _size, _positive)
 
 
 def _outputs(command: Command) -> None:

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from degense.app.cli.options import clip_options
+from degense.app.cli.sweep_options import sweep_of
 from degense.app.cli.terminal import Bar, table
 from degense.app.cli.training import StopFlag
 from degense.engine.errors import Cancelled, ClipError
@@ -71,6 +72,7 @@ def bench(options: argparse.Namespace) -> None:
         print(commands.report_benchmarks(names[1:], options.out))
         return
     about = {name: getattr(options, name) for name in ("device", "seeds", "repeats", "quick", "out")}
+    about["sweep"] = sweep_of(options)
     with closing(Bar()) as bar:
 
         def show(section: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,11 @@ from degense.engine.scene.clip_query import encode_prompts
 from degense.engine.semantics.prompts import PromptSet
 
 TIMED = 20
+PARTS = ("masks", "flicker", "motion", "speed")
 
 
-def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str, Any]:
-    """Score a run.
+def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Collection[str] = PARTS) -> dict[str, Any]:
+    """Score a run: its pictures, and all of the rest or some `parts` of it.
 
     Protocol
     --------
@@ -74,13 +76,17 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent) -> dict[str,
         images.add(scene.render_rgb(i), clip.frame(i), clip.valid(i))
     result |= images.result()
     if scene.has_semantics and clip.labelled_frames:
-        result |= score_masks(scene, clip, frames, lambda f, words: progress(0.4 + 0.2 * f, words))
-        result |= score_flicker(scene, clip, frames, lambda f, words: progress(0.6 + 0.1 * f, words))
-    result |= _score_motion(scene, clip, lambda f, words: progress(0.7 + 0.2 * f, words))
-    progress(0.9, "measuring speed")
-    result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model), "render_fps": _render_fps(scene)}
-    timed = scene.has_semantics and bool(scene.classes)
-    return result | (_query_times(scene) if timed else {"query_ms": None, "query_new_frame_ms": None})
+        if "masks" in parts:
+            result |= score_masks(scene, clip, frames, lambda f, words: progress(0.4 + 0.2 * f, words))
+        if "flicker" in parts:
+            result |= score_flicker(scene, clip, frames, lambda f, words: progress(0.6 + 0.1 * f, words))
+    if "motion" in parts:
+        result |= _score_motion(scene, clip, lambda f, words: progress(0.7 + 0.2 * f, words))
+    result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model)}
+    if "speed" in parts:
+        progress(0.9, "measuring speed")
+        result |= {"render_fps": _render_fps(scene)} | _query_times(scene)
+    return result
 
 
 def _score_motion(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any]:
@@ -120,8 +126,10 @@ def _render_fps(scene: Scene) -> float:
     return 1 / statistics.median(seconds)
 
 
-def _query_times(scene: Scene) -> dict[str, float]:
+def _query_times(scene: Scene) -> dict[str, float | None]:
     """Milliseconds from prompt to final mask (decoder rnse): on a frame not seen before, and another prompt on the same frame."""
+    if not scene.has_semantics or not scene.classes:
+        return {"query_ms": None, "query_new_frame_ms": None}
     first, warm = [], []
     frames = np.linspace(0, scene.frames - 1, min(scene.frames, 5)).round().astype(int)
     asked = [encode_prompts(scene, PromptSet((name,))) for name in scene.classes[:2]]

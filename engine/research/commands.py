@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ def run_benchmarks(
     quick: bool = False,
     clips: Sequence[Path] = (),
     out: Path | None = None,
+    sweep: Mapping[str, Any] | None = None,
 ) -> None:
     """Run benchmarks one after the other; each table is shown, and written to `out`, as soon as it is there.
 
@@ -54,6 +55,8 @@ def run_benchmarks(
     ----------
     names : sequence of str
         Of `BENCHES` and `others`, or "all" alone for those of `BENCHES`.
+    sweep : dict, optional
+        What `surgeries` is told beside the rest (`BenchOptions.sweep`).
     """
     benches = BENCHES | others
     chosen = list(BENCHES) if list(names) == ["all"] else list(dict.fromkeys(names))
@@ -65,7 +68,9 @@ def run_benchmarks(
     seeds = seeds or (QUICK_SEEDS if quick else SEEDS)
     repeats = repeats or (QUICK_REPEATS if quick else REPEATS)
     with tempfile.TemporaryDirectory(prefix="degense-bench-") as scratch:
-        options = BenchOptions(choose_device(device).type, tuple(range(seeds)), repeats, quick, Path(scratch), tuple(clips))
+        options = BenchOptions(
+            choose_device(device).type, tuple(range(seeds)), repeats, quick, Path(scratch), tuple(clips), out, sweep or {}
+        )
         for done, name in enumerate(chosen):
 
             def tell(fraction: float, message: str, done: int = done, name: str = name) -> None:

@@ -6,10 +6,11 @@ import importlib
 import os
 import platform
 import shlex
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -35,10 +36,13 @@ BENCHES: Benches = {
         "degense.engine.research.benchmarks.presets",
         "what the presets cost and reach on a phantom, and on real clips with --clip",
     ),
-    "motion": ("degense.engine.research.benchmarks.motion", "each ingredient of motion on and off, against exact displacement"),
     "cameras": (
         "degense.engine.research.benchmarks.cameras",
         "camera poses from the frames: how far off they are, and what they do to a reconstruction",
+    ),
+    "surgeries": (
+        "degense.engine.research.sweep",
+        "a family of surgeries: systems, teachers and depths against exact truth and baselines; resumes",
     ),
     "ablation": (
         "degense.engine.research.benchmarks.ablation",
@@ -47,10 +51,6 @@ BENCHES: Benches = {
     "parts": (
         "degense.engine.research.benchmarks.parts",
         "parts of the default on and off, with degraded teachers, against exact masks and motion",
-    ),
-    "systems": (
-        "degense.engine.research.benchmarks.systems",
-        "the systems that the paper compares, with degraded teachers: each with its own best decoder",
     ),
     "annotation": (
         "degense.engine.research.benchmarks.annotation",
@@ -77,6 +77,10 @@ class BenchOptions:
         A folder for clips and runs made on the way; its owner deletes it.
     clips : tuple of Path
         Real clips to measure on beside the phantoms.
+    out : Path or None
+        Where tables go; a sweep is kept there too.
+    sweep : dict
+        What the benchmark `surgeries` alone is told (`engine.research.sweep.plan`).
     """
 
     device: str
@@ -85,6 +89,8 @@ class BenchOptions:
     quick: bool
     scratch: Path
     clips: tuple[Path, ...] = ()
+    out: Path | None = None
+    sweep: Mapping[str, Any] = field(default_factory=dict)
 
 
 def run(name: str, options: BenchOptions, progress: Progress = silent, benches: Benches = BENCHES) -> Iterator[Table]:
@@ -92,7 +98,8 @@ def run(name: str, options: BenchOptions, progress: Progress = silent, benches: 
     check_names([name], benches)
     for number, table in enumerate(importlib.import_module(benches[name][0]).run(options, progress)):
         table.bench, table.device, table.number = name, options.device, number
-        table.command, table.hardware, table.date = command_line(name, options), hardware(options.device), date.today().isoformat()
+        table.command = table.command or command_line(name, options)
+        table.hardware, table.date = hardware(options.device), date.today().isoformat()
         yield table
 
 

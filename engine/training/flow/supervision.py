@@ -5,10 +5,11 @@ A photometric loss alone lets Gaussians fade and change colour in place. Flow sh
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import tee
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -26,6 +27,16 @@ PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measur
 WINDOW = 8  # training frames before and after one, in which its look must stay the same
 HALF = 0.15  # pixels of the flow's size: flow with such an error by noise has half the precision of flow without
 STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
+
+
+#: Flow there and back between a frame and the next, and between the first frame and that next one.
+MeasuredFlow: TypeAlias = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def measure_flow(frames: Sequence[np.ndarray]) -> Iterator[MeasuredFlow]:
+    """The flow of all frames but the last, uint8 [h, w, 3], in order."""
+    neighbours, steps = tee(steps_between(frames))
+    return zip(neighbours, follow(frames, steps), strict=True)
 
 
 @dataclass
@@ -66,6 +77,9 @@ class FlowSupervision:
         that keeps the motion of an instrument from the tissue beside it.
     """
 
+    #: What measures the flow; research shares it between trainings.
+    measure: Callable[[Sequence[np.ndarray]], Iterator[MeasuredFlow]] = staticmethod(measure_flow)
+
     def __init__(
         self,
         frames: TrainingFrames,
@@ -88,10 +102,9 @@ class FlowSupervision:
         on_device = [torch.from_numpy(values[None]).to(frames.device).half() for values in precise]
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
 
-        neighbours, steps = tee(steps_between(small))
         found: list[tuple[int, Future[Pair]]] = []
         with ThreadPoolExecutor() as pool:
-            for k, (step, far) in enumerate(zip(neighbours, follow(small, steps), strict=True)):
+            for k, (step, far) in enumerate(self.measure(small)):
                 progress(k / len(train), "following tissue through the clip")
                 # the second frame is the first one's neighbour
                 for a, (there, back) in ((k, step), (0, far)) if k else ((0, step),):

@@ -8,7 +8,7 @@ from degense.engine.progress import silent
 from degense.engine.research.bench import trainings
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.workers import run_jobs
-from degense.engine.research.benchmarks import ablation, motion, parts
+from degense.engine.research.benchmarks import ablation, parts
 from degense.engine.research.systems import as_system
 from degense.engine.semantics.prompts import DECODERS
 from degense.engine.training.config import TrainConfig
@@ -40,7 +40,7 @@ def asked(monkeypatch, tmp_path):
         names = [f"{kind} {seed}" if seed else kind for kind, seed in scenes]
         return {name: tmp_path / name for name in names}
 
-    for module in (ablation, motion, parts):
+    for module in (ablation, parts):
         monkeypatch.setattr(module, "score_all", score_all)
         monkeypatch.setattr(module, "phantoms", clips)
     return seen, BenchOptions("cpu", (0, 1), 1, True, tmp_path)
@@ -84,21 +84,6 @@ def test_parts_are_a_full_grid_with_one_budget(asked):
         assert rows["decoder threshold"]["gap"] == pytest.approx([5, 5])
     assert len({j.out for j in jobs}) == len(jobs)
     assert all(table.markdown() for table in tables.values())
-
-
-def test_motion_takes_one_thing_away_at_a_time(asked, monkeypatch):
-    jobs, options = asked
-    lifted = {"displacement_error": 0.2, "relative": 0.2, "displacement_correlation": 0.95, "recovered_share": 0.7}
-    monkeypatch.setattr(motion, "flow_scores", lambda clip: lifted)
-    tables = list(motion.run(options, silent))
-    assert len(jobs) == 2 * 2 * len(motion.INGREDIENTS)
-    assert {j.teacher for j in jobs} == {"none"}
-    rows = {row["what"].removesuffix(" †"): row for row in tables[0].rows}
-    assert tables[0].notes.startswith("† correlation below chained optical flow (default)")
-    assert rows["baseline: chained optical flow"]["displacement_error"] == [0.2]
-    assert rows["default"]["relative"] == [0.1, 0.1]
-    assert rows["default"]["spurious_share"] == [0.005, 0.005]
-    assert rows["floor: nothing moves"]["relative"] == 1.0
 
 
 def test_workers_answer_every_job_and_raise_what_fails():

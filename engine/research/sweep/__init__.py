@@ -1,0 +1,21 @@
+"""A sweep over the family of surgeries: systems × teachers × depths × seeds, several trainings at a time, and its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from degense.engine.progress import Progress
+from degense.engine.research.bench.run import BenchOptions
+from degense.engine.research.bench.table import Table
+from degense.engine.research.sweep.plan import plan_of
+from degense.engine.research.sweep.run import train_all
+from degense.engine.research.sweep.tables import tables_of
+
+
+def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
+    """Train what is missing in the folder of the sweep, and make the tables of what is there."""
+    plan = plan_of(options)
+    plan.begin()
+    if not plan.tables_only:
+        train_all(plan, progress)
+    yield from tables_of(plan)
