@@ -27,29 +27,21 @@ class Session:
     """State of one window.
 
     Either a scene is open (`scene`, and `clip` when the clip it was made from is still there), or a clip alone, or nothing.
-
-    Signals
-    -------
-    opened()
-        Another scene or clip, or none.
-    frame_changed(frame), playing_changed(playing), camera_mode_changed(mode), probe_changed(target or None), dirty_changed(dirty)
-    view_state_changed(before, after)
-        Of `view`.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self.opened: Signal[[]] = Signal()
-        self.frame_changed: Signal[[int]] = Signal()
-        self.playing_changed: Signal[[bool]] = Signal()
-        self.camera_mode_changed: Signal[[str]] = Signal()
-        self.probe_changed: Signal[[Target | None]] = Signal()
+        self.opened: Signal[[]] = Signal()  # another scene or clip, or none
+        self.frame_changed: Signal[[int]] = Signal()  # (frame)
+        self.playing_changed: Signal[[bool]] = Signal()  # (playing)
+        self.camera_mode_changed: Signal[[str]] = Signal()  # (mode)
+        self.probe_changed: Signal[[Target | None]] = Signal()  # (target or None)
         self.scene: Scene | None = None
         self.clip: Clip | None = None
         self.undo = UndoStack(clock=clock)
         self.store = SessionStore()
-        self.dirty_changed = self.store.dirty_changed
+        self.dirty_changed = self.store.dirty_changed  # (dirty)
         self.view, self._cursor = ViewEditor(self.undo, lambda: self.scene), Cursor()
-        self.view_state_changed = self.view.view_changed
+        self.view_state_changed = self.view.view_changed  # (before, after) of `view`
         self.playing = False  # the window's timeline is the clock; it asks for the frames through `go_to`
         self.register(session_file.VIEW, self.view)
         self.register("place", self._cursor)

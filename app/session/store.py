@@ -27,16 +27,11 @@ class SessionStore:
     Every change goes to a journal in the user's state folder first, so that work is safe where its folder cannot be written.
     One session at a time writes: it holds the locks of the journal and of the folder. In a second window nothing is written, and
     `save` says so. A folder that is not there yet is made, and locked, by the first change.
-
-    Signals
-    -------
-    dirty_changed(dirty)
-    problem_changed(problem)
     """
 
     def __init__(self) -> None:
-        self.dirty_changed: Signal[[bool]] = Signal()
-        self.problem_changed: Signal[[str]] = Signal()
+        self.dirty_changed: Signal[[bool]] = Signal()  # (dirty)
+        self.problem_changed: Signal[[str]] = Signal()  # (problem)
         self.states: dict[str, PersistentState] = {}
         self.folder: Path | None = None
         self.unsaved: list[Entry] = []  # what a crash left in the journal. `recover` or `discard` it; until then nothing is written over it

@@ -25,37 +25,16 @@ REVEALED = 0.5  # observability below which a displacement is uncertain: the rec
 
 
 class Scene:
-    """One opened run.
-
-    Attributes
-    ----------
-    run : Run
-    model : SceneModel
-    frames, reference_frame : int
-        How many there are, and the one from which displacement is measured.
-    clip_size : (int, int)
-        (width, height), pixels.
-    states : States
-        The Gaussians at each frame: centres, displacement, which are persistent; `time`, `splats` and `observability` are its.
-    renderer : Renderer
-        What they look like; `render` and `render_rgb` are its.
-    basis : Basis or None
-    encoder : TextEncoder or None
-        The encoder that made the run's features; no other may answer prompts.
-    clip : Clip or None
-        The recording, when it is still where it was.
-    clip_missing : str
-        Why `clip` is None, in one sentence; empty otherwise.
-    """
+    """One opened run."""
 
     def __init__(
         self,
         run: Run,
         model: SceneModel,
         basis: Basis | None,
-        encoder: TextEncoder | None,
-        clip: Clip | None,
-        clip_missing: str = "",
+        encoder: TextEncoder | None,  # that made the run's features; no other may answer prompts
+        clip: Clip | None,  # the recording, when it is still where it was
+        clip_missing: str = "",  # why it is not, in one sentence
         observability: Tensor | None = None,
     ):
         self.run, self.model, self.basis, self.encoder, self.clip, self.clip_missing = run, model, basis, encoder, clip, clip_missing
@@ -102,10 +81,12 @@ class Scene:
 
     @property
     def frames(self) -> int:
+        """How many there are; displacement is measured from `reference_frame`."""
         return len(self.cameras)
 
     @property
     def clip_size(self) -> tuple[int, int]:
+        """(width, height), pixels."""
         return self.cameras[0].width, self.cameras[0].height
 
     @property

@@ -34,16 +34,7 @@ _KEYS = {
 
 
 class RenderPanel(PaintedWidget):
-    """Shows one frame, a mask overlay above it, and a label map above both.
-
-    Attributes
-    ----------
-    zoom : PanelZoom
-    comparison : Comparison
-        With the observed frame.
-    marks : PanelMarks
-        Title, marker, outline and legend.
-    """
+    """Shows one frame, a mask overlay above it, and a label map above both."""
 
     hovered = Signal(int, int)  # (x, y) pixels of the image; (-1, -1) when the pointer leaves it
     clicked = Signal(int, int)  # (x, y) pixels of the image

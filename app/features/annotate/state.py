@@ -31,40 +31,22 @@ class AnnotationState(PersistentState):
     """Label maps with undo and journal, and the tool that paints them.
 
     Those of a run lie in `annotations` in its folder, those of a clip without a run in the folder of its session.
-
-    Attributes
-    ----------
-    tool : PaintTool
-    folder : Path or None
-        Where the label maps are saved.
-    work : Annotations or None
-        None while nothing is open, or where `blocked` says why.
-    blocked : str
-        Why the annotations of a clip cannot be opened; they are left alone then. Empty otherwise.
-
-    Signals
-    -------
-    pixels_changed(frame, region)
-        What is shown of a frame; a region of None is the whole frame.
-    records_changed()
-        Status, proposals, or which frames are labelled.
-    classes_changed()
     """
 
     def __init__(self, session: Session) -> None:
         super().__init__()
         self.session, self.tool = session, PaintTool()
-        self.pixels_changed: Signal[[int, PixelRegion | None]] = Signal()
-        self.records_changed: Signal[[]] = Signal()
+        self.pixels_changed: Signal[[int, PixelRegion | None]] = Signal()  # (frame, region) that are shown; None is the whole frame
+        self.records_changed: Signal[[]] = Signal()  # status, proposals, or which frames are labelled
         self.classes_changed: Signal[[]] = Signal()
         self.clear()
 
     # Persistence
 
     def clear(self) -> None:
-        self.work: Annotations | None = None
-        self.folder: Path | None = None
-        self.blocked = ""
+        self.work: Annotations | None = None  # None while nothing is open, or where `blocked` says why
+        self.folder: Path | None = None  # where the label maps are saved
+        self.blocked = ""  # why the annotations of a clip cannot be opened; they are left alone then
         self._stroke: Stroke | None = None
         self._written, self._unwritten, self._edited = -math.inf, False, False
         self.tool.clear()

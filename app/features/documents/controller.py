@@ -22,19 +22,11 @@ VIDEOS = "Videos (*.mp4 *.avi *.mov *.mkv *.webm);;All files (*)"
 
 
 class Documents(QObject):
-    """Opens what the user points at. The window stays alive meanwhile; a second opening replaces the first.
+    """Opens what the user points at. The window stays alive meanwhile; a second opening replaces the first."""
 
-    Signals
-    -------
-    loading(name), failed(message)
-        Something is being opened; it could not be, and the error has been shown.
-    clip_opened(chosen)
-        A clip without a run is open; `chosen` says whether the user has just picked it in a dialog.
-    """
-
-    loading = Signal(str)
-    failed = Signal(str)
-    clip_opened = Signal(bool)
+    loading = Signal(str)  # (name) something is being opened
+    failed = Signal(str)  # (message) it could not be, and the error has been shown
+    clip_opened = Signal(bool)  # (chosen) a clip without a run is open; `chosen` says whether the user has just picked it in a dialog
 
     def __init__(self, shell: Shell, autosave: Autosave) -> None:
         super().__init__(shell)

@@ -11,12 +11,7 @@ from degense.widgets import forms
 
 
 class Facts(QScrollArea):
-    """Lines of text; for a clip without a run also the ways to checking it and to training.
-
-    Signals
-    -------
-    check_requested(), train_requested()
-    """
+    """Lines of text; for a clip without a run also the ways to checking it and to training."""
 
     check_requested = Signal()
     train_requested = Signal()
