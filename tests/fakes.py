@@ -154,3 +154,13 @@ def ply_columns(path: Path) -> np.ndarray:
     header, _, body = path.read_bytes().partition(b"end_header\n")
     assert header.startswith(b"ply\nformat binary_little_endian 1.0\n")
     return np.frombuffer(body, "<f4").reshape(-1, header.count(b"property float ")).copy()
+
+
+class CharringWall(MovingWall):
+    """A wall that stands still while a soft spot of it darkens and grows."""
+
+    def frame(self, index):
+        height, width = self.size[::-1]
+        y, x = np.mgrid[:height, :width]
+        away = np.hypot(x - width / 2, y - height / 2) / (0.05 * width * (1 + index))
+        return np.clip(super().frame(index) * (1 - 0.8 * np.exp(-(away**2) / 2))[..., None], 0, 255).astype(np.uint8)

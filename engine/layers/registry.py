@@ -93,8 +93,13 @@ def _warp(scene: Scene, request: LayerRequest) -> np.ndarray:
     if request.camera is not None:
         raise DegenseError("warp is measured in the recording's own view; look through the surgeon's camera to see it")
     modelled = scene.render(frame, None, ("motion",))["motion"]
-    observed, believed = scene.observed_motion.at(frame)
-    return spurious(modelled, observed, believed, WARP_TOLERANCE)
+    observed = scene.observed_motion.at(frame)
+    return spurious(modelled, observed.flow, WARP_TOLERANCE + observed.spread)
+
+
+def _warp_guessed(scene: Scene, request: LayerRequest) -> np.ndarray:
+    observed = scene.observed_motion.at(round(request.frame))
+    return ~observed.seen & np.isfinite(observed.spread)
 
 
 def _warp_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -172,12 +177,15 @@ LAYERS: dict[str, Layer] = {
         Layer(
             "warp",
             "scalar",
-            "Motion since the reference frame, projected to pixels, that the recording's optical flow does not support, beyond a tolerance "
-            f"of {WARP_TOLERANCE:g} px. Unknown where the flow is not consistent forwards and backwards.",
+            "Motion since the reference frame, projected to pixels, that the recording contradicts, beyond a tolerance of "
+            f"{WARP_TOLERANCE:g} px. Hatched where the recording does not show how a place moved, because it is plain, hidden or looks "
+            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, and its spread is allowed.",
             _warp,
             _warp_splats,
             lambda scene: "px",
             "magma",
+            uncertain=_warp_guessed,
+            uncertain_words="hatched: measured against the motion around, since this place does not show its own",
             from_zero=True,
             of_motion=True,
             needs_clip=True,

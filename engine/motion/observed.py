@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Float, Float32
 from torch import Tensor
 
 from degense.engine.clip import Clip
+from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.motion.flow import confidence, consistent, follow, sample
 
 
@@ -22,35 +24,50 @@ def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"])
 def spurious(
     model_flow: Float[np.ndarray, "height width 2"],
     observed_flow: Float[np.ndarray, "height width 2"],
-    reliable: Bool[np.ndarray, "height width"],
-    tolerance: float = 1.0,
+    tolerance: Float[np.ndarray, "height width"] | float = 1.0,
 ) -> Float32[np.ndarray, "height width"]:
     """Model motion that the images contradict: max(0, ‖m(p) − o(p)‖ − tolerance), pixels.
 
-    m is the model's motion projected into the image (`Scene.render`: `motion`), o the observed optical flow between the same two frames
-    in the same direction. Where flow is not reliable (hidden, tools, out of the image) the result is NaN: not known,
-    which is not the same as 0.
+    m is the model's motion projected into the image (`Scene.render`: `motion`), o the observed motion between these frames in the same
+    direction (`ObservedMotion`). The tolerance is the error of what is observed, pixels; where it or a motion is NaN, the result is: not
+    known, which is not the same as 0.
 
     What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
-    the principal point by about r · Δz / z); errors below the tolerance, which should be the flow's own error; sliding along plain
-    surfaces or straight edges, where flow itself is a guess (`engine.motion.confidence`); and motion that flow invents, for example of
-    a highlight or where tissue chars. Missing motion counts like motion too many: both are a difference.
-
-    Flows and tolerance are in pixels. The result is NaN also where either flow is not finite.
+    the principal point by about r · Δz / z), and errors below the tolerance. Missing motion counts like motion too many: both are a
+    difference.
     """
     difference = np.linalg.norm(np.asarray(model_flow, np.float32) - np.asarray(observed_flow, np.float32), axis=-1)
-    excess = np.maximum(difference - tolerance, 0)  # NaN stays NaN
-    return np.where(reliable, excess, np.nan).astype(np.float32)
+    return np.maximum(difference - tolerance, 0).astype(np.float32)  # NaN stays NaN
 
 
 PIXELS = 80_000  # flow is measured at about this size: a frame of it takes 0.4 MB, and a tenth of a second
 TEXTURE = 0.3  # `confidence` below which flow is a guess
+REACHES = (0.02, 0.06, 0.18)  # of the width: σ within which neighbours speak for a place whose own motion is not seen,
+ENOUGH = 0.1  # where so much of what is within it is seen
+
+
+class Observed(NamedTuple):
+    """How the pixels of a frame went to the reference frame.
+
+    Attributes
+    ----------
+    flow : float32 [H, W, 2]
+        Pixels; where motion is not seen, the mean of what is seen around.
+    seen : bool [H, W]
+        Flow is consistent forwards and backwards, valid at both ends, on texture that pins motion down, and the place looks as it did.
+    spread : float32 [H, W]
+        Pixels: 0 where motion is seen; else the standard deviation of what is seen around; NaN where nothing is, nor the frame valid.
+    """
+
+    flow: np.ndarray
+    seen: np.ndarray
+    spread: np.ndarray
 
 
 class ObservedMotion:
     """Optical flow of every frame to the reference frame, followed from frame to frame; measured as far as it is asked for, then kept.
 
-    Frames before the reference have no motion to show.
+    All frames are followed, also those that no training saw. Frames before the reference have no motion to show.
     """
 
     def __init__(self, clip: Clip, reference: int):
@@ -58,31 +75,57 @@ class ObservedMotion:
         width, height = clip.size
         shrink = min(1.0, (PIXELS / (width * height)) ** 0.5)
         self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
-        self._start = self._frame(reference), self._valid(reference)
+        self._start = log_intensity(self._frame(reference)), self._valid(reference)
         no_motion = np.zeros((self.size[1], self.size[0], 2), np.float16)
         self._measured: list[tuple[np.ndarray, np.ndarray]] = [(no_motion, self._start[1])]
         self._followed: Iterator[tuple[np.ndarray, np.ndarray]] = follow(self._frame(i) for i in range(reference, len(clip)))
 
-    def at(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Flow of `frame` to the reference, float32 [H, W, 2] in pixels, and where it is reliable, bool [H, W].
-
-        Reliable: consistent forwards and backwards, valid at both ends, on texture that pins motion down.
-        """
+    def at(self, frame: int) -> Observed:
+        """The motion of a frame's pixels to the reference frame, at the size of the clip."""
         while len(self._measured) <= frame - self.reference:
-            here = self.reference + len(self._measured)
-            out, back = next(self._followed)
-            arrives = sample(self._start[1].astype(np.float32), back) > 0.99
-            sure = self._valid(here) & arrives & consistent(back, out) & (confidence(self._frame(here)) > TEXTURE)
-            self._measured.append((back.astype(np.float16), sure))
+            self._measured.append(self._measure(self.reference + len(self._measured), *next(self._followed)))
         flow, sure = self._measured[max(0, frame - self.reference)]
+        seen = sure & (frame >= self.reference)
+        whole, spread = from_around(flow.astype(np.float32), seen)
+        spread[~self._valid(frame)] = np.nan
         width, height = self.clip.size
         scale = np.array([width / self.size[0], height / self.size[1]], np.float32)
-        large = cv2.resize(flow.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) * scale
-        known = cv2.resize(sure.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
-        return large, known & (frame >= self.reference)
+        large = cv2.resize(whole, (width, height), interpolation=cv2.INTER_LINEAR) * scale
+        nearest = [cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST) for values in (seen.astype(np.uint8), spread)]
+        return Observed(large, nearest[0] > 0, nearest[1] * scale.max())
+
+    def _measure(self, here: int, out: np.ndarray, back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Flow of a frame to the reference, and where it is seen."""
+        frame, (look, valid) = self._frame(here), self._start
+        sure = self._valid(here) & (sample(valid.astype(np.float32), back) > 0.99) & consistent(back, out) & (confidence(frame) > TEXTURE)
+        return back.astype(np.float16), sure & ~around(looks_changed(log_intensity(frame), look, back))
 
     def _frame(self, index: int) -> np.ndarray:
         return cv2.resize(self.clip.frame(index), self.size, interpolation=cv2.INTER_AREA)
 
     def _valid(self, index: int) -> np.ndarray:
         return cv2.resize(self.clip.valid(index).astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST) > 0
+
+
+def from_around(flow: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Flow [H, W, 2] completed where it is not `seen`, and its spread, float32 [H, W]: see `Observed`.
+
+    The mean and the standard deviation of what is seen in a Gaussian window, the smallest of `REACHES` in which enough is.
+    """
+    height, width = seen.shape
+    found = np.where(seen[..., None], flow, 0).astype(np.float32)
+    spread = np.where(seen, 0, np.nan).astype(np.float32)
+    stacked = np.dstack([found, (found**2).sum(-1), seen.astype(np.float32)])
+    for reach in REACHES:
+        missing = np.isnan(spread)
+        if not missing.any():
+            break
+        shrink = max(1, int(reach * width / 4))  # the window is wide: a coarser grid holds it as well
+        coarse = cv2.resize(stacked, (max(1, width // shrink), max(1, height // shrink)), interpolation=cv2.INTER_AREA)
+        blurred = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach * coarse.shape[1]), (width, height), interpolation=cv2.INTER_LINEAR)
+        weight = np.maximum(blurred[..., 3], 1e-6)
+        mean, square = blurred[..., :2] / weight[..., None], blurred[..., 2] / weight
+        fill = missing & (weight > ENOUGH)
+        found[fill] = mean[fill]
+        spread[fill] = np.sqrt(np.maximum(square - (mean**2).sum(-1), 0))[fill]
+    return found, spread

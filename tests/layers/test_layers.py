@@ -168,9 +168,12 @@ def test_warp_is_zero_at_the_reference_and_unknown_before_evidence(scene, clip):
     start = layer.image(scene, request(scene.reference_frame)).values
     assert np.nanmax(start) == 0
     values = layer.image(scene, request()).values
-    _, believed = scene.observed_motion.at(SIDE)
-    assert np.isnan(values[~believed]).all()
-    assert np.isfinite(values[believed]).mean() > 0.9
+    _, seen, spread = scene.observed_motion.at(SIDE)
+    assert np.isnan(values[np.isnan(spread)]).all()
+    assert np.isfinite(values[np.isfinite(spread)]).mean() > 0.9
+    uncertain = layer.image(scene, request()).uncertain
+    assert not uncertain[seen].any()
+    assert np.array_equal(uncertain, ~seen & np.isfinite(spread))
     assert np.nanmin(values) >= 0
     splats = layer.splats(scene, request())
     known = np.isfinite(splats)

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from degense.engine.motion import flow_between
 from degense.engine.motion import observed as module
-from degense.engine.motion.observed import ObservedMotion
-from tests.fakes import MovingWall
+from degense.engine.motion.observed import ObservedMotion, from_around
+from tests.fakes import CharringWall, MovingWall
 
 
 @pytest.mark.parametrize(("reference", "seed"), [(0, 0), (2, 1)])
@@ -13,11 +14,12 @@ def test_it_follows_a_sliding_texture(reference, seed):
     clip = MovingWall(8, velocity=(0.06, 0.03, 0.0), seed=seed)
     motion = ObservedMotion(clip, reference)
     for frame in range(reference, 8):
-        flow, believed = motion.at(frame)
+        flow, believed, spread = motion.at(frame)
         assert flow.shape == (72, 96, 2)
         assert flow.dtype == np.float32
         assert believed.shape == (72, 96)
         assert believed.dtype == bool
+        assert (spread[believed] == 0).all()
         assert believed.mean() > 0.6
         error = np.linalg.norm(flow - clip.flow(frame, reference), axis=-1)[believed]
         assert np.median(error) < 0.6  # evening out the contrast of a frame as small as this costs a third of a pixel
@@ -27,7 +29,7 @@ def test_it_follows_a_sliding_texture(reference, seed):
 
 def test_it_follows_a_wall_that_comes_nearer():
     clip = MovingWall(7, velocity=(0.0, 0.0, -0.08))
-    flow, believed = ObservedMotion(clip, 0).at(6)
+    flow, believed, _ = ObservedMotion(clip, 0).at(6)
     error = np.linalg.norm(flow - clip.flow(6, 0), axis=-1)
     assert believed.mean() > 0.5
     assert np.median(error[believed]) < 0.8
@@ -39,7 +41,7 @@ def test_large_frames_are_measured_small_and_told_large(monkeypatch):
     clip = MovingWall(4, 192, 144, velocity=(0.06, 0.03, 0.0))
     motion = ObservedMotion(clip, 0)
     assert motion.size == (96, 72)
-    flow, believed = motion.at(3)
+    flow, believed, _ = motion.at(3)
     assert flow.shape == (144, 192, 2)
     error = np.linalg.norm(flow - clip.flow(3, 0), axis=-1)
     assert believed.mean() > 0.6
@@ -51,7 +53,8 @@ def test_it_is_believed_only_where_both_ends_are_valid_and_inside():
     clip = MovingWall(6, velocity=(0.08, 0.0, 0.0), hole=hole)
     motion = ObservedMotion(clip, 0)
     for frame in (1, 3, 5):
-        _, believed = motion.at(frame)
+        _, believed, spread = motion.at(frame)
+        assert np.isnan(spread[hole]).all()
         truth = clip.flow(frame, 0)
         y, x = np.indices(believed.shape)
         column = x + truth[..., 0]
@@ -71,13 +74,14 @@ def test_a_plain_wall_shows_nothing():
             noise = np.random.default_rng(index).normal(0, 1, (72, 96, 3))
             return (128 + noise).round().astype(np.uint8)
 
-    _, believed = ObservedMotion(Plain(4), 0).at(3)
+    _, believed, _ = ObservedMotion(Plain(4), 0).at(3)
     assert believed.mean() < 0.05
 
 
 def test_nothing_is_known_before_the_reference():
-    flow, believed = ObservedMotion(MovingWall(6), 3).at(1)
+    flow, believed, spread = ObservedMotion(MovingWall(6), 3).at(1)
     assert not believed.any()
+    assert np.isnan(spread).all()
     assert (flow == 0).all()
 
 
@@ -97,3 +101,36 @@ def test_frames_may_be_asked_for_in_any_order_and_are_read_once():
     fresh = ObservedMotion(MovingWall(7), 0)
     for a, b in zip((*fresh.at(2), *fresh.at(5)), (*early, *late), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_what_is_not_seen_has_the_mean_and_the_spread_of_what_is_seen_around():
+    rng = np.random.default_rng(4)
+    flow = np.full((60, 80, 2), (2.0, -1.0), np.float32)
+    flow[:, 40:] = (6.0, -1.0)
+    seen = np.ones((60, 80), bool)
+    inside, between = np.s_[28:32, 18:22], np.s_[28:32, 38:42]
+    seen[inside] = seen[between] = False
+    found, spread = from_around(np.where(seen[..., None], flow, rng.normal(0, 50, flow.shape)), seen)
+    assert (spread[seen] == 0).all()
+    assert np.array_equal(found[seen], flow[seen])
+    np.testing.assert_allclose(found[inside], flow[inside], atol=0.05)
+    assert spread[inside].max() < 0.2
+    assert np.all((found[between][..., 0] > 2.2) & (found[between][..., 0] < 5.8))
+    assert np.all((spread[between] > 0.8) & (spread[between] < 2.1))  # two populations, 4 apart: 2 in the middle
+    seen[:, 5:] = False
+    found, spread = from_around(flow, seen)
+    assert np.isnan(spread[:, 60:]).all()
+    assert np.isfinite(spread[:, :8]).all()
+    assert np.isnan(from_around(flow, np.zeros_like(seen))[1]).all()
+
+
+def test_a_burn_has_the_motion_of_what_is_around_it():
+    clip = CharringWall(velocity=(0.0, 0.0, 0.0))
+    last = len(clip) - 1
+    flow, seen, spread = ObservedMotion(clip, 0).at(last)
+    spot = np.s_[30:42, 42:54]
+    assert seen[spot].mean() < 0.05
+    assert np.isfinite(spread[spot]).all()
+    assert np.linalg.norm(flow[spot], axis=-1).max() < 0.3
+    trusted = flow_between(clip.frame(last), clip.frame(0))
+    assert np.linalg.norm(trusted[spot], axis=-1).max() > 1  # optical flow alone takes the spot's growth for motion

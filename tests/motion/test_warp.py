@@ -15,12 +15,12 @@ def test_displacement_is_the_distance_of_each_gaussian():
 def test_spurious_matches_a_loop():
     rng = np.random.default_rng(2)
     model, observed = rng.normal(0, 2, (9, 8, 2)), rng.normal(0, 2, (9, 8, 2))
-    reliable = rng.random((9, 8)) < 0.7
-    model[2, 3], observed[4, 5], reliable[2, 3], reliable[4, 5] = np.nan, np.nan, True, True
-    result = spurious(model, observed, reliable, tolerance=1.5)
+    tolerance = np.where(rng.random((9, 8)) < 0.7, rng.uniform(0.5, 2, (9, 8)), np.nan)
+    model[2, 3], observed[4, 5], tolerance[2, 3], tolerance[4, 5] = np.nan, np.nan, 1, 1
+    result = spurious(model, observed, tolerance)
     assert result.dtype == np.float32
     for y in range(9):
         for x in range(8):
             length = np.hypot(*(model[y, x] - observed[y, x]))
-            expected = max(0.0, length - 1.5) if reliable[y, x] and np.isfinite(length) else np.nan
+            expected = max(0.0, length - tolerance[y, x]) if np.isfinite(length + tolerance[y, x]) else np.nan
             np.testing.assert_allclose(result[y, x], expected, atol=1e-5)

@@ -6,19 +6,9 @@ import torch
 from degense.engine.training.flow.motion_error import motion_error
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
-from tests.fakes import MovingWall
+from tests.fakes import CharringWall, MovingWall
 
 CPU = torch.device("cpu")
-
-
-class CharringWall(MovingWall):
-    """A wall that stands still while a soft spot of it darkens and grows."""
-
-    def frame(self, index):
-        height, width = self.size[::-1]
-        y, x = np.mgrid[:height, :width]
-        away = np.hypot(x - width / 2, y - height / 2) / (0.05 * width * (1 + index))
-        return np.clip(super().frame(index) * (1 - 0.8 * np.exp(-(away**2) / 2))[..., None], 0, 255).astype(np.uint8)
 
 
 def test_flow_is_no_evidence_where_tissue_changes_its_look():
