@@ -57,6 +57,7 @@ def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     return decode_splats(scene, _prompted(request), request.frame).numbers
 
 
+SPREAD_ALLOWED = 0.25  # of the spread of motion around, where a place does not show its own
 WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
 
 
@@ -94,7 +95,7 @@ def _warp(scene: Scene, request: LayerRequest) -> np.ndarray:
         raise DegenseError("warp is measured in the recording's own view; look through the surgeon's camera to see it")
     modelled = scene.render(frame, None, ("motion",))["motion"]
     observed = scene.observed_motion.at(frame)
-    return spurious(modelled, observed.flow, WARP_TOLERANCE + observed.spread)
+    return spurious(modelled, observed.flow, WARP_TOLERANCE + SPREAD_ALLOWED * observed.spread)
 
 
 def _warp_guessed(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -179,7 +180,7 @@ LAYERS: dict[str, Layer] = {
             "scalar",
             "Motion since the reference frame, projected to pixels, that the recording contradicts, beyond a tolerance of "
             f"{WARP_TOLERANCE:g} px. Hatched where the recording does not show how a place moved, because it is plain, hidden or looks "
-            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, and its spread is allowed.",
+            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, and a quarter of its spread is allowed.",
             _warp,
             _warp_splats,
             lambda scene: "px",
