@@ -59,6 +59,9 @@ class Layer:
     fixed_range: tuple[float, float] | None = None  # the range that it always has; None where the values decide
     of_motion: bool = False  # large values are findings about motion, whose worst frames and places are worth a list
     guess: str = ""  # what is hatched where the recording does not reveal the motion, for legends; empty where no value is a guess
+    guesses: Callable[[Scene, LayerRequest], np.ndarray] | None = (
+        None  # which pixels these are, bool [H, W], where the layer has its own rule
+    )
     since_reference: bool = True  # of motion: measured from the reference frame, where it is 0 by definition, which is no guess
     needs_semantics: bool = False
     needs_clip: bool = False
@@ -75,18 +78,20 @@ class Layer:
 
     def uncertain(self, scene: Scene, request: LayerRequest) -> np.ndarray | None:
         """Pixels whose motion the recording does not reveal, bool [H, W]; None where none is a guess, or the scene cannot tell."""
-        if not self._guesses(scene, request):
+        if self.guesses is not None:
+            return self.guesses(scene, request)
+        if not self._revealable(scene, request):
             return None
         drawn = MOVED if self.name == MOVED[0] and request.camera is None else MOVED[1:]
         return scene.render(request.frame, request.camera, drawn)["observability"] < REVEALED
 
     def uncertain_splats(self, scene: Scene, request: LayerRequest) -> np.ndarray | None:
         """As `uncertain`, bool [N] of the Gaussians."""
-        if not self._guesses(scene, request) or scene.observability is None:
+        if self.guesses is not None or not self._revealable(scene, request) or scene.observability is None:
             return None
         return scene.observability.cpu().numpy() < REVEALED
 
-    def _guesses(self, scene: Scene, request: LayerRequest) -> bool:
+    def _revealable(self, scene: Scene, request: LayerRequest) -> bool:
         measured = self.since_reference and request.frame == scene.reference_frame
         return bool(self.guess) and scene.observability is not None and not measured
 

@@ -180,13 +180,14 @@ LAYERS: dict[str, Layer] = {
             "scalar",
             "Motion since the reference frame, projected to pixels, that the recording contradicts, beyond a tolerance of "
             f"{WARP_TOLERANCE:g} px. Hatched where the recording does not show how a place moved, because it is plain, hidden or looks "
-            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, and a quarter of its spread is allowed.",
+            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, and a quarter of its "
+            "spread is allowed.",
             _warp,
             _warp_splats,
             lambda scene: "px",
             "magma",
-            uncertain=_warp_guessed,
-            uncertain_words="hatched: measured against the motion around, since this place does not show its own",
+            guesses=_warp_guessed,
+            guess="hatched: measured against the motion around, since this place does not show its own",
             from_zero=True,
             of_motion=True,
             needs_clip=True,
