@@ -111,10 +111,9 @@ class SweepPlan:
         return self.out / "scores" / f"{job.name}.json"
 
     def config(self, method: str, seed: int) -> TrainConfig:
-        """The settings of a method; `fit` is off, for budgets that fit the clip would not be the same for all."""
+        """The settings of a method."""
         config = TrainConfig.preset_of(self.preset, **self.settings, device=self.device, seed=seed, checkpoint_seconds=1e9)
-        found = replace(config, routing="coupled") if method == "coupled" else as_system(method, config)
-        return replace(found, fit=False)
+        return replace(config, routing="coupled") if method == "coupled" else as_system(method, config)
 
     def begin(self) -> None:
         """Keep what must stay the same in `sweep.json`. DegenseError when the folder holds a sweep with other settings."""
