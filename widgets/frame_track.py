@@ -15,6 +15,15 @@ from degense.widgets.theme import faded
 
 _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
 
+#: What frames with labels are marked with (Okabe and Ito, that colour-blind readers tell apart).
+LABEL_COLOURS = {
+    "labels of the clip": "#999999",
+    "painted": "#0072b2",
+    "accepted": "#009e73",
+    "proposed": "#56b4e9",
+    "doubtful": "#e69f00",
+}
+
 
 class FrameTrack(Painted, QSlider):
     """A slider over the frames: press anywhere to go there; Shift with the arrows makes steps of ten."""
@@ -27,12 +36,12 @@ class FrameTrack(Painted, QSlider):
         self.setPageStep(10)
         keep_keys(self, ARROWS)
         self._test: set[int] = set()
-        self._labelled: set[int] = set()
+        self._labelled: dict[str, set[int]] = {}
         self._strips: dict[str, tuple[np.ndarray, QColor]] = {}
         self._played: tuple[int, int] | None = None
 
     def set_frames(self, count: int) -> None:
-        self._test, self._labelled, self._played = set(), set(), None
+        self._test, self._labelled, self._played = set(), {}, None
         with QSignalBlocker(self):
             self.setRange(0, max(count - 1, 0))
         self.show_frame(0)
@@ -43,9 +52,9 @@ class FrameTrack(Painted, QSlider):
         with QSignalBlocker(self):
             self.setValue(frame)
 
-    def set_marks(self, test: Iterable[int], labelled: Iterable[int]) -> None:
-        """Mark held-out frames (below the line, hollow) and frames with annotations (filled)."""
-        self._test, self._labelled = set(test), set(labelled)
+    def set_marks(self, test: Iterable[int], labelled: Mapping[str, Iterable[int]]) -> None:
+        """Mark held-out frames (below the line, hollow) and frames with labels (filled), in the colour of their kind in `LABEL_COLOURS`."""
+        self._test, self._labelled = set(test), {kind: set(frames) for kind, frames in labelled.items()}
         self.update()
 
     def set_played(self, played: tuple[int, int] | None) -> None:
@@ -138,20 +147,19 @@ class FrameTrack(Painted, QSlider):
             painter.strokePath(line, QPen(colour, 1.3))
 
     def _paint_marks(self, painter: QPainter, y: float) -> None:
-        labelled = self.palette().color(QPalette.ColorRole.Accent)
         quiet = self.palette().color(QPalette.ColorRole.PlaceholderText)
-        crowded = (self.width() - 2 * _MARGIN) / max(self.maximum(), 1) < 3
-        for frames, colour, filled in ((self._test, quiet, False), (self._labelled, labelled, True)):
-            painter.setPen(QPen(colour, 1.2))
-            painter.setBrush(colour if filled else Qt.BrushStyle.NoBrush)
+        spacing = (self.width() - 2 * _MARGIN) / max(self.maximum(), 1)
+        painter.setPen(QPen(quiet, 1.2))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        for frame in self._test:
+            x = self._x(frame)
+            slope = 3 if spacing >= 3 else 0
+            painter.drawPolyline([QPointF(x - slope, y + 4), QPointF(x, y), QPointF(x + slope, y + 4)])
+        width = min(max(0.8 * spacing, 2), 12)
+        for kind, frames in self._labelled.items():
+            colour = QColor(LABEL_COLOURS[kind])
             for frame in frames:
-                x = self._x(frame)
-                if crowded:
-                    painter.drawLine(QPointF(x, y + (4 if filled else 0)), QPointF(x, y + (8 if filled else 4)))
-                elif filled:
-                    painter.drawRect(QRectF(x - 2, y + 4, 4, 4))
-                else:
-                    painter.drawPolyline([QPointF(x - 3, y + 4), QPointF(x, y), QPointF(x + 3, y + 4)])
+                painter.fillRect(QRectF(self._x(frame) - width / 2, y + 5, width, 5), colour)
 
     # Events
 
@@ -178,7 +186,7 @@ class FrameTrack(Painted, QSlider):
     def event(self, event) -> bool:
         if isinstance(event, QHelpEvent):
             frame = min(max(self._frame_at(event.pos().x()), 0), self.maximum())
-            kinds = [kind for kind, frames in (("held out for testing", self._test), ("annotated", self._labelled)) if frame in frames]
+            kinds = [kind for kind, frames in (("held out for testing", self._test), *self._labelled.items()) if frame in frames]
             lines = [f"Frame {frame}" + (f" ({', '.join(kinds)})" if kinds else "")]
             lines += [f"{name}: {values[frame]:.4g}" for name, (values, _) in self._strips.items() if frame < len(values)]
             QToolTip.showText(event.globalPos(), "\n".join(lines), self)

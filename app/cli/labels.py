@@ -72,7 +72,7 @@ def annotate(options: argparse.Namespace) -> None:
     if options.out is not None:
         print(_write(subject, options.format, sources, proposals, options.out))
     if options.review:
-        work.propose(proposals)
+        work.propose(proposals, options.replace)
         with held(subject.session):
             save(work, subject.folder)
         print(f"{subject.folder}: {len(work.waiting())} proposals to accept or reject in the window")

@@ -190,6 +190,7 @@ def _labels(command: Command) -> None:
     sub.add_argument("--out", type=Path, metavar="PATH", help="folder or file to write")
     sub.add_argument("--format", default="masks-png", metavar="NAME", help=f"{LABEL_FORMATS} (default masks-png)")
     sub.add_argument("--review", action="store_true", help="keep them with the run or clip as proposals, to accept or reject in the window")
+    sub.add_argument("--replace", action="store_true", help="with --review: also for frames that have labels")
 
     sub = command("import", "labels:import_labels", "take label maps of another tool as annotations of a run or clip")
     sub.add_argument("path", type=Path, metavar="PATH", help="a run or a clip")

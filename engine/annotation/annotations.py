@@ -80,13 +80,30 @@ class Annotations:
         """Frames with a proposal that is neither accepted nor rejected."""
         return sorted(index for index, record in self.records.items() if record.proposal is not None)
 
+    def kinds(self, came: Iterable[int] = ()) -> dict[str, list[int]]:
+        """Frames by what their labels are: `doubtful` (a doubtful proposal, or flagged), `proposed`, `painted`, `accepted`.
+
+        `came` are the frames that came with a map; those of which nothing else is known are `labels of the clip`.
+        """
+        found: dict[str, list[int]] = {}
+        for frame in sorted({*came, *self.records}):
+            record = self.record(frame)
+            if record.status == "flagged" or (record.proposal is not None and record.proposal.doubtful):
+                kind = "doubtful"
+            elif record.proposal is not None:
+                kind = "proposed"
+            elif record.labels is not None:
+                kind = "painted" if record.by_hand else "accepted"
+            elif frame in came:
+                kind = "labels of the clip"
+            else:
+                continue
+            found.setdefault(kind, []).append(frame)
+        return found
+
     def next_flagged(self, frame: int) -> int | None:
         """The next frame to look at after this one, then from the start: flagged, or with a doubtful proposal; None when there is none."""
-        found = [
-            index
-            for index, record in self.records.items()
-            if record.status == "flagged" or (record.proposal is not None and record.proposal.doubtful)
-        ]
+        found = self.kinds().get("doubtful", [])
         return min(found, key=lambda index: (index <= frame, index), default=None)
 
     def _read(self, frame: int) -> np.ndarray:
@@ -119,9 +136,10 @@ class Annotations:
     def set_status(self, frame: int, status: Status) -> LabelEdit | None:
         return self._edit(f"Frame {frame}: {status}", {frame: replace(self.record(frame), status=status)})
 
-    def propose(self, proposals: Mapping[int, Proposal]) -> LabelEdit | None:
-        """Add proposals, except for frames edited by hand."""
-        news = {frame: replace(self.record(frame), proposal=new) for frame, new in proposals.items() if not self.record(frame).by_hand}
+    def propose(self, proposals: Mapping[int, Proposal], replacing: bool = False) -> LabelEdit | None:
+        """Add proposals, except for frames edited by hand, and but for `replacing` for those that have a map."""
+        free = [frame for frame in proposals if not (self.record(frame).by_hand if replacing else self.is_labelled(frame))]
+        news = {frame: replace(self.record(frame), proposal=proposals[frame]) for frame in free}
         return self._edit(f"Propagate labels to {len(news)} frames", news)
 
     def accept(self, frames: Iterable[int]) -> LabelEdit | None:

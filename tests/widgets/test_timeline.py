@@ -213,7 +213,7 @@ def test_choices_are_told_when_the_user_makes_them(timeline, qtbot):
 def test_marks_and_strips_are_painted(timeline):
     bar = track(timeline)
     low, plain = bar.height(), timeline.grab().toImage()
-    bar.set_marks(test=[1, 9, 17], labelled=[0, 20])
+    bar.set_marks(test=[1, 9, 17], labelled={"painted": [0, 20], "doubtful": [3]})
     marked = timeline.grab().toImage()
     assert marked != plain
     values = np.linspace(0, 5, 40)

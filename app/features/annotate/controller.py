@@ -70,8 +70,7 @@ class Annotator(QObject):
         self.dock.setEnabled(work is not None)
         self.panel.show_frame(self.session.frame)
         if work is not None and time is not None:
-            labelled = {index for index, record in work.records.items() if record.labels is not None}
-            time.timeline.track.set_marks(clip.test_frames if clip else (), sorted(labelled.union(clip.labelled_frames if clip else ())))
+            time.timeline.track.set_marks(clip.test_frames if clip else (), work.kinds(clip.labelled_frames if clip else ()))
         self.shell.refresh()
 
     # The frame

@@ -6,14 +6,19 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
+from PySide6.QtWidgets import QMessageBox
 
 from degense.app.features.annotate.state import AnnotationState
+from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from degense.engine.annotation.edits import Proposal
+    from degense.engine.clip import Clip
 
 
 class PropagationReview(QObject):
@@ -25,13 +30,31 @@ class PropagationReview(QObject):
         self.session.opened.connect(lambda: shell.worker.cancel("annotate"))
 
     def propagate(self) -> None:
-        """Propagate the frames that were edited by hand, and this one, to all others."""
+        """Propagate the frames edited by hand, and this one, to all others; those that have labels keep them unless told otherwise."""
         work, clip, scene = self.state.ready(), self.session.clip, self.session.scene
         if clip is None:
             raise DegenseError(f"Propagating labels needs the recording, which is missing: {scene.clip_missing if scene else ''}")
         sources = {frame: work.labels(frame) for frame in work.sources(self.session.frame)}
         if not sources:
             raise DegenseError("No frame is labelled yet; paint one, and its labels can be propagated to the others.")
+        made = {frame for frame, record in work.records.items() if record.labels is not None}
+        kept = made.union(clip.labelled_frames).difference(sources)
+        if not kept:
+            self._propagate(clip, sources)
+            return
+        keep = Choice("Keep them", lambda: self._propagate(clip, sources), default=True)
+        self.shell.ask(
+            "labelled frames",
+            f"{len(kept)} of the other frames have labels already.",
+            *((keep,) if len(kept) + len(sources) < work.count else ()),
+            Choice("Propose new ones", lambda: self._propagate(clip, sources, replacing=True)),
+            Choice("Cancel", escape=True),
+            details="A new proposal that you accept replaces the labels of its frame. Frames that were painted by hand are always kept.",
+            icon=QMessageBox.Icon.Question,
+        )
+
+    def _propagate(self, clip: Clip, sources: dict[int, np.ndarray], replacing: bool = False) -> None:
+        scene = self.session.scene
 
         def steps() -> Steps[dict[int, Proposal]]:
             from degense.engine.annotation.propagation.propagate import propagate
@@ -39,9 +62,10 @@ class PropagationReview(QObject):
             return propagate(clip, sources, scene)
 
         def done(proposals: dict[int, Proposal]) -> None:
-            self.state.propose(proposals)
-            more = "" if self.state.ready().next_flagged(-1) is None else " Next flagged goes to the doubtful ones."
-            self.shell.say(f"Propagated to {len(proposals)} frames: accept or reject them.{more}", 20)
+            self.state.propose(proposals, replacing)
+            work = self.state.ready()
+            more = "" if work.next_flagged(-1) is None else " Next flagged goes to the doubtful ones."
+            self.shell.say(f"Propagated to {len(work.waiting())} frames: accept or reject them.{more}", 20)
 
         self.shell.run_task("annotate", "Propagating labels", steps, done, detailed=True)
         self.shell.refresh()

@@ -150,8 +150,8 @@ class AnnotationState(PersistentState):
 
     # Frames
 
-    def propose(self, proposals: Mapping[int, Proposal]) -> None:
-        self._record(self.ready().propose(proposals))
+    def propose(self, proposals: Mapping[int, Proposal], replacing: bool = False) -> None:
+        self._record(self.ready().propose(proposals, replacing))
 
     def accept(self, frames: Sequence[int]) -> None:
         self._record(self.ready().accept(frames))

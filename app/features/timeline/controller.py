@@ -31,7 +31,7 @@ class TimeControl:
     def _opened(self) -> None:
         scene, clip = self.session.scene, self.session.clip
         self.timeline.set_frames(self.session.frames, scene.fps if scene else clip.fps if clip else 25.0)
-        self.timeline.track.set_marks(clip.test_frames if clip else (), clip.labelled_frames if clip else ())
+        self.timeline.track.set_marks(clip.test_frames if clip else (), {"labels of the clip": clip.labelled_frames if clip else ()})
         self._show_playback()
 
     def _show_playback(self) -> None:

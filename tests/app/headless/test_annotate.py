@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -119,6 +120,9 @@ def frame_map(tiny_clip, tmp_path) -> Path:
 def test_a_label_map_is_propagated_from_the_command_line(tiny_clip, run, frame_map, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["annotate", str(run), "--labels", str(frame_map), "--frame", "6", "--out", str(out), "--review"]) == 0
+    assert " 0 proposals" in capsys.readouterr().out  # all frames of this clip have labels
+    shutil.rmtree(out)
+    assert main(["annotate", str(run), "--frame", "6", "--labels", str(frame_map), "--out", str(out), "--review", "--replace"]) == 0
     told = capsys.readouterr().out
     assert "from 1 labelled frames, mean confidence" in told
     assert "9 proposals" in told
