@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any, TypeAlias, get_args, get_type_hints
 
 #: The stages of a training, in their order. `coarse` and `joint` are steps of the trainer; `semantics` is the distillation after them.
@@ -31,11 +34,11 @@ class TrainingProgress:
     """Means over the steps since the last such event. Steps of the distillation count on from those of the trainer."""
 
     iteration: int  # steps made
-    iterations: int  # all that will be made up to the end of the stage
+    iterations: int  # all that will be made, those of the distillation among them
     loss: float | None = None
     psnr: float | None = None  # dB over the valid pixels of the training frames; None in the distillation, which draws no colours
     gaussians: int | None = None
-    seconds: float | None = None  # since the training began or was resumed
+    seconds: float | None = None  # since the training began, without pauses
     eta: float | None = None  # seconds until its end
     losses: dict[str, float] = field(default_factory=dict)  # every weighted term by name; they add up to `loss`
 
@@ -112,6 +115,15 @@ def from_json(data: Any) -> Event | None:
         return kind(**values)
     except TypeError:  # a field without a default is missing
         return None
+
+
+def read_progress(log: Path) -> list[TrainingProgress]:
+    """What the `metrics.jsonl` of a run has reported so far; none without the file. A line that a crash cut off is left out."""
+    reports = []
+    for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else ():
+        with suppress(ValueError, TypeError):
+            reports.append(from_json({"event": "progress"} | json.loads(line)))
+    return [report for report in reports if isinstance(report, TrainingProgress)]
 
 
 def _fits(value: Any, hint: Any) -> bool:

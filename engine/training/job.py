@@ -15,7 +15,7 @@ import torch
 from degense.engine.clip import Clip
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import Cancelled, DegenseError
-from degense.engine.events import Done, Events, Preview, Stage, Stopped, TrainingProgress
+from degense.engine.events import Done, Events, Preview, Stage, Stopped, TrainingProgress, read_progress
 from degense.engine.field import SceneModel
 from degense.engine.field.static_gaussians import find_moving
 from degense.engine.files import replacing
@@ -28,7 +28,7 @@ from degense.engine.training.config import TrainConfig, choose_device
 from degense.engine.training.flow.observability import motion_observability
 from degense.engine.training.passes import draw
 from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
-from degense.engine.training.semantic.distillation import DISTILLATIONS
+from degense.engine.training.semantic.distillation import DISTILLATIONS, steps_of
 from degense.engine.training.trainer import Diverged, Trainer
 
 REPORT_EVERY = 25  # steps
@@ -159,6 +159,8 @@ class TrainingRun:
         run.info |= {"state": "training", "hardware": hardware()}
         run.save()
         self._begun = self._last_preview = self._last_checkpoint = time.perf_counter()
+        past = [report for report in read_progress(run.path / "metrics.jsonl") if report.iteration <= self.trainer.iteration]
+        self._begun -= (past[-1].seconds or 0.0) if past else 0.0
         finished = self._steps() and self._distil()
         if self.trainer.device.type == "cuda":
             torch.cuda.synchronize()
@@ -175,7 +177,8 @@ class TrainingRun:
     def _steps(self) -> bool:
         """Run the trainer to its end; False when `stop()` asked to leave. DegenseError when it diverges again and again."""
         trainer, total = self.trainer, self.config.iterations
-        first = last = trainer.iteration
+        first, last, begin = trainer.iteration, trainer.iteration, time.perf_counter()
+        steps = total + (steps_of(self.config) if self.distils else 0)
         try:
             while trainer.iteration < total:
                 if self.stop():
@@ -183,9 +186,9 @@ class TrainingRun:
                 trainer.step()
                 now = trainer.iteration
                 if now - last >= REPORT_EVERY or now == total:
-                    seconds = time.perf_counter() - self._begun
-                    eta = seconds / max(1, now - first) * (total - now)
-                    self._report(TrainingProgress(now, total, **trainer.report(now - last), seconds=seconds, eta=eta))
+                    clock = time.perf_counter()
+                    eta = (clock - begin) / max(1, now - first) * (steps - now)
+                    self._report(TrainingProgress(now, steps, **trainer.report(now - last), seconds=clock - self._begun, eta=eta))
                     last = now
         except Diverged as error:
             trainer.restore(trainer.last_finite)
@@ -202,7 +205,7 @@ class TrainingRun:
         self.run.log(asdict(progress))
         self.events(progress)
         now = time.perf_counter()
-        if now - self._last_preview > PREVIEW_SECONDS or progress.iteration == progress.iterations:
+        if now - self._last_preview > PREVIEW_SECONDS or progress.iteration == self.config.iterations:
             self.events(write_preview(self.run, self.trainer))
             self._last_preview = now
         if now - self._last_checkpoint > self.config.checkpoint_seconds:

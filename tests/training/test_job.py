@@ -7,7 +7,7 @@ import torch
 
 import degense.engine.training.job as training
 from degense.engine.errors import DegenseError, RunError
-from degense.engine.events import Done, Rollback, Stage, Stopped, TrainingProgress
+from degense.engine.events import Done, Rollback, Stage, Stopped, TrainingProgress, read_progress
 from degense.engine.scene import Scene
 from degense.engine.store import Run
 from degense.engine.store.files import read_json, read_tensors, write_json, write_tensors
@@ -56,6 +56,7 @@ def test_it_learns_and_leaves_a_run(tmp_path, routing):
     distilled = reports[len(progress) :]
     assert reports == progress + distilled
     assert bool(distilled) == (routing == "isolated")
+    assert {e.iterations for e in reports} == {300 if distilled else 150}  # those of the distillation are counted from the start
     for number, event in enumerate(distilled):
         assert set(event.losses) == {"align", "region", "delta_semantics"}
         assert event.iteration == min(150 + 25 * (number + 1), event.iterations)
@@ -93,8 +94,11 @@ def test_stopped_and_resumed_is_the_same_as_not_stopped(tmp_path):
         half.load_model()
     half.info["config"]["flow_final"] = 0.5  # a setting of an earlier version, which stands in nobody's way
     half.save()
-    finished, _ = run_it(clip, tmp_path / "parts", tiny(), resume=True)
+    finished, resumed = run_it(clip, tmp_path / "parts", tiny(), resume=True)
     assert finished.info["state"] == "finished"
+    clock = [e.seconds for e in (*events, *resumed) if isinstance(e, TrainingProgress)]
+    assert clock == sorted(clock)  # it goes on, and does not start again
+    assert read_progress(tmp_path / "parts" / "metrics.jsonl") == [e for e in (*events, *resumed) if isinstance(e, TrainingProgress)]
     whole, parts = (read_tensors(tmp_path / name / "model.safetensors") for name in ("whole", "parts"))
     for name in whole:
         assert torch.equal(whole[name], parts[name]), name

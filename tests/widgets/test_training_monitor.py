@@ -61,6 +61,18 @@ def test_a_run_from_start_to_end(monitor):
     assert monitor.findChild(CurvePlot).series_names() == []
 
 
+def test_steps_made_again_replace_the_earlier_ones(monitor):
+    """A resumed training goes on from its checkpoint, one that was rolled back too."""
+    monitor.start()
+    past = [TrainingProgress(step, 100, 1 / step, 20 + step / 10, seconds=step) for step in (25, 50, 75)]
+    monitor.set_progress(*past)
+    assert fact(monitor, "Elapsed") == "1 min 15 s"
+    monitor.set_progress(TrainingProgress(60, 100, 0.5, 30.0, seconds=80))
+    plots = {plot.accessibleName(): plot for plot in monitor.findChildren(CurvePlot)}
+    assert [list(numbers) for numbers in plots["Loss"].points("loss")] == [[25, 50, 60], [1 / 25, 1 / 50, 0.5]]
+    assert list(plots["PSNR"].points("PSNR")[1]) == [22.5, 25.0, 30.0]
+
+
 def test_any_term_of_the_loss_can_be_plotted(monitor):
     monitor.start()
     menu = next(box for box in monitor.findChildren(QComboBox) if "loss" in box.accessibleName())

@@ -22,7 +22,7 @@ from degense.app.features.train.train_dialog import TrainDialog
 from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
-from degense.engine.events import Done, Event, Failed, Preview, Rollback, Stage, Step, Stopped, TrainingProgress
+from degense.engine.events import Done, Event, Failed, Preview, Rollback, Stage, Step, Stopped, TrainingProgress, read_progress
 
 log = logging.getLogger(__name__)
 
@@ -166,6 +166,7 @@ class Training(QObject):
     def _show_monitor(self, job: TrainingJob) -> None:
         self.shell.docks.bring(self.dock, height=300)
         self.monitor.start(f"{job.clip.name} → {job.out.name}")
+        self.monitor.set_progress(*read_progress(job.out / "metrics.jsonl"))
 
     def _next(self) -> None:
         """Train in a process of its own, if it is anybody's turn."""

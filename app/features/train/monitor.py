@@ -143,8 +143,19 @@ class TrainingMonitor(QWidget):
     def set_stage(self, text: str) -> None:
         self._stage.setText(text)
 
-    def set_progress(self, now: TrainingProgress) -> None:
-        """Numbers as they come; None leaves what is shown."""
+    def set_progress(self, *reports: TrainingProgress) -> None:
+        """Numbers as they come; None leaves what is shown. Steps that are made again replace the earlier ones."""
+        for now in reports:
+            while self._history and self._history[-1].iteration >= now.iteration:
+                self._history.pop()
+            self._history.append(now)
+            self._show(now)
+        self._plot_term()
+        known = [past for past in self._history if past.psnr is not None]
+        if known:
+            self._scores.set_series("PSNR", *np.array([(past.iteration, past.psnr) for past in known]).T)
+
+    def _show(self, now: TrainingProgress) -> None:
         self._bar.setRange(0, max(now.iterations, 1))
         self._bar.setValue(now.iteration)
         texts = {
@@ -158,27 +169,20 @@ class TrainingMonitor(QWidget):
         for name, text in texts.items():
             if text is not None:
                 self._facts[name].setText(text)
-        self._history.append(now)
         for name in now.losses:
             if self._term.findText(name) < 0:
                 self._term.addItem(name)
-        self._append(now)
-        if now.psnr is not None:
-            self._scores.append("PSNR", now.iteration, now.psnr)
-
-    def _append(self, now: TrainingProgress) -> None:
-        """Add a point to the curve of the chosen term."""
-        term = self._term.currentText()
-        value = now.loss if term == TOTAL else now.losses.get(term)
-        if value is not None:
-            self._plot.append(term, now.iteration, value)
 
     def _plot_term(self) -> None:
         """Plot the chosen term from the beginning."""
-        self._plot.clear()
-        self._plot.set_labels("iteration", self._term.currentText())
-        for past in self._history:
-            self._append(past)
+        term = self._term.currentText()
+        values = [(past.iteration, past.loss if term == TOTAL else past.losses.get(term)) for past in self._history]
+        known = [point for point in values if point[1] is not None]
+        if self._plot.series_names() != [term]:
+            self._plot.clear()
+            self._plot.set_labels("iteration", term)
+        if known:
+            self._plot.set_series(term, *np.array(known, float).T)
 
     def set_preview(self, rgb: np.ndarray | None, observed: np.ndarray | None = None) -> None:
         """Show a frame as the model draws it, uint8 [H, W, 3], and as it was recorded."""

@@ -106,6 +106,11 @@ def backproject_features(
     return latents, semantic_coefficients / length[:, None]
 
 
+def steps_of(config: TrainConfig) -> int:
+    """Steps of a distillation, at most: a training cut short is cut short here too."""
+    return min(config.semantic_steps, config.iterations)
+
+
 def distill(
     model: SceneModel,
     targets: SemanticTargets,
@@ -129,9 +134,7 @@ def distill(
     patchwise = targets.upsampled
     loss_of, labelled = (targets.patch_loss, targets.labelled_frames) if patchwise else (targets.loss, targets.frames)
     distance = (chord if patchwise or (noisy and targets.pixelwise) else angular) if config.angular else l1
-    steps, order = min(config.semantic_steps, config.iterations), list[int]()  # a training cut short is cut short here too
-    if noisy:
-        steps //= 2
+    steps, order = steps_of(config) // (2 if noisy else 1), list[int]()
     with _semantic_optimizer(model, config, low_rates=noisy) as optimizer:
         moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in labelled}
         sums, zero = LossSums(model.bounds.device), torch.zeros((), device=model.bounds.device)

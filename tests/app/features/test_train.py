@@ -7,6 +7,7 @@ import os
 import signal
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
@@ -15,7 +16,7 @@ from degense.app.application import FEATURES
 from degense.app.features.train.job import TrainingJob
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.shell import Shell
-from degense.engine.events import Event, TrainingProgress
+from degense.engine.events import Event, TrainingProgress, read_progress
 from degense.engine.training import TrainConfig
 from tests.app import installed as on
 
@@ -127,6 +128,8 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     with_clip.menus.actions["train.pause"].trigger()
     qtbot.waitUntil(lambda: training.queue.paused is not None)
     assert with_clip.menus.actions["train.resume-paused"].isEnabled()
+    earlier = monitor._plot.points("loss")
+    seconds = max(report.seconds for report in read_progress(tmp_path / "run" / "metrics.jsonl"))
     assert (monitor.state(), training.running) == ("paused", False)
     assert [job.out.name for job in training.queue.waiting] == ["second"]  # nobody takes the machine meanwhile
     stopped_at = json.loads((tmp_path / "run" / "run.json").read_text())["iteration"]
@@ -136,6 +139,11 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     training.process.told.connect(lambda event: seen.append(event.iteration) if isinstance(event, TrainingProgress) else None)
     qtbot.waitUntil(lambda: bool(seen))
     assert seen[0] > stopped_at
+    for before, now in zip(earlier, monitor._plot.points("loss"), strict=True):  # the curve goes on, and so does the clock
+        np.testing.assert_array_equal(now[: len(before)], before)
+        assert len(now) > len(before)
+    assert read_progress(tmp_path / "run" / "metrics.jsonl")[-1].seconds > seconds
+    screenshot(with_clip, "train-resumed")
     with_clip.registry.run("train.cancel")
     qtbot.waitUntil(lambda: training.queue.running is not None and training.queue.running.out.name == "second")
     with_clip.registry.run("train.cancel")
@@ -234,6 +242,7 @@ def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
     monitor = on.training(again).monitor
     assert monitor.isVisible()
     assert (monitor.state(), monitor.queue.names(), on.training(again).running) == ("paused", ["second (quick)"], False)
+    assert monitor._plot.points("loss")[0][-1] <= stopped_at  # what was trained before is shown
     screenshot(again, "train-kept")
     qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
     seen: list[int] = []
