@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
-from typing import Literal, get_args
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Literal, get_args
 
 import torch
 
@@ -13,177 +13,104 @@ from degense.engine.field import ROUTINGS, Routing
 CoarseFrames = Literal["first", "all"]
 
 
+def setting(default: Any, words: str, group: str = "") -> Any:
+    """A field of `TrainConfig`: its default, what it does, and the title of the group that begins with it."""
+    return field(default=default, metadata={"words": words, "group": group})
+
+
 @dataclass(frozen=True)
 class TrainConfig:
-    """Settings of one training. Lengths are in the normalised unit (median depth 1); learning rates are Adam's.
+    """Settings of one training. Lengths are in the normalised unit (median depth 1); learning rates are Adam's."""
 
-    Attributes
-    ----------
-    preset : str
-        The preset the values started from.
-    given : tuple of str
-        Settings that were chosen by hand.
-    seed : int
-        Of everything that is drawn at random.
-    device : {"auto", "cpu", "cuda"}
-        What computes; "auto" is the GPU where there is one.
-    max_pixels : int
-        Frames larger than this are trained on at a reduced size.
-    checkpoint_seconds : float
-        Seconds between checkpoints: what the end of the program by force can cost at most.
-    iterations : int
-        All steps of the trainer.
-    coarse_iterations : int
-        How many of them, fewer than all, draw static Gaussians, while the field learns from optical flow alone: without flow it does not
-        change. Latents are static too, and learned where semantics are trained together with geometry. A preset's are fewer in proportion
-        where the iterations are fewer than the preset's.
-    coarse_frames : {"first", "all"}
-        Which training frames they draw.
-    semantic_every : int
-        A semantic pass every so many steps, where semantics are trained together with geometry (`paper`, `coupled`).
-    semantic_steps : int
-        Steps of semantic distillation after geometry is finished (`isolated`; see `engine.training.semantic.distillation`).
-    max_gaussians : int
-        Cap on the number of Gaussians.
-    densify_every, densify_until : int, float
-        Densify and prune every so many steps, until this share of the iterations.
-    velocities : bool
-        Whether transient Gaussians, such as those of instruments, have a linear velocity of their own.
-    persistent : bool
-        Whether every Gaussian exists at all times; transient ones of the initialisation are left out.
-    static : bool
-        Nothing moves. For baselines (`engine.research.systems`).
-    appearance : bool
-        Whether colour may change in time.
-    color_spacing : float
-        Frames between the knots of the per-Gaussian colour residuals.
-    channels, resolution, levels, time_resolution
-        Of the HexPlane; a time resolution of 0 is half the number of frames.
-    linear_states : bool
-        Whether the states φ_k of Z_kin are linear (Eq. 1) instead of rectified.
-    routing : {"paper", "isolated", "coupled"}
-        How gradients of the semantic loss may travel (see `engine.field.FieldConfig`).
-    angular : bool
-        True: L_align = E[1 − ⟨ṽ_pred, ṽ_gt⟩] (Eq. 3). False: L1 on the latents, as the coupled peers do.
-    lift : bool
-        Whether semantic distillation starts from the mean of all targets back-projected to a Gaussian, instead of from nothing.
-    guided : bool
-        Whether the vectors of a coarse teacher are upsampled along the superpixels of the frames.
-    rarity : bool
-        Whether labelled pixels weigh more where their class is rare; else L_align is their plain mean.
-    max_rank : int
-        Most dimensions of the latents.
-    fixed_latents : bool
-        Latents never change in time. For baselines.
-    distillation : str
-        What fits semantics to a finished geometry (`isolated`): "gaussians", or what an experiment added to
-        `engine.training.semantic.distillation.DISTILLATIONS`.
-    ssim, depth : float
-        Weights of 1 − SSIM (L1 has the rest) and of |1/z| error, where depth was measured.
-    flow : float
-        Weight of the distance between each visible Gaussian's motion and the optical flow, in units of the scene.
-    flow_constancy : bool
-        Whether flow is dropped where tissue changes its look, since it takes a change of colour for motion (`engine.motion.constancy`).
-    flow_precision : bool
-        Whether flow counts less where noise makes it uncertain on the texture that is there.
-    displacement, rigidity, shape : float
-        Weights of |Δμ|, of the difference of Δμ between neighbours, and of Δ log-scale, Δ quaternion and Δ opacity.
-    delta_color : float
-        Weight of |Δcolour| of Ψ_app.
-    color_residual, color_residual_change : float
-        Weights of the per-Gaussian colour residuals, |Δcolour|, and of their squared change from knot to knot.
-    plane_space, plane_time, plane_static : float
-        Weights of the planes' total variation, acceleration in time, and distance of the time planes from 1.
-    semantic : float
-        Weight of the whole semantic loss.
-    region : float
-        Weight of L_smooth within it.
-    delta_semantics : float
-        Weight of |Δf_sem| within it.
-    rate_means, rate_scales, rate_quats, rate_opacity, rate_color, rate_color_residuals, rate_semantics : float
-        Learning rates of the canonical Gaussians.
-    rate_planes, rate_field : float
-        Learning rates of the HexPlane and of the networks.
-    rate_final : float
-        Factor by which the rates of positions and field have fallen at the end; in the cool-down all fall (`set_rates`).
-    """
+    preset: str = setting("balanced", "The preset the values started from.", "The run")
+    given: tuple[str, ...] = setting((), "Settings that were chosen by hand.")
+    seed: int = setting(0, "Of everything that is drawn at random.")
+    device: str = setting("auto", "What computes: auto, cpu or cuda; auto is the GPU where there is one.")
+    max_pixels: int = setting(1 << 20, "Frames larger than this are trained on at a reduced size.")
+    checkpoint_seconds: float = setting(30.0, "Seconds between checkpoints: what the end of the program by force can cost at most.")
 
-    # The run
-    preset: str = "balanced"
-    given: tuple[str, ...] = ()
-    seed: int = 0
-    device: str = "auto"
-    max_pixels: int = 1 << 20
-    checkpoint_seconds: float = 30.0
+    iterations: int = setting(3000, "All steps of the trainer.", "Schedule")
+    coarse_iterations: int = setting(
+        600,
+        "How many of the iterations, fewer than all, draw static Gaussians, while the field learns from optical flow alone: without flow "
+        "it does not change. Latents are static too, and learned where semantics are trained together with geometry. A preset's are fewer "
+        "in proportion where the iterations are fewer than the preset's.",
+    )
+    coarse_frames: CoarseFrames = setting("first", "Which training frames the coarse iterations draw: first or all.")  # noqa: RUF009
+    semantic_every: int = setting(
+        2, "A semantic pass every so many steps, where semantics are trained together with geometry (`paper`, `coupled`)."
+    )
+    semantic_steps: int = setting(600, "Steps of semantic distillation after geometry is finished (`isolated`).")
 
-    # Schedule
-    iterations: int = 3000
-    coarse_iterations: int = 600
-    coarse_frames: CoarseFrames = "first"
-    semantic_every: int = 2
-    semantic_steps: int = 600
+    max_gaussians: int = setting(60_000, "Cap on the number of Gaussians.", "Gaussians")
+    densify_every: int = setting(200, "Densify and prune every so many steps.")
+    densify_until: float = setting(0.6, "Share of the iterations after which nothing is densified or pruned.")
+    velocities: bool = setting(True, "Whether transient Gaussians, such as those of instruments, have a linear velocity of their own.")
+    persistent: bool = setting(False, "Whether every Gaussian exists at all times; transient ones of the initialisation are left out.")
 
-    # Gaussians
-    max_gaussians: int = 60_000
-    densify_every: int = 200
-    densify_until: float = 0.6
-    velocities: bool = True
-    persistent: bool = False
+    static: bool = setting(False, "Nothing moves. For baselines (`engine.research.systems`).", "Field")
+    appearance: bool = setting(True, "Whether colour may change in time.")
+    color_spacing: float = setting(3.0, "Frames between the knots of the per-Gaussian colour residuals.")
+    channels: int = setting(16, "Channels of the HexPlane.")
+    resolution: int = setting(64, "Cells of the HexPlane along each axis of space, at its coarsest level.")
+    levels: tuple[int, ...] = setting((1, 2), "Levels of the HexPlane: factors of its resolution.")
+    time_resolution: int = setting(0, "Cells of the HexPlane along time; 0 is half the number of frames.")
+    linear_states: bool = setting(False, "Whether the states φ_k of Z_kin are linear (Eq. 1) instead of rectified.")
 
-    # Field
-    static: bool = False
-    appearance: bool = True
-    color_spacing: float = 3.0
-    channels: int = 16
-    resolution: int = 64
-    levels: tuple[int, ...] = (1, 2)
-    time_resolution: int = 0
-    linear_states: bool = False
+    routing: Routing = setting(  # noqa: RUF009
+        "isolated",
+        "How gradients of the semantic loss may travel: paper, isolated or coupled (see `engine.field.FieldConfig`).",
+        "Semantics",
+    )
+    angular: bool = setting(True, "True: L_align = E[1 − ⟨ṽ_pred, ṽ_gt⟩] (Eq. 3). False: L1 on the latents, as the coupled peers do.")
+    lift: bool = setting(
+        True, "Whether semantic distillation starts from the mean of all targets back-projected to a Gaussian, instead of from nothing."
+    )
+    guided: bool = setting(True, "Whether the vectors of a coarse teacher are upsampled along the superpixels of the frames.")
+    rarity: bool = setting(True, "Whether labelled pixels weigh more where their class is rare; else L_align is their plain mean.")
+    max_rank: int = setting(32, "Most dimensions of the latents.")
+    fixed_latents: bool = setting(False, "Latents never change in time. For baselines.")
+    distillation: str = setting(
+        "gaussians",
+        "What fits semantics to a finished geometry (`isolated`): gaussians, or what an experiment added to "
+        "`engine.training.semantic.distillation.DISTILLATIONS`.",
+    )
 
-    # Semantics
-    routing: Routing = "isolated"
-    angular: bool = True
-    lift: bool = True
-    guided: bool = True
-    rarity: bool = True
-    max_rank: int = 32
-    fixed_latents: bool = False
-    distillation: str = "gaussians"
+    ssim: float = setting(0.2, "Weight of 1 − SSIM; L1 has the rest.", "Weights of the losses on frames and flow")
+    depth: float = setting(0.5, "Weight of the error of 1/z, where depth was measured.")
+    flow: float = setting(
+        20.0, "Weight of the distance between each visible Gaussian's motion and the optical flow, in units of the scene."
+    )
+    flow_constancy: bool = setting(
+        True,
+        "Whether flow is dropped where tissue changes its look, since it takes a change of colour for motion (`engine.motion.constancy`).",
+    )
+    flow_precision: bool = setting(True, "Whether flow counts less where noise makes it uncertain on the texture that is there.")
 
-    # Weights of the losses on frames and flow
-    ssim: float = 0.2
-    depth: float = 0.5
-    flow: float = 20.0
-    flow_constancy: bool = True
-    flow_precision: bool = True
+    displacement: float = setting(0.01, "Weight of |Δμ|.", "Weights of the regularizers")
+    rigidity: float = setting(1.0, "Weight of the difference of Δμ between neighbours.")
+    shape: float = setting(0.002, "Weight of Δ log-scale, Δ quaternion and Δ opacity.")
+    delta_color: float = setting(0.001, "Weight of |Δcolour| of Ψ_app.")
+    color_residual: float = setting(0.002, "Weight of the per-Gaussian colour residuals, |Δcolour|.")
+    color_residual_change: float = setting(0.02, "Weight of the squared change of colour residuals from knot to knot.")
+    plane_space: float = setting(1e-3, "Weight of the planes' total variation.")
+    plane_time: float = setting(1e-1, "Weight of the planes' acceleration in time.")
+    plane_static: float = setting(1e-4, "Weight of the distance of the time planes from 1.")
 
-    # Weights of the regularizers
-    displacement: float = 0.01
-    rigidity: float = 1.0
-    shape: float = 0.002
-    delta_color: float = 0.001
-    color_residual: float = 0.002
-    color_residual_change: float = 0.02
-    plane_space: float = 1e-3
-    plane_time: float = 1e-1
-    plane_static: float = 1e-4
+    semantic: float = setting(0.5, "Weight of the whole semantic loss.", "Weights of the semantic losses")
+    region: float = setting(0.02, "Weight of L_smooth within the semantic loss.")
+    delta_semantics: float = setting(0.01, "Weight of |Δf_sem| within the semantic loss.")
 
-    # Weights of the semantic losses
-    semantic: float = 0.5
-    region: float = 0.02
-    delta_semantics: float = 0.01
-
-    # Learning rates
-    rate_means: float = 1.6e-4
-    rate_scales: float = 5e-3
-    rate_quats: float = 1e-3
-    rate_opacity: float = 2e-2
-    rate_color: float = 2.5e-3
-    rate_color_residuals: float = 2.5e-3
-    rate_semantics: float = 1e-2
-    rate_planes: float = 2e-2
-    rate_field: float = 1.6e-3
-    rate_final: float = 0.05
+    rate_means: float = setting(1.6e-4, "Learning rate of the Gaussians' centres.", "Learning rates")
+    rate_scales: float = setting(5e-3, "Learning rate of the Gaussians' log-scales.")
+    rate_quats: float = setting(1e-3, "Learning rate of the Gaussians' quaternions.")
+    rate_opacity: float = setting(2e-2, "Learning rate of the Gaussians' opacities.")
+    rate_color: float = setting(2.5e-3, "Learning rate of the Gaussians' colours.")
+    rate_color_residuals: float = setting(2.5e-3, "Learning rate of the Gaussians' colour residuals.")
+    rate_semantics: float = setting(1e-2, "Learning rate of the Gaussians' latents.")
+    rate_planes: float = setting(2e-2, "Learning rate of the HexPlane.")
+    rate_field: float = setting(1.6e-3, "Learning rate of the networks.")
+    rate_final: float = setting(0.05, "Factor by which the rates of positions and field have fallen at the end; in the cool-down all fall.")
 
     @classmethod
     def preset_of(cls, name: str, **overrides) -> TrainConfig:
@@ -239,24 +166,13 @@ PRESETS: dict[str, dict] = {
     "best": {"iterations": 10_000, "coarse_iterations": 1000, "color_residual_change": 0.1},
 }
 
-#: Which settings belong together: the name of a group and its first setting; a group ends where the next begins.
-_FIRST = {
-    "The run": "preset",
-    "Schedule": "iterations",
-    "Gaussians": "max_gaussians",
-    "Field": "static",
-    "Semantics": "routing",
-    "Weights of the losses on frames and flow": "ssim",
-    "Weights of the regularizers": "displacement",
-    "Weights of the semantic losses": "semantic",
-    "Learning rates": "rate_means",
-}
-
 
 def _groups() -> dict[str, tuple[str, ...]]:
-    names = [item.name for item in fields(TrainConfig)]
-    starts = [names.index(first) for first in _FIRST.values()]
-    return {title: tuple(names[a:b]) for title, a, b in zip(_FIRST, starts, [*starts[1:], None], strict=True)}
+    found: dict[str, tuple[str, ...]] = {}
+    for item in fields(TrainConfig):
+        title = item.metadata["group"] or [*found][-1]
+        found[title] = (*found.get(title, ()), item.name)
+    return found
 
 
 #: The settings by group, in the order of the fields.

@@ -11,23 +11,15 @@ from degense.engine.field.model import CANONICAL, SceneModel
 
 PRUNE_OPACITY = 0.005
 GRADIENT_THRESHOLD = 2e-4  # of the screen position, in half-widths of the image, as in 3DGS
+SPLIT_PIXELS = 12.0  # a Gaussian with a larger projected radius splits; a smaller one is cloned
 SHRINK = 0.47  # ln 1.6: how much smaller the two halves of a split Gaussian are
 
 
 class Density:
-    """Collects evidence while training and edits the canonical Gaussians.
+    """Collects evidence while training and edits the canonical Gaussians, of which there are never more than `cap`."""
 
-    Parameters
-    ----------
-    model : SceneModel
-    cap : int
-        Never more Gaussians than this.
-    split_pixels : float
-        A Gaussian with a larger projected radius splits; a smaller one is cloned.
-    """
-
-    def __init__(self, model: SceneModel, cap: int, split_pixels: float = 12.0):
-        self.model, self.cap, self.split_pixels = model, cap, split_pixels
+    def __init__(self, model: SceneModel, cap: int):
+        self.model, self.cap = model, cap
         self.reset()
 
     def reset(self) -> None:
@@ -79,8 +71,8 @@ class Density:
         room = max(0, self.cap - int(keep.sum()))
         wanted = keep & (score > GRADIENT_THRESHOLD)
         chosen = torch.where(wanted, score, torch.zeros_like(score)).topk(min(room, len(score), int(wanted.sum()))).indices
-        split = chosen[self.radius[chosen] > self.split_pixels]
-        clone = chosen[self.radius[chosen] <= self.split_pixels]
+        split = chosen[self.radius[chosen] > SPLIT_PIXELS]
+        clone = chosen[self.radius[chosen] <= SPLIT_PIXELS]
 
         offset = torch.randn((len(split), 3), generator=generator).to(canonical["means"].device)
         children = {name: canonical[name][torch.cat([clone, split])].clone() for name in CANONICAL}

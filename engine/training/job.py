@@ -128,20 +128,7 @@ def _create(out: Path, inputs: Inputs, config: TrainConfig, model: SceneModel) -
 
 
 class TrainingRun:
-    """A training and its run folder: call it to train to the end.
-
-    Parameters
-    ----------
-    run : Run
-    inputs : Inputs
-    model : SceneModel
-        To start from.
-    config : TrainConfig
-    events, stop
-        See `train`.
-    started : float
-        `time.perf_counter()` when all of it began.
-    """
+    """A training and its run folder: call it to train `model` to the end. `started` is `time.perf_counter()` when all of it began."""
 
     def __init__(
         self, run: Run, inputs: Inputs, model: SceneModel, config: TrainConfig, events: Events, stop: Callable[[], bool], started: float

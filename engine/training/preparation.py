@@ -27,27 +27,14 @@ from degense.engine.training.semantic.targets import SemanticTargets
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a training learns from.
+    """What a training learns from."""
 
-    Attributes
-    ----------
-    clip : Clip
-        With cameras.
-    frames : TrainingFrames
-    flow : FlowSupervision or None
-        None for a single training frame, or where flow has no weight.
-    teacher_name : str
-    teacher : Teacher, CostlyTeacher or None
-    semantics : SemanticTargets or None
-        What the teacher says, where there is one.
-    """
-
-    clip: Clip
+    clip: Clip  # with cameras
     frames: TrainingFrames
-    flow: FlowSupervision | None
+    flow: FlowSupervision | None  # None for a single training frame, or where flow has no weight
     teacher_name: str
     teacher: Teacher | CostlyTeacher | None
-    semantics: SemanticTargets | None
+    semantics: SemanticTargets | None  # what the teacher says, where there is one
 
     @property
     def semantic_provenance(self) -> str:

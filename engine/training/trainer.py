@@ -35,18 +35,7 @@ class Diverged(Exception):
 
 
 class Trainer:
-    """One training in memory.
-
-    Parameters
-    ----------
-    model : SceneModel
-    frames : TrainingFrames
-    semantics : SemanticTargets or None
-    flow : FlowSupervision or None
-    config : TrainConfig
-    events : callable
-        Gets `Rollback`.
-    """
+    """One training in memory; `events` gets `Rollback`."""
 
     def __init__(
         self,

@@ -1,9 +1,7 @@
-"""What each setting of a training does, in words: read from the one place that says it, the docstring of `TrainConfig`."""
+"""The choices of a training in words; those of its settings stand in `TrainConfig`."""
 
 from __future__ import annotations
 
-import inspect
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -55,28 +53,14 @@ class Setting:
     changed: bool
 
 
-def explanations() -> dict[str, str]:
-    """What each field of `TrainConfig` does, from its docstring. Fields that are explained together share the sentence."""
-    text = inspect.getdoc(TrainConfig) or ""
-    attributes = text.split("Attributes\n----------\n", 1)[1].split("\n\n")[0]
-    found: dict[str, str] = {}
-    names = ""
-    words: list[str] = []
-    for line in [*attributes.splitlines(), ""]:
-        if line.startswith("    "):
-            words.append(line.strip())
-            continue
-        for name in re.findall(r"\w+", names.partition(" : ")[0]) if words else ():
-            found[name] = " ".join(words)
-        names, words = (line, []) if words or not names else (f"{names} {line}", [])
-    return found
-
-
 def settings_of(config: TrainConfig) -> list[Setting]:
     """Every setting with its value, and whether the preset has another."""
-    words, preset = explanations(), TrainConfig.preset_of(config.preset)
-    names = [item.name for item in fields(TrainConfig) if item.name not in ("preset", "given")]
-    return [Setting(name, words[name], getattr(config, name), getattr(config, name) != getattr(preset, name)) for name in names]
+    preset, found = TrainConfig.preset_of(config.preset), []
+    for item in fields(TrainConfig):
+        if item.name not in ("preset", "given"):
+            value = getattr(config, item.name)
+            found.append(Setting(item.name, item.metadata["words"], value, value != getattr(preset, item.name)))
+    return found
 
 
 def teacher_words(choices: Iterable[TeacherChoice]) -> dict[str, tuple[str, str]]:

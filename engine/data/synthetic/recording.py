@@ -53,14 +53,7 @@ class Recorder:
 
 
 class PhantomTracks:
-    """Points of the tissue, followed through the clip.
-
-    Attributes
-    ----------
-    places : float32 [K, T, 3]
-        mm, world axes.
-    visible : bool [K, T]
-    """
+    """Points of the tissue, followed through the clip."""
 
     def __init__(self, scene: PhantomScene, seed: int):
         self._scene, self._places, self._visible = scene, list[np.ndarray](), list[np.ndarray]()
@@ -82,13 +75,9 @@ class PhantomTracks:
         self._places.append(places.astype(np.float32))
         self._visible.append(inside & tissue & (z <= view.depth[row, column] + HIDDEN))
 
-    @property
-    def places(self) -> np.ndarray:
-        return np.stack(self._places, 1)
-
-    @property
-    def visible(self) -> np.ndarray:
-        return np.stack(self._visible, 1)
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places, float32 [K, T, 3], mm, world axes; and where they are seen, bool [K, T]."""
+        return np.stack(self._places, 1), np.stack(self._visible, 1)
 
 
 def psnr(image: np.ndarray, rgb: np.ndarray) -> float:

@@ -41,23 +41,12 @@ def measure_flow(frames: Sequence[np.ndarray]) -> Iterator[MeasuredFlow]:
 
 @dataclass
 class Pair:
-    """Where the pixels of one frame went in another.
+    """Where the pixels of one frame went in another."""
 
-    Attributes
-    ----------
-    to : int
-        The other frame.
-    flow : float16 [2, h, w]
-        Fractions of the image's width and height.
-    weight : float16 [1, h, w]
-        1 where the flow is consistent forwards and backwards and both ends are valid, else 0.
-    precision : float16 [1, h, w]
-        How much it counts for a loss: 1 / (1 + (σ / `HALF`)²), σ the error that noise makes (`engine.motion.flow_error`).
-    """
-
-    to: int
-    flow: Tensor
-    weight: Tensor
+    to: int  # the other frame
+    flow: Tensor  # float16 [2, h, w]; fractions of the image's width and height
+    weight: Tensor  # float16 [1, h, w]; 1 where the flow is consistent forwards and backwards and both ends are valid, else 0
+    #: float16 [1, h, w]; how much it counts for a loss: 1 / (1 + (σ / `HALF`)²), σ the error that noise makes (`engine.motion.flow_error`)
     precision: Tensor
 
 
@@ -161,7 +150,8 @@ class FlowSupervision:
         """The pair of a frame whose tissue is `here` with the frame `to`, where it is `there`, bool [h, w]."""
         weight = here & (sample(there.astype(np.float32), forward) > 0.99) & consistent(forward, backward)
         relative = np.moveaxis(forward / np.array(self.size, np.float32), -1, 0).copy()
-        return Pair(to, *(torch.from_numpy(array).to(self.frames.device).half() for array in (relative, weight[None])), precision)
+        flow, sure = (torch.from_numpy(array).to(self.frames.device).half() for array in (relative, weight[None]))
+        return Pair(to, flow, sure, precision)
 
     def warped(self, values: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Values of one training frame, warped to where its tissue is in another, by way of the first training frame.

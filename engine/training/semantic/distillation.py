@@ -38,21 +38,11 @@ COLOR_RIDGE = 5e-4  # variance of a Gaussian's colour, of 1, below which its col
 
 
 class BackProjectedTarget(NamedTuple):
-    """One frame's target on N Gaussians.
+    """One frame's target on N Gaussians: w_ip is the share of Gaussian i in pixel p, m_p the target's weight, v_p its vector."""
 
-    Attributes
-    ----------
-    total : float [N, d]
-        Σ_p m_p w_ip v_p: w_ip is the share of Gaussian i in pixel p, m_p the target's weight, v_p its vector.
-    weight : float [N]
-        Σ_p m_p w_ip.
-    color_change : float [N, 3]
-        Δcolour at that time, beside the canonical colour.
-    """
-
-    total: Tensor
-    weight: Tensor
-    color_change: Tensor
+    total: Tensor  # float [N, d]; Σ_p m_p w_ip v_p
+    weight: Tensor  # float [N]; Σ_p m_p w_ip
+    color_change: Tensor  # float [N, 3]; Δcolour at that time, beside the canonical colour
 
 
 def backprojected_targets(

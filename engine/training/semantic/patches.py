@@ -16,23 +16,12 @@ AROUND = 25  # nearest patches that it may see, itself included
 
 
 class Patches(NamedTuple):
-    """The patches of one frame, k of them.
+    """The patches of one frame, k of them."""
 
-    Attributes
-    ----------
-    owner : int32 [H × W]
-        Patch of each pixel; k where it has no label.
-    size : float [k]
-        Pixels of each.
-    near : int64 [k, n]
-    share : float [k, n]
-        Which patches each one sees, and how much of each; rows sum to 1.
-    """
-
-    owner: Tensor
-    size: Tensor
-    near: Tensor
-    share: Tensor
+    owner: Tensor  # int32 [H × W]; patch of each pixel, k where it has no label
+    size: Tensor  # float [k]; pixels of each
+    near: Tensor  # int64 [k, n]; which patches each one sees
+    share: Tensor  # float [k, n]; how much of each, rows sum to 1
 
     @classmethod
     def of(cls, index: np.ndarray, count: int, device: torch.device) -> Patches:
@@ -57,20 +46,11 @@ class Patches(NamedTuple):
 
 
 class PatchTarget(NamedTuple):
-    """A coarse teacher's supervision of one frame, patch by patch.
-
-    Attributes
-    ----------
-    patches : Patches
-    latents : float [k, d]
-        Its vectors, projected to the basis.
-    weight : float [k]
-        As a target's, summed over the pixels of a patch; sum 1.
-    """
+    """A coarse teacher's supervision of one frame, patch by patch."""
 
     patches: Patches
-    latents: Tensor
-    weight: Tensor
+    latents: Tensor  # float [k, d]; its vectors, projected to the basis
+    weight: Tensor  # float [k]; as a target's, summed over the pixels of a patch; sum 1
 
 
 def patch_side(index: np.ndarray, size: np.ndarray) -> float:

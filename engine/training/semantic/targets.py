@@ -45,26 +45,14 @@ Vectors = TypeVar("Vectors", np.ndarray, Tensor)
 class Target:
     """Supervision of one frame.
 
-    Attributes
-    ----------
-    latents : float [k, d]
-        The vectors the teacher used here, projected to the basis.
-    index : int32 [P]
-        Which of them each labelled pixel has.
-    pixels : int32 [P]
-        Flat positions of those pixels.
-    weight : float [P]
-        With `rarity`, what is rare weighs more, with the square root of its rarity, so that thin instruments are not drowned by tissue.
-        Mean 1.
-    regions : int32 [H × W]
-    region_count : int
+    With `rarity`, what is rare weighs more, with the square root of its rarity, so that thin instruments are not drowned by tissue.
     """
 
-    latents: Tensor
-    index: Tensor
-    pixels: Tensor
-    weight: Tensor
-    regions: Tensor
+    latents: Tensor  # float [k, d]; the vectors the teacher used here, projected to the basis
+    index: Tensor  # int32 [P]; which of them each labelled pixel has
+    pixels: Tensor  # int32 [P]; flat positions of those pixels
+    weight: Tensor  # float [P]; mean 1
+    regions: Tensor  # int32 [H × W]
     region_count: int
 
 
@@ -75,25 +63,10 @@ class SemanticTargets:
     ----------
     teacher : Teacher
         Asked about its own frames only, so held-out frames stay held out.
-    frames : TrainingFrames
-    progress : Progress
     guided : bool
         Whether the vectors of a coarse teacher are upsampled to the superpixels of the frames (`upsample_to_regions`).
     rarity : bool
         Whether what is rare weighs more.
-    max_rank : int
-
-    Attributes
-    ----------
-    basis : Basis
-    frames : list of int
-        Frames that have a target: those that the teacher labels, until `propagate` adds others.
-    labelled_frames : list of int
-        Those that the teacher itself labels.
-    pixelwise : bool
-        As the teacher has it.
-    upsampled : bool
-        Whether its vectors are upsampled to superpixels.
     """
 
     def __init__(
@@ -107,7 +80,7 @@ class SemanticTargets:
         max_rank: int = 32,
     ):
         self.pixelwise = teacher.pixelwise
-        self.upsampled = guided and not teacher.pixelwise
+        self.upsampled = guided and not teacher.pixelwise  # whether the teacher's vectors are upsampled to superpixels
         self._rarity = rarity
         self._confidence: Mapping[int, Tensor] = {}
         self._teacher, self._working = teacher, frames
@@ -116,7 +89,7 @@ class SemanticTargets:
         width, height = frames.size
         capacity = max(2, TARGET_BYTES // (width * height * PIXEL_BYTES))
         self._answers, self._targets, self._patches = (Latest(capacity) for _ in range(3))
-        self.labelled_frames: list[int] = []
+        self.labelled_frames: list[int] = []  # those that the teacher itself labels
         vectors, counts = [], []
         for done, i in enumerate(teacher.frames):
             progress(done / len(teacher.frames), "asking the teacher")
@@ -134,7 +107,7 @@ class SemanticTargets:
         sizes = np.concatenate(counts)[every].astype(np.float64)
         self.basis: Basis = fit_basis(np.concatenate(vectors)[every], sizes, max_rank=max_rank, anchors=anchors)
         self._source = {i: i for i in self.labelled_frames}
-        self.frames = sorted(self._source)
+        self.frames = sorted(self._source)  # those that have a target; `propagate` adds others
 
     def propagate(self, flow: FlowSupervision, progress: Progress = silent) -> None:
         """Warp the labels of a teacher that labels few training frames to the others, along the optical flow."""

@@ -10,7 +10,7 @@ import pytest
 
 from degense.app.features.runs.run_summaries import list_runs, training_answers
 from degense.app.features.train.job import TrainingJob, TrainingQueue, parse_settings
-from degense.app.features.train.settings_help import TEACHER_WORDS, explanations, settings_of
+from degense.app.features.train.settings_help import TEACHER_WORDS, settings_of
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers import MAKERS
 from degense.engine.training import TrainConfig
@@ -99,12 +99,10 @@ def test_answers_are_reused_and_hostile_ones_left_out():
 
 
 def test_every_setting_has_words_of_its_own():
-    said = explanations()
     changed = settings_of(TrainConfig.preset_of("quick", flow=3.0))
-    assert all(said[setting.name] for setting in changed)
+    assert all(len(setting.words) > 10 for setting in changed)
+    assert len({setting.words for setting in changed}) == len(changed)
     assert [setting.name for setting in changed if setting.changed] == ["flow"]
-    assert said["ssim"] == said["depth"]
-    assert said["seed"] != said["device"]
     assert [setting.name for setting in changed] == [n for names in GROUPS.values() for n in names if n not in ("preset", "given")]
     assert {"rate_planes", "rate_means"} <= set(GROUPS["Learning rates"])
     assert {*MAKERS, "none"} - set(TEACHER_WORDS) <= {"degraded"}  # of experiments, where they have been imported
