@@ -128,7 +128,7 @@ def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
                 cautery[i] = view.cautery
                 tracks.add(float(s), view)
                 progress((i + 1) / options.frames, f"photographed frame {i + 1} of {options.frames}")
-        for name, array in {"cautery": cautery, "tracks": tracks.places, "visible": tracks.visible}.items():
+        for name, array in zip(("cautery", "tracks", "visible"), (cautery, *tracks.arrays()), strict=True):
             with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, array)
     ceiling = {"psnr_ceiling": round(float(np.mean(ceilings)), 2)}

@@ -69,7 +69,7 @@ def test_a_coarse_teacher_finds_a_thin_strip_with_the_pictures_help():
     clip = Strip(10, 96, 80)
     frames = TrainingFrames(clip, 1 << 20, CPU)
     exact = LabelTeacher(clip, EmbeddedEncoder())
-    teacher = DegradedTeacher(exact, Degradation(patches=12, noise=0.2))
+    teacher = DegradedTeacher(clip, EmbeddedEncoder(), Degradation("features", strength=3))
     overlap = {}
     for guided in (True, False):
         targets = SemanticTargets(teacher, frames, guided=guided)

@@ -5,7 +5,6 @@ import torch
 
 from degense.engine.research.degraded_teachers import Degradation, DegradedTeacher
 from degense.engine.semantics import EmbeddedEncoder
-from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import chord
 from degense.engine.training.semantic.patches import BLUR, Patches
@@ -46,7 +45,7 @@ def test_one_patch_and_more_than_there_are_pixels_of():
 
 def test_the_patch_loss_is_least_where_each_patch_sees_what_was_said_of_it():
     clip = MemoryClip()
-    teacher = DegradedTeacher(LabelTeacher(clip, EmbeddedEncoder()), Degradation(patches=6))
+    teacher = DegradedTeacher(clip, EmbeddedEncoder(), Degradation("features", strength=3))
     targets = SemanticTargets(teacher, TrainingFrames(clip, 1 << 20, CPU))
     frame = targets.labelled_frames[1]
     patches, wanted, weight = targets.patch_target(frame)
