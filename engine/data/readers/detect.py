@@ -16,8 +16,9 @@ from degense.engine.data.files.labels import index_maps
 from degense.engine.data.files.numbered import list_files, shown
 from degense.engine.data.files.stored import CACHE_BYTES, StoredClip, frame_names, sampled
 from degense.engine.data.readers.cholecseg8k import FRAME, cholec_frames, open_cholecseg8k
+from degense.engine.data.readers.endonerf import open_endonerf
 from degense.engine.data.readers.endovis18 import FRAMES, open_endovis18
-from degense.engine.data.readers.frame_folder import open_endonerf, open_frames
+from degense.engine.data.readers.frame_folder import open_frames
 from degense.engine.data.readers.video import SUFFIXES, open_video
 from degense.engine.errors import ClipError
 from degense.engine.latest import Latest

@@ -1,10 +1,5 @@
-"""Folders of frames with masks, depth, labels and truth beside them: the layouts endonerf and frames.
-
-endonerf: `images/`, `masks/` or `gt_masks/`, `depth/` or `monodepth/`, `poses_bounds.npy`. EndoGaussian, Deform3DGS, SurgicalGaussian and
-G-SHARP share it; SurgTPGS's CholecSeg8k has masks of the opposite polarity and no poses.
-
-frames: pictures in a folder or in its `images/`; beside them may lie `masks/`, `depth/`, `labels/` with `classes.json`, `camera.json`, and
-`gt.npz`.
+"""Folders of frames: pictures in the folder or in its `images/`; beside them may lie `masks/` or `gt_masks/`, `depth/` or `monodepth/`,
+`labels/` with `classes.json`, `strokes/`, `gt.npz`, and a file of cameras (`camera.json`; see `endonerf` for the other one).
 """
 
 from __future__ import annotations
@@ -16,7 +11,7 @@ import numpy as np
 
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.data.files.cameras import ClipCameras, guessed_cameras, json_cameras, json_unit, llff_cameras
+from degense.engine.data.files.cameras import ClipCameras, guessed_cameras, json_cameras, json_unit
 from degense.engine.data.files.depth import DepthFiles, DepthPrior
 from degense.engine.data.files.images import ImageFiles, check_sizes
 from degense.engine.data.files.labels import index_maps, read_classes
@@ -30,21 +25,16 @@ from degense.engine.errors import ClipError
 ReadCameras = Callable[[Path, int, tuple[int, int], ClipOptions], ClipCameras]
 
 
-def open_endonerf(path: Path, options: ClipOptions) -> Clip:
-    """Open a clip in the layout endonerf. ClipError when it cannot be read."""
-    return _open_folder(path, options, path / "poses_bounds.npy", llff_cameras, clip_depth=True)
-
-
 def open_frames(path: Path, options: ClipOptions) -> Clip:
     """Open a folder of frames. ClipError when it cannot be read."""
     camera = path / "camera.json"
-    clip = _open_folder(path, options, camera, json_cameras, clip_depth=False)
+    clip = open_folder(path, options, camera, json_cameras, clip_depth=False)
     if camera.exists() and clip.depth_measured:
         clip.unit = json_unit(camera)
     return clip
 
 
-def _open_folder(path: Path, options: ClipOptions, camera: Path, read_cameras: ReadCameras, clip_depth: bool) -> StoredClip:
+def open_folder(path: Path, options: ClipOptions, camera: Path, read_cameras: ReadCameras, clip_depth: bool) -> StoredClip:
     """Open a folder; with `clip_depth`, depth is clipped to robust percentiles, for it is not exact."""
     files = frame_files(path)
     pictures = ImageFiles(files)
