@@ -44,6 +44,13 @@ class TrainingProgress:
 
 
 @dataclass(frozen=True)
+class Reliability:
+    """How often the teacher contradicts what all its frames agree on, in words."""
+
+    words: str
+
+
+@dataclass(frozen=True)
 class Preview:
     """A frame was drawn to an image file."""
 
@@ -80,7 +87,7 @@ class Failed:
     message: str
 
 
-Event: TypeAlias = Stage | Step | TrainingProgress | Preview | Rollback | Done | Stopped | Failed
+Event: TypeAlias = Stage | Step | TrainingProgress | Reliability | Preview | Rollback | Done | Stopped | Failed
 Events: TypeAlias = Callable[[Event], None]
 
 #: The value of "event" in each event's JSON form.
@@ -88,6 +95,7 @@ NAMES: dict[str, type[Event]] = {
     "stage": Stage,
     "step": Step,
     "progress": TrainingProgress,
+    "reliability": Reliability,
     "preview": Preview,
     "rollback": Rollback,
     "done": Done,

@@ -46,6 +46,8 @@ class TerminalEvents:
                 self._bar(fraction, message)
             case events.Stage(stage):
                 self._say(f"{stage} …")
+            case events.Reliability(words):
+                self._say(words)
             case events.Rollback(iteration, reason):
                 self._say(f"went back to iteration {iteration}: {reason}")
             case events.Stopped(0):

@@ -15,7 +15,7 @@ import torch
 from degense.engine.clip import Clip
 from degense.engine.data.readers import fingerprint
 from degense.engine.errors import Cancelled, DegenseError
-from degense.engine.events import Done, Events, Preview, Stage, Stopped, TrainingProgress, read_progress
+from degense.engine.events import Done, Events, Preview, Reliability, Stage, Stopped, TrainingProgress, read_progress
 from degense.engine.field import SceneModel
 from degense.engine.field.static_gaussians import find_moving
 from degense.engine.files import replacing
@@ -214,7 +214,12 @@ class TrainingRun:
             self.events(progress)
 
         fit = DISTILLATIONS[self.config.distillation]
-        return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell, report)
+        finished = fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell, report)
+        if finished and (share := self.inputs.semantics.disagreement) is not None:
+            words = f"this teacher calls the same place differently in {share:.0%} of the frames"
+            self.run.info["teacher"]["provenance"] += f"; {words}"
+            self.events(Reliability(words))
+        return finished
 
     def _leave(self, state: str) -> None:
         """Save what can be resumed."""

@@ -22,7 +22,7 @@ from degense.app.features.train.train_dialog import TrainDialog
 from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
-from degense.engine.events import Done, Event, Failed, Preview, Rollback, Stage, Step, Stopped, TrainingProgress, read_progress
+from degense.engine.events import Done, Event, Failed, Preview, Reliability, Rollback, Stage, Step, Stopped, TrainingProgress, read_progress
 
 log = logging.getLogger(__name__)
 
@@ -223,6 +223,8 @@ class Training(QObject):
                 monitor.set_progress(event)
             case Preview(path, frame):
                 self._preview(path, frame)
+            case Reliability(words):
+                monitor.note(words)
             case Rollback(iteration, reason):
                 monitor.note(f"went back to iteration {iteration}: {reason}")
             case Done() | Stopped() | Failed():  # the process says so when it has ended

@@ -1,7 +1,6 @@
-"""How far a teacher's labels agree with each other over the whole clip, and how much each of them counts.
+"""How far a coarse teacher's labels agree with each other over the whole clip, and how much each of them counts.
 
 A teacher mistakes one class for another in places and for a while. The labels of the same tissue in other frames show which are mistakes.
-Each label of a coarse teacher then counts less; a pixelwise teacher has one label for all pixels of a class, so it counts less as a whole.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ from torch import Tensor
 from degense.engine.field import SceneModel
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.passes import draw_latents
-from degense.engine.training.semantic.targets import SemanticTargets, Target, alike
+from degense.engine.training.semantic.targets import SemanticTargets, Target
+from degense.engine.training.semantic.vectors import alike
 
 AGREEMENT_SCALE = 0.2  # 1 − cos at which a label counts a third
 KIND_SAMPLES = 2000  # labels of all frames that stand for all kinds
@@ -43,17 +43,6 @@ def label_confidence(model: SceneModel, targets: SemanticTargets, frames: Traini
         usual = (kin @ all_totals[sample]) / (kin @ all_sizes[sample]).clamp_min(1e-9)
         found[frame] = total / size.clamp_min(1) / usual.clamp_min(1e-3)
     return found
-
-
-@torch.no_grad()
-def label_consistency(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames) -> float:
-    """Mean of exp((⟨F̃(p), ṽ⟩ − 1) / `AGREEMENT_SCALE`) over all labelled pixels: 1 where all frames' labels agree with one another.
-
-    Label maps reach .97 on the phantoms, and .5 once a quarter of their regions is mistaken.
-    """
-    agreed = [(float(agreement.sum()), len(agreement)) for _, agreement in _agreements(model, targets, frames)]
-    total, count = (sum(part) for part in zip(*agreed, strict=True))
-    return total / max(count, 1)
 
 
 def _agreements(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames) -> Iterator[tuple[Target, Tensor]]:

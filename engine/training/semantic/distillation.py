@@ -24,16 +24,16 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.losses import angular, chord, l1
 from degense.engine.training.passes import SemanticPass, draw_latents
-from degense.engine.training.semantic.consistency import label_confidence, label_consistency
+from degense.engine.training.semantic.consensus import Consensus
+from degense.engine.training.semantic.consistency import label_confidence
 from degense.engine.training.semantic.targets import SemanticTargets
 
 REPORT_EVERY = 25  # steps
 #: Gets the steps made, all that will be made, and means of the loss and of its terms by name over the steps since the last report.
 Report = Callable[[int, int, float, dict[str, float]], object]
-#: Factors of the learning rates of canonical latents, planes and networks where labels are noisy: frames contradict each other, and larger
-#: or more steps would follow each of them in turn and lose their mean.
+#: Factors of the learning rates of canonical latents, planes and networks for a coarse teacher: frames contradict each other, and larger or
+#: more steps would follow each of them in turn and lose their mean.
 LOW_RATES = (0.3, 0.05, 0.1)
-CONSISTENT = 0.8  # `label_consistency` of a pixelwise teacher from which on its labels are not noisy
 COLOR_RIDGE = 5e-4  # variance of a Gaussian's colour, of 1, below which its colour does not explain its labels
 
 
@@ -115,7 +115,7 @@ def distill(
     Parameters
     ----------
     config : TrainConfig
-        `lift`, `semantic_steps`, `angular`, `region`, `delta_semantics` and the learning rates.
+        `consensus`, `lift`, `semantic_steps`, `angular`, `region`, `delta_semantics` and the learning rates.
     report : Report
         Called every `REPORT_EVERY` steps and at the end.
     """
@@ -123,7 +123,7 @@ def distill(
     targets, noisy = _initialise(model, targets, frames, config, progress)
     patchwise = targets.upsampled
     loss_of, labelled = (targets.patch_loss, targets.labelled_frames) if patchwise else (targets.loss, targets.frames)
-    distance = (chord if patchwise or (noisy and targets.pixelwise) else angular) if config.angular else l1
+    distance = (chord if patchwise else angular) if config.angular else l1
     steps, order = steps_of(config) // (2 if noisy else 1), list[int]()
     with _semantic_optimizer(model, config, low_rates=noisy) as optimizer:
         moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in labelled}
@@ -159,15 +159,17 @@ def _initialise(
 ) -> tuple[SemanticTargets, bool]:
     """Start from the mean of all labels, if `config.lift` says so.
 
-    Returns the targets to refine with, those of a coarse teacher weighted by their confidence, and whether the labels are noisy: then
-    the refinement takes fewer and smaller steps.
+    Returns the targets to refine with: the consensus of a pixelwise teacher's, those of a coarse one weighted by their confidence; and
+    whether they are noisy: then the refinement takes fewer and smaller steps.
     """
+    if config.consensus and targets.pixelwise and not targets.sparse:
+        consensus = Consensus(model, targets, frames, config.seed, lambda f, text: progress(0.1 * f, text))
+        targets.disagreement, targets = consensus.disagreement, targets.replaced(consensus.answer)
     if not config.lift:
         return targets, False
-    first = 0.2 if targets.pixelwise else 0.1
-    _set_semantics(model, *backproject_features(model, targets, frames, lambda f, text: progress(first * f, text)))
+    _set_semantics(model, *backproject_features(model, targets, frames, lambda f, text: progress(0.1 + 0.1 * f, text)))
     if targets.pixelwise:
-        return targets, label_consistency(model, targets, frames) < CONSISTENT
+        return targets, False
     if config.angular:
         targets = targets.reweighted(label_confidence(model, targets, frames))
         _set_semantics(model, *backproject_features(model, targets, frames, lambda f, text: progress(0.1 + 0.1 * f, text)))

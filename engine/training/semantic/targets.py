@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -16,7 +15,6 @@ from degense.engine.errors import DegenseError
 from degense.engine.latest import Latest
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics import Basis, fit_basis
-from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.semantics.teachers import Teacher
 from degense.engine.training.flow.supervision import FlowSupervision
@@ -24,21 +22,19 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import region_smoothness
 from degense.engine.training.semantic.guided_upsampling import upsample_to_regions
 from degense.engine.training.semantic.patches import Patches, PatchTarget
+from degense.engine.training.semantic.vectors import NAMED, rarity_weights, unit_vectors
 from degense.engine.vocabulary import instruments
 
 SPARSE = 0.25  # a teacher that labels a smaller share of the training frames has its labels warped to the others
-SIMILARITY_POWER = 8  # of the cosine with which vectors count as of one kind
-NAMED = 0.5  # cosine to a class's vector from which a label is of that class; of image features without classes, all texts are farther
 BASIS_VECTORS = 20_000  # of all frames' vectors, that the basis is fitted to
 TARGET_BYTES = 3 << 28  # of supervision kept
 PIXEL_BYTES = 24  # of one pixel's: its label, its patch, and what a target holds
 
 #: A teacher's answer for a frame: unit vectors [k, D], and which of them each pixel has, int32 [H, W], −1 for none.
 Answer = tuple[np.ndarray, np.ndarray]
+SureAnswer = tuple[np.ndarray, np.ndarray, np.ndarray]  # the same, and how sure each pixel's is, float [H, W]
 #: Distance of rows of latents [P, d], [P, d] → [P].
 Distance = Callable[[Tensor, Tensor], Tensor]
-
-Vectors = TypeVar("Vectors", np.ndarray, Tensor)
 
 
 @dataclass
@@ -81,19 +77,20 @@ class SemanticTargets:
     ):
         self.pixelwise = teacher.pixelwise
         self.upsampled = guided and not teacher.pixelwise  # whether the teacher's vectors are upsampled to superpixels
+        self.disagreement: float | None = None  # share of the pixels that it calls otherwise than its consensus, once that is known
         self._rarity = rarity
         self._confidence: Mapping[int, Tensor] = {}
+        self._others: Callable[[int], SureAnswer] | None = None
         self._teacher, self._working = teacher, frames
         self._flow: FlowSupervision | None = None
         clip = frames.clip
-        width, height = frames.size
-        capacity = max(2, TARGET_BYTES // (width * height * PIXEL_BYTES))
+        capacity = max(2, TARGET_BYTES // (frames.size[0] * frames.size[1] * PIXEL_BYTES))
         self._answers, self._targets, self._patches = (Latest(capacity) for _ in range(3))
         self.labelled_frames: list[int] = []  # those that the teacher itself labels
         vectors, counts = [], []
         for done, i in enumerate(teacher.frames):
             progress(done / len(teacher.frames), "asking the teacher")
-            if (answer := self._answer(i)) is not None:
+            if (answer := self.answer(i)) is not None:
                 self.labelled_frames.append(i)
                 vectors.append(answer[0])
                 counts.append(np.bincount(answer[1][answer[1] >= 0], minlength=len(answer[0])))
@@ -101,18 +98,20 @@ class SemanticTargets:
             raise DegenseError(
                 f"{clip.path}: the teacher {teacher.name!r} labels no training frame; train with --teacher none or add label maps"
             )
-        self._classes = teacher.encoder.encode(clip.classes) if clip.classes else None
-        anchors = None if teacher.pixelwise else self._classes
+        self.classes = teacher.encoder.encode(clip.classes) if clip.classes else None
+        anchors = None if teacher.pixelwise else self.classes
         every = slice(None, None, -(-sum(map(len, vectors)) // BASIS_VECTORS))
         sizes = np.concatenate(counts)[every].astype(np.float64)
-        self.basis: Basis = fit_basis(np.concatenate(vectors)[every], sizes, max_rank=max_rank, anchors=anchors)
+        #: Vectors of all its frames, float32 [n, D].
+        self.sample = np.concatenate(vectors)[every]
+        self.basis: Basis = fit_basis(self.sample, sizes, max_rank=max_rank, anchors=anchors)
         self._source = {i: i for i in self.labelled_frames}
         self.frames = sorted(self._source)  # those that have a target; `propagate` adds others
 
     def propagate(self, flow: FlowSupervision, progress: Progress = silent) -> None:
         """Warp the labels of a teacher that labels few training frames to the others, along the optical flow."""
         train = self._working.clip.train_frames
-        if len(self.labelled_frames) >= SPARSE * len(train):
+        if not self.sparse:
             return
         self._flow = flow
         for done, i in enumerate(train):
@@ -130,11 +129,11 @@ class SemanticTargets:
         teacher say it of no pixel: they take tissue beside an instrument, and what looks like one, for it.
         """
         tools = instruments(self._working.clip.classes)
-        answer = self._answer(frame) if tools and self.pixelwise and frame in self.labelled_frames else None
-        if answer is None or self._classes is None:
+        answer = self.answer(frame) if tools and self.pixelwise and frame in self.labelled_frames else None
+        if answer is None or self.classes is None:
             return None
         vectors, index = answer
-        alike = vectors @ self._classes.T
+        alike = vectors @ self.classes.T
         tool = np.isin(alike.argmax(1), tools) & (alike.max(1) > NAMED)
         return (index >= 0) & tool[index]
 
@@ -150,7 +149,18 @@ class SemanticTargets:
         changed._confidence = confidence
         return changed
 
-    def _answer(self, frame: int) -> Answer | None:
+    @property
+    def sparse(self) -> bool:
+        """Whether the teacher labels too few of the training frames to be compared with itself."""
+        return len(self.labelled_frames) < SPARSE * len(self._working.clip.train_frames)
+
+    def replaced(self, answers: Callable[[int], SureAnswer]) -> SemanticTargets:
+        """Targets with other answers on the teacher's frames than its own, weighted by how sure they are."""
+        changed = copy(self)
+        changed._others, changed._targets = answers, Latest(self._targets.limit)
+        return changed
+
+    def answer(self, frame: int) -> Answer | None:
         """The teacher's answer for a frame, if it has one, upsampled if it is to be."""
         make = self._upsampled_answer if self.upsampled else self._teacher_answer
         return self._answers.get(frame, lambda: make(frame))
@@ -170,14 +180,14 @@ class SemanticTargets:
         answer = self._teacher.targets(frame)
         if answer is None:
             return None
-        vectors, index = _unit_vectors(*answer)
+        vectors, index = unit_vectors(*answer)
         index = cv2.resize(index.astype(np.float32), self._working.size, interpolation=cv2.INTER_NEAREST).astype(np.int32)
         index = np.where(self._working.valid(frame), index, -1).astype(np.int32)
         return (vectors, index) if (index >= 0).any() else None
 
     def _labels(self, frame: int, source: int) -> Answer:
         """The answer for `source`, warped to `frame` with the tissue, where flow knows how it moved."""
-        answer = self._answer(source)
+        answer = self.answer(source)
         assert answer is not None
         vectors, index = answer
         if source != frame:
@@ -188,16 +198,22 @@ class SemanticTargets:
 
     def target(self, frame: int) -> Target:
         """The supervision of one of `frames`."""
-        found = self._targets.get(frame, lambda: self._target(frame, *self._labels(frame, self._source[frame])))
+        found = self._targets.get(frame, lambda: self._target(frame))
         confidence = self._confidence.get(frame)
         return found if confidence is None else replace(found, weight=found.weight * confidence[found.index])
 
-    def _target(self, frame: int, vectors: np.ndarray, index: np.ndarray) -> Target:
+    def _target(self, frame: int) -> Target:
+        if self._others is None:
+            vectors, index = self._labels(frame, self._source[frame])
+        else:
+            vectors, index, confidence = self._others(frame)
         flat = index.ravel()
         pixels = np.flatnonzero(flat >= 0).astype(np.int32)
         chosen = flat[pixels]
         weight = self._weights(vectors, np.bincount(chosen, minlength=len(vectors)))[chosen]
         weight /= max(weight.mean(), 1e-12) if len(weight) else 1
+        if self._others is not None:
+            weight = weight * confidence.ravel()[pixels]
         regions = superpixels(self._working.image(frame))
         device = self._working.device
         return Target(
@@ -211,7 +227,7 @@ class SemanticTargets:
 
     def _weights(self, vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
         """How much a pixel of each vector counts, float64 [k]; `counts` of them have it."""
-        return _rarity_weights(vectors, counts) if self._rarity else np.ones(len(vectors))
+        return rarity_weights(vectors, counts) if self._rarity else np.ones(len(vectors))
 
     def patch_target(self, frame: int) -> PatchTarget:
         """The teacher's own patches of one of `labelled_frames`, with which the means over them are compared."""
@@ -251,23 +267,3 @@ class SemanticTargets:
             return {}
         target = self.target(frame)
         return {"region": weight * region_smoothness(flat, target.regions, target.region_count)}
-
-
-def alike(some: Vectors, others: Vectors) -> Vectors:
-    """How far unit vectors [k, d] and [l, d] are of one kind, [k, l] in [0, 1]: max(cos, 0)^`SIMILARITY_POWER`."""
-    return (some @ others.T).clip(0) ** SIMILARITY_POWER
-
-
-def _rarity_weights(vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """1/√ of how many pixels have about the same vector, Σ_j counts_j · `alike`_ij: float64 [k]."""
-    unit = unit_rows(vectors)
-    return 1 / np.sqrt(np.maximum(alike(unit, unit) @ counts.astype(np.float64), 1))
-
-
-def _unit_vectors(vectors: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A teacher's vectors as float32 of unit length, whatever precision and length they came in; zero and non-finite ones are no labels."""
-    vectors = np.asarray(vectors, np.float64)  # squares of float16 and float32 must not overflow
-    length = np.linalg.norm(vectors, axis=1)
-    sound = np.isfinite(length) & (length > 0)
-    unit = np.where(sound[:, None], vectors, 0.0) / np.where(sound, length, 1.0)[:, None]
-    return unit.astype(np.float32), np.where((index >= 0) & sound[index], index, -1).astype(np.int32)

@@ -12,8 +12,8 @@ from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.losses import angular
-from degense.engine.training.semantic.consistency import label_confidence, label_consistency
-from degense.engine.training.semantic.distillation import COLOR_RIDGE, CONSISTENT, _set_semantics, backproject_features, distill
+from degense.engine.training.semantic.consistency import label_confidence
+from degense.engine.training.semantic.distillation import COLOR_RIDGE, _set_semantics, backproject_features, distill
 from degense.engine.training.semantic.targets import SemanticTargets
 from tests.fakes import MemoryClip
 
@@ -161,51 +161,6 @@ def test_words_that_the_other_frames_contradict_are_believed_less():
     assert torch.equal(after.weight, before * found[lied][after.index])
     assert torch.equal(reweighted.target(lied).weight, after.weight)  # once, not again
     assert torch.equal(targets.target(lied).weight, before)
-
-
-class Inconsistent:
-    """Label maps, but that every third frame calls most of the wall by the other name."""
-
-    pixelwise, name, provenance = True, "inconsistent", "made up"
-
-    def __init__(self, exact):
-        self.exact, self.encoder, self.frames = exact, exact.encoder, exact.frames
-
-    def targets(self, frame):
-        vectors, index = self.exact.targets(frame)
-        if frame % 3 == 0:
-            index = index.copy()
-            index[:, 36:][index[:, 36:] == 0] = 1
-        return vectors, index
-
-
-def test_a_pixelwise_teacher_is_followed_only_while_it_agrees_with_itself(monkeypatch):
-    clip = MemoryClip(12, 96, 80)
-    frames = TrainingFrames(clip, 1 << 20, CPU)
-    exact = LabelTeacher(clip, EmbeddedEncoder())
-    config = TrainConfig.preset_of("quick", semantic_steps=200, region=0.0)
-
-    def taught(teacher):
-        """Label consistency after back-projection, and by how much the wall is rather named by its class where frame 6 says otherwise."""
-        targets = SemanticTargets(teacher, frames)
-        model = model_for(frames, targets)
-        _set_semantics(model, *backproject_features(model, targets, frames))
-        agreed = label_consistency(model, targets, frames)
-        distill(model, targets, frames, config)
-        with torch.no_grad():
-            s = model.at(clip.time(6)).splats
-            latent = rasterize(s, s.semantics, clip.cameras[6]).image[30:, 40:]
-        wall, other = torch.from_numpy(targets.basis.project(EmbeddedEncoder().encode(clip.classes))).float()
-        cosine = torch.nn.functional.cosine_similarity
-        return agreed, float((cosine(latent, wall, dim=-1) - cosine(latent, other, dim=-1)).mean())
-
-    agreed, _ = taught(exact)
-    assert agreed > CONSISTENT
-    agreed, right = taught(Inconsistent(exact))
-    assert agreed < CONSISTENT
-    monkeypatch.setattr("degense.engine.training.semantic.distillation.CONSISTENT", 0.0)
-    _, followed = taught(Inconsistent(exact))
-    assert right > 0.5 > followed + 0.05
 
 
 def test_only_semantics_change_and_it_gets_better(stage):

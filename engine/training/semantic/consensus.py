@@ -1,0 +1,188 @@
+"""Consensus over time: what a place is, from what a teacher calls it in all other frames and from what it calls all that looks like it.
+
+A teacher errs in single frames, and a scene sees each place in all of them. No way of erring is assumed: how often the teacher contradicts
+the consensus says how far it can be relied on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from degense.engine.field import SceneModel
+from degense.engine.latest import Latest
+from degense.engine.progress import Progress, silent
+from degense.engine.raster import backproject, rasterize
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.semantic.appearance import Appearance, look
+from degense.engine.training.semantic.targets import SemanticTargets
+from degense.engine.training.semantic.vectors import shares_of, words_of
+
+COLOR_SCALE = 0.1  # of 1: difference of colour from which on a Gaussian counts as something else than before
+PRIOR_PIXELS = 0.5  # pixels' worth of the clip's mean that every Gaussian begins with
+LEAST = 1e-3  # of a share of votes: what all frames deny may still be
+ROUNDS = 2  # in all but the first, frames vote with the consensus of the round before
+MOST_VOTERS = 64  # frames that vote, evenly spread; a long clip has more
+SCORE_BYTES = 1 << 29  # of what is known of frames, kept
+PIXELS = 400_000  # of all frames, that the appearance is learned from
+
+
+class Votes:
+    """What each frame calls the Gaussians.
+
+    Parameters
+    ----------
+    model : SceneModel
+        With a finished geometry.
+    frames : TrainingFrames
+    """
+
+    def __init__(self, model: SceneModel, frames: TrainingFrames):
+        self._model, self._frames = model, frames
+        self._sums: dict[int, Tensor] = {}  # by frame, Σ_p w_ip shares_p beside Σ_p w_ip, float [N, K + 1]
+        self._colors: dict[int, Tensor] = {}
+
+    @torch.no_grad()
+    def add(self, frame: int, shares: Float[Tensor, "pixels words"]) -> None:
+        """Let a frame vote: onto each Gaussian by its share in each pixel, so as far as it is visible there and then."""
+        camera, splats = self._frames.cameras[frame], self._model.at(self._frames.clip.time(frame), semantics=False).splats
+        shape, known = (camera.height, camera.width), (shares.sum(1) > 0).to(shares)
+        found = backproject(splats, shares.reshape(*shape, -1), camera, confidence=known.reshape(shape))
+        self._sums[frame], self._colors[frame] = torch.cat([found.total, found.weight[:, None]], 1), splats.colors
+
+    @torch.no_grad()
+    def read(self, frame: int) -> Float[Tensor, "pixels words"]:
+        """The shares of all other frames' votes at each pixel of a frame.
+
+        A Gaussian i has Σ_s k_is Σ_p w_ip shares_p, with k_is = exp(−‖c_i − c_is‖² / 2 h²) of its colours now and in the voting frame:
+        tissue that was charred since is asked what it is called now. Its shares are blended as colours are.
+        """
+        camera, splats = self._frames.cameras[frame], self._model.at(self._frames.clip.time(frame), semantics=False).splats
+        total = torch.zeros_like(next(iter(self._sums.values())))
+        for voter, sums in self._sums.items():
+            if voter != frame or len(self._sums) == 1:
+                far = (splats.colors - self._colors[voter]).square().sum(1, keepdim=True)
+                total.addcmul_(torch.exp(far / (-2 * COLOR_SCALE**2)), sums)
+        votes, count = total[:, :-1], total[:, -1:]
+        usual = votes.sum(0) / count.sum().clamp_min(1e-9)
+        image = rasterize(splats, (votes + PRIOR_PIXELS * usual) / (count + PRIOR_PIXELS), camera).image
+        flat = image.reshape(-1, image.shape[2]) + LEAST * usual
+        return flat / flat.sum(1, keepdim=True).clamp_min(1e-9)
+
+
+class Consensus:
+    """What each pixel of a clip's frames is called, by all frames together.
+
+        log q(word) = log p(word | votes of the other frames) + log p(word | look) − ½ log p(word) + λ [the frame's own word] + const
+
+    The third term takes back half of the clip's frequencies of words, which both before it contain. λ ≥ 0 is `own_weight`: a teacher that
+    does not err is right where the scene is blurred.
+
+    Parameters
+    ----------
+    model : SceneModel
+        With a finished geometry.
+    targets : SemanticTargets
+        The teacher's answers and its words.
+    frames : TrainingFrames
+    seed : int
+
+    Attributes
+    ----------
+    disagreement : float
+        Share of the pixels that the teacher calls otherwise than the consensus.
+    """
+
+    def __init__(self, model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, seed: int, progress: Progress = silent):
+        self._frames, self._targets, self._words = frames, targets, words_of(targets.sample, targets.classes)
+        width, height = frames.size
+        self._scores = Latest(max(2, SCORE_BYTES // (2 * width * height * len(self._words))))
+        asked = targets.labelled_frames
+        voters = [asked[i] for i in np.unique(np.linspace(0, len(asked) - 1, min(len(asked), MOST_VOTERS)).round().astype(int))]
+        random = torch.Generator().manual_seed(seed)
+        shares: Callable[[int], Tensor] = self._told
+        for done in range(ROUNDS):
+            votes, seen, called = Votes(model, frames), [], []
+            for i, frame in enumerate(voters):
+                progress((done + i / len(voters)) / ROUNDS, "comparing what the teacher says over time")
+                known = self._told(frame).sum(1) > 0
+                found = shares(frame) * known[:, None]
+                votes.add(frame, found)
+                known = torch.nonzero(known)[:, 0]
+                rows = known[torch.randperm(len(known), generator=random)[: PIXELS // len(voters)].to(known.device)]
+                seen.append(self._look(frame)[rows])
+                called.append(found[rows])
+            self._votes, self._usual = votes, torch.cat(called).mean(0).clamp_min(1e-4)
+            self._appearance = Appearance(torch.cat(seen), torch.cat(called), seed)
+            self._scores = Latest(self._scores.limit)
+            self._own = own_weight(self._contested(voters))
+            shares = self.shares
+        otherwise = torch.cat([self._otherwise(frame) for frame in voters])
+        self.disagreement = float(otherwise.float().mean())
+
+    def shares(self, frame: int) -> Float[Tensor, "pixels words"]:
+        """q of each pixel of a frame, rows of sum 1."""
+        found = self._scores.get(frame, lambda: self._score(*self._raters(frame)))
+        return torch.softmax(found.float() + self._own * self._told(frame), 1)
+
+    def answer(self, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The teacher's words float32 [K, D]; which is the likeliest at each pixel of a frame, int32 [H, W], −1 where the teacher says
+        nothing; and its q, float32 [H, W]."""
+        sure, named = self.shares(frame).max(1)
+        width, height = self._frames.size
+        named[self._told(frame).sum(1) == 0] = -1
+        index, confidence = (values.reshape(height, width).cpu().numpy() for values in (named.int(), sure))
+        return self._words, index, confidence
+
+    def _otherwise(self, frame: int) -> Tensor:
+        """Where the teacher says something, whether it differs from the consensus: bool [P]."""
+        told = self._told(frame)
+        return (told.argmax(1) != self.shares(frame).argmax(1))[told.sum(1) > 0]
+
+    def _told(self, frame: int) -> Tensor:
+        """What the teacher calls each pixel of one of its frames, in shares of its words: float [H × W, K], rows of sum 1, or 0 where it
+        says nothing."""
+        answer = self._targets.answer(frame)
+        assert answer is not None
+        parts = shares_of(answer[0], self._words)
+        rows = np.concatenate([parts, np.zeros_like(parts[:1])])[answer[1].ravel()]  # −1, nothing, is the last
+        return torch.from_numpy(rows).to(self._frames.device)
+
+    def _raters(self, frame: int) -> tuple[Tensor, Tensor]:
+        """log p(word | votes of the other frames) and log p(word | look) of each pixel of a frame."""
+        return self._votes.read(frame).log(), self._appearance(self._look(frame))
+
+    def _score(self, votes: Tensor, looks: Tensor) -> Tensor:
+        return (votes + looks - self._usual.log() / 2).half()
+
+    def _look(self, frame: int) -> Tensor:
+        features = look(self._frames.image(frame))
+        return torch.from_numpy(features.reshape(-1, features.shape[2])).to(self._frames.device)
+
+    def _contested(self, frames: list[int]) -> Tensor:
+        """Of how many pixels the teacher alone, the votes alone, the looks alone say something else than both others; of how many not all
+        three say the same: int64 [4]."""
+        counts = torch.zeros(4, dtype=torch.int64, device=self._usual.device)
+        for frame in frames:
+            own, raters = self._told(frame), self._raters(frame)
+            self._scores.keep(frame, self._score(*raters))
+            teacher, votes, looks = (values[own.sum(1) > 0].argmax(1) for values in (own, *raters))
+            alone = [(votes == looks) & (teacher != votes), (teacher == looks) & (votes != looks), (teacher == votes) & (looks != votes)]
+            counts += torch.stack([*alone, ~((teacher == votes) & (votes == looks))]).sum(1)
+        return counts
+
+
+def own_weight(contested: Int[Tensor, " raters"]) -> float:
+    """Log odds, at least 0, that the teacher is right in a frame where not all agree: λ of `Consensus`.
+
+    Of three that err independently (Dawid & Skene 1979), the two others are alone together as often as both err at once. What the teacher
+    stands alone beyond that, it errs:  e = n_teacher − n_votes n_looks,  λ = log((1 − e) / e),  with shares n of the contested pixels.
+    """
+    teacher, votes, looks, _ = (contested / contested[3].clamp_min(1)).tolist()
+    error = min(max(teacher - votes * looks, 1e-4), 0.5)
+    return math.log((1 - error) / error)
