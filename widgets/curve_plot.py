@@ -55,7 +55,7 @@ class CurvePlot(pg.GraphicsView):
         layout.geometryChanged.connect(lambda: self._axes[1].showLabel(self.height() > 130))
         self._log = log
         self._axes[0].setLogMode(y=log)
-        self._series: dict[str, list[pg.GraphicsObject]] = {}  # the curve, its lone points, its band
+        self.series: dict[str, list[pg.GraphicsObject]] = {}  # the curve, its lone points, its band
         self._labels = "frame", ""
         self._message = "Nothing to plot yet"
         self._cursor, self._pointer = pg.InfiniteLine(), pg.InfiniteLine()
@@ -74,10 +74,10 @@ class CurvePlot(pg.GraphicsView):
         """Add or replace a curve, x ascending. A band (low, high), as long as the curve, is shaded behind it."""
         if len(x) != len(y):
             raise ValueError(f"the curve {name!r} has {len(x)} positions and {len(y)} values")
-        old = self._series.pop(name, [])
+        old = self.series.pop(name, [])
         for item in old:
             self._box.removeItem(item)
-        colour = colour or (old[0].opts["pen"].color() if old else class_colour(len(self._series)))
+        colour = colour or (old[0].opts["pen"].color() if old else class_colour(len(self.series)))
         x, y = np.asarray(x, float), np.where((np.abs(y) < LARGEST) & (np.asarray(y) > (0.0 if self._log else -LARGEST)), y, np.nan)
         known = np.pad(np.isfinite(y), 1)
         alone = known[1:-1] & ~known[:-2] & ~known[2:]
@@ -92,28 +92,25 @@ class CurvePlot(pg.GraphicsView):
             items.append(pg.FillBetweenItem(*edges, brush=faded(colour, 45)))
         for item in items:
             self._box.addItem(item)
-        self._series[name] = items
+        self.series[name] = items
         self._show_legend()
 
     def append(self, name: str, x: float, y: float) -> None:
         """Add one point to a curve, which is made when it does not exist."""
-        xs, ys = self.points(name) if name in self._series else (np.zeros(0), np.zeros(0))
+        xs, ys = self.points(name) if name in self.series else (np.zeros(0), np.zeros(0))
         self.set_series(name, np.append(xs, x), np.append(ys, y))
 
     def points(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Positions and values of a curve."""
-        return self._series[name][0].getOriginalDataset()
+        return self.series[name][0].getOriginalDataset()
 
     def clear(self) -> None:
         self._box.clear()
-        self._series.clear()
+        self.series.clear()
         for line in (self._cursor, self._pointer):
             line.hide()
             self._box.addItem(line, ignoreBounds=True)
         self._show_legend()
-
-    def series_names(self) -> list[str]:
-        return list(self._series)
 
     def set_cursor(self, x: float | None) -> None:
         self._cursor.setVisible(x is not None)
@@ -147,14 +144,14 @@ class CurvePlot(pg.GraphicsView):
         at = self._pointer.value() if self._pointer.isVisible() else None
         lead = self._labels[1] if at is None else f"{self._labels[0]} {short(at, 6)}"
         texts = [f'<span style="color: {self.palette().placeholderText().color().name()}">{escape(lead)}</span>']
-        for name in self._series:
+        for name in self.series:
             x, y = self.points(name)
             near = "" if at is None or not len(x) else f" {short(y[np.argmin(np.abs(x - at))], 4)}"
-            colour = self._series[name][0].opts["pen"].color().name()
+            colour = self.series[name][0].opts["pen"].color().name()
             texts.append(f'<b style="color: {colour}">—</b> {escape(name + near)}')
         self._legend.setText("&nbsp;&nbsp; ".join(texts), color=self.palette().text().color())
         self._legend.setMinimumWidth(0)
-        self._plot.setVisible(any(np.isfinite(self.points(name)[1]).any() for name in self._series))
+        self._plot.setVisible(any(np.isfinite(self.points(name)[1]).any() for name in self.series))
 
     def _apply_palette(self) -> None:
         colours = self.palette()
@@ -176,7 +173,7 @@ class CurvePlot(pg.GraphicsView):
         """Show the values at the point of a curve that is nearest to the pointer; with the left button down it is clicked."""
         self._pointer.setVisible(self._plot.isVisible())
         if self._plot.isVisible():
-            x = np.concatenate([self.points(name)[0] for name in self._series])
+            x = np.concatenate([self.points(name)[0] for name in self.series])
             self._pointer.setValue(x[np.argmin(np.abs(x - self.x_at(event)))])
             if event.buttons() & Qt.MouseButton.LeftButton:
                 self.x_clicked.emit(self._pointer.value())

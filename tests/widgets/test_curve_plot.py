@@ -90,7 +90,7 @@ def test_growing_keeps_names_and_colours(plot):
     for i in range(5):
         plot.append("loss", i, 1.0 / (i + 1))
     plot.append("psnr", 0, 20.0)
-    assert plot.series_names() == ["loss", "psnr"]
+    assert list(plot.series) == ["loss", "psnr"]
 
 
 def test_clicks_give_points_of_the_curves(plot):

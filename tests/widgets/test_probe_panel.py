@@ -73,8 +73,8 @@ def test_curves_and_jumping_to_frames(probe):
     probe.plot.set_series("displacement [mm]", np.arange(10), np.arange(10.0))
     probe.plot.set_cursor(4)
     plot = probe.findChild(CurvePlot)
-    assert plot.series_names() == ["displacement [mm]"]
+    assert list(plot.series) == ["displacement [mm]"]
     QTest.mouseClick(plot.viewport(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(plot.width() - 8, 60))
     assert heard == [9]
     probe.plot.clear()
-    assert plot.series_names() == []
+    assert list(plot.series) == []

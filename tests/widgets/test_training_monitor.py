@@ -36,11 +36,11 @@ def test_durations(seconds, text):
 
 
 def test_a_run_from_start_to_end(monitor):
-    assert monitor.state() == "idle"
+    assert monitor.state == "idle"
     assert not cancel(monitor).isEnabled()
     monitor.start("Training pulling")
     bar = monitor.findChild(QProgressBar)
-    assert (monitor.state(), bar.minimum(), bar.maximum()) == ("running", 0, 0)  # busy: nobody knows yet how long
+    assert (monitor.state, bar.minimum(), bar.maximum()) == ("running", 0, 0)  # busy: nobody knows yet how long
     monitor.set_stage("Coarse")
     assert fact(monitor, "State") == "Coarse"
     monitor.set_progress(TrainingProgress(500, 2000, 0.125, 31.456, 30123, 65, 195, {"l1": 0.1, "ssim": 0.025}))
@@ -49,16 +49,16 @@ def test_a_run_from_start_to_end(monitor):
     assert bar.value() / bar.maximum() == pytest.approx(0.25)
     monitor.set_progress(TrainingProgress(510, 2000))
     assert fact(monitor, "Loss") == "0.125"
-    assert sorted(plot.series_names()[0] for plot in monitor.findChildren(CurvePlot)) == ["PSNR", "loss"]
+    assert sorted(next(iter(plot.series)) for plot in monitor.findChildren(CurvePlot)) == ["PSNR", "loss"]
     monitor.note("Rolled back")
     monitor.set_preview(np.zeros((8, 8, 3), np.uint8))
     monitor.finish("Done in 4 minutes: 34.2 dB")
-    assert monitor.state() == "finished"
+    assert monitor.state == "finished"
     assert fact(monitor, "State") == "Done in 4 minutes: 34.2 dB"
     assert bar.value() == bar.maximum()
     monitor.start()
     assert fact(monitor, "Loss") == "–"
-    assert monitor.findChild(CurvePlot).series_names() == []
+    assert list(monitor.findChild(CurvePlot).series) == []
 
 
 def test_steps_made_again_replace_the_earlier_ones(monitor):
@@ -82,7 +82,7 @@ def test_any_term_of_the_loss_can_be_plotted(monitor):
     monitor.set_progress(TrainingProgress(50, 100, 0.25, 21.0, losses={"l1": 0.2, "ssim": 0.05}))
     monitor.set_progress(TrainingProgress(75, 100, 0.125, 22.0, losses={"l1": 0.1, "ssim": 0.02, "flow": 0.005}))
     assert [menu.itemText(i) for i in range(menu.count())] == ["loss", "l1", "ssim", "flow"]
-    assert (plot.series_names(), list(plot.points("loss")[1])) == (["loss"], [0.5, 0.25, 0.125])
+    assert (list(plot.series), list(plot.points("loss")[1])) == (["loss"], [0.5, 0.25, 0.125])
     menu.setCurrentText("ssim")
     assert [list(numbers) for numbers in plot.points("ssim")] == [[50, 75], [0.05, 0.02]]
     monitor.set_progress(TrainingProgress(100, 100, 0.1, losses={"ssim": 0.01}))
@@ -103,7 +103,7 @@ def test_the_terms_of_a_semantic_distillation_can_be_plotted(monitor, tmp_path):
     plot = next(plot for plot in monitor.findChildren(CurvePlot) if plot.accessibleName() == "Loss")
     for term in ("align", "region", "delta_semantics"):
         menu.setCurrentText(term)
-        assert plot.series_names() == [term]
+        assert list(plot.series) == [term]
         assert min(plot.points(term)[0]) > 30  # after the steps of the trainer
     assert fact(monitor, "PSNR").endswith("dB")
 
@@ -116,9 +116,9 @@ def test_cancel_asks_nothing_and_says_that_it_stops(monitor):
     QTest.mouseClick(cancel(monitor), Qt.MouseButton.LeftButton)
     assert heard == [1]
     assert cancel(monitor).text() == "Stopping…"
-    assert monitor.state() == "running"
+    assert monitor.state == "running"
     monitor.cancelled()
-    assert monitor.state() == "cancelled"
+    assert monitor.state == "cancelled"
     assert cancel(monitor).text() == "Cancel"
     monitor.start()
     assert cancel(monitor).isEnabled()
@@ -127,12 +127,12 @@ def test_cancel_asks_nothing_and_says_that_it_stops(monitor):
 def test_failure_is_said_in_words(monitor):
     monitor.start()
     monitor.fail("The disk is full.")
-    assert monitor.state() == "failed"
+    assert monitor.state == "failed"
     assert "The disk is full." in fact(monitor, "State")
     assert not cancel(monitor).isEnabled()
     assert monitor.findChild(QProgressBar).maximum() > 0
     monitor.reset()
-    assert monitor.state() == "idle"
+    assert monitor.state == "idle"
 
 
 def test_the_queue_asks_and_shows(qtbot, monitor):

@@ -54,7 +54,7 @@ class RenderPanel(PaintedWidget):
         self._overlay_opacity = 1.0
         self._labels: QImage | None = None
         self._message = "Nothing to show yet"
-        self._tool: PanelTool | None = None
+        self.tool: PanelTool | None = None
         self._using_tool = False
         self._press: QPointF | None = None
         self._last = QPointF()
@@ -100,12 +100,9 @@ class RenderPanel(PaintedWidget):
 
     def set_tool(self, tool: PanelTool | None) -> None:
         """Activate a tool, which then owns the left button; None: the left button pans and clicks again."""
-        self._tool, self._using_tool = tool, False
+        self.tool, self._using_tool = tool, False
         self._update_cursor(self._last)
         self.update()
-
-    def tool(self) -> PanelTool | None:
-        return self._tool
 
     def grab_image(self) -> np.ndarray:
         """What is shown, uint8 [H, W, 3], at the frame's own resolution, without marks. ValueError without a frame."""
@@ -156,8 +153,8 @@ class RenderPanel(PaintedWidget):
         painter.scale(self.zoom.scale, self.zoom.scale)
         if not self.marks.outline.isEmpty():
             paint_outline(painter, self.marks.outline, self.zoom.scale)
-        if self._tool is not None:
-            self._tool.paint(painter, self.zoom.scale)
+        if self.tool is not None:
+            self.tool.paint(painter, self.zoom.scale)
         painter.restore()
 
     # Events
@@ -167,17 +164,17 @@ class RenderPanel(PaintedWidget):
         self._panning = False
         left = event.button() == Qt.MouseButton.LeftButton
         self._splitting = left and self._on_handle(event.position())
-        if left and not self._splitting and self._tool is not None and self._frame is not None:
+        if left and not self._splitting and self.tool is not None and self._frame is not None:
             self._using_tool = True
-            self._tool.press(self.zoom.to_image(event.position()), event)
+            self.tool.press(self.zoom.to_image(event.position()), event)
             self.update()
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        if self._tool is not None and self._using_tool and not event.buttons() & Qt.MouseButton.LeftButton:
+        if self.tool is not None and self._using_tool and not event.buttons() & Qt.MouseButton.LeftButton:
             self._using_tool = False  # the button went up over another window
-            self._tool.release(self.zoom.to_image(self._last), event)
-        if self._tool is not None and (self._using_tool or not event.buttons()):
-            self._tool.move(self.zoom.to_image(event.position()), event)
+            self.tool.release(self.zoom.to_image(self._last), event)
+        if self.tool is not None and (self._using_tool or not event.buttons()):
+            self.tool.move(self.zoom.to_image(event.position()), event)
             self.update()
         elif self._press is not None and event.buttons():
             if self._splitting:
@@ -191,9 +188,9 @@ class RenderPanel(PaintedWidget):
         self._hover(event.position().toPoint())
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
-        if self._using_tool and self._tool is not None and event.button() == Qt.MouseButton.LeftButton:
+        if self._using_tool and self.tool is not None and event.button() == Qt.MouseButton.LeftButton:
             self._using_tool, self._press = False, None
-            self._tool.release(self.zoom.to_image(event.position()), event)
+            self.tool.release(self.zoom.to_image(event.position()), event)
             self.update()
             return
         click = self._press is not None and not self._panning and not self._splitting and event.button() == Qt.MouseButton.LeftButton
@@ -204,7 +201,7 @@ class RenderPanel(PaintedWidget):
             self.clicked.emit(*point)
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
-        if self._tool is not None:
+        if self.tool is not None:
             self.mousePressEvent(event)
         elif not self._on_handle(event.position()):
             self.zoom.fit()
@@ -267,7 +264,7 @@ class RenderPanel(PaintedWidget):
         elif self._frame is None:
             self.setCursor(Qt.CursorShape.ArrowCursor)
         else:
-            self.setCursor(self._tool.cursor if self._tool is not None else Qt.CursorShape.CrossCursor)
+            self.setCursor(self.tool.cursor if self.tool is not None else Qt.CursorShape.CrossCursor)
 
     def _pixel(self, position: QPointF) -> tuple[int, int] | None:
         if self._frame is None or not QRectF(self.rect()).contains(position):

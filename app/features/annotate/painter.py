@@ -47,9 +47,9 @@ class Painter(QObject):
         chosen = tools.get(tool.name, self.strokes)
         if not tool.active or tool.name != "polygon":
             self.polygons.cancel()
-        if tool.active and self.panel.tool() is not chosen:
+        if tool.active and self.panel.tool is not chosen:
             self.panel.set_tool(chosen)
-        elif not tool.active and self.panel.tool() in (self.strokes, self.polygons, self.clicks):
+        elif not tool.active and self.panel.tool in (self.strokes, self.polygons, self.clicks):
             self.panel.set_tool(None)
         self.panel.update()
 

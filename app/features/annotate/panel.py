@@ -49,7 +49,7 @@ class AnnotationPanel(QWidget):
         self.classes.renamed.connect(lambda index, name: self._attempt(lambda: state.rename_class(index, name)))
         self.classes.recoloured.connect(state.recolour_class)
         self._tools = QButtonGroup(self)
-        self._buttons: dict[str, QPushButton] = {}
+        self.buttons: dict[str, QPushButton] = {}
         self._slider = forms.named(QSlider(Qt.Orientation.Horizontal), "Size of the brush", "Size of the brush; keys [ and ]")
         self._slider.setMaximum(8 * OCTAVE - 8)
         self._slider.valueChanged.connect(lambda step: tool.choose(radius=SMALLEST * 2 ** (step / OCTAVE)))
@@ -99,8 +99,8 @@ class AnnotationPanel(QWidget):
     def _button_row(self, **buttons: str) -> QHBoxLayout:
         """Buttons for actions of this feature: their names and what stands on them."""
         made = {f"annotate.{name.replace('_', '-')}": text for name, text in buttons.items()}
-        self._buttons |= {action: forms.button(text, partial(self._press, action)) for action, text in made.items()}
-        return forms.row(*(self._buttons[action] for action in made), spacing=4)
+        self.buttons |= {action: forms.button(text, partial(self._press, action)) for action, text in made.items()}
+        return forms.row(*(self.buttons[action] for action in made), spacing=4)
 
     def _combo(self, tip: str) -> QComboBox:
         box = forms.named(QComboBox(minimumContentsLength=9), tip, tip)
@@ -110,7 +110,7 @@ class AnnotationPanel(QWidget):
 
     def _follow_actions(self) -> None:
         """Let each button be pressed when the action that it stands for can be done, and show its keys."""
-        for name, button in self._buttons.items():
+        for name, button in self.buttons.items():
             action = self.shell.menus.actions[name]
             keys = action.shortcut().toString()
             button.setToolTip(f"{action.text()} ({keys})" if keys else action.text())
@@ -119,9 +119,6 @@ class AnnotationPanel(QWidget):
 
     def _press(self, action: str) -> None:
         self.shell.menus.run(action)
-
-    def button(self, action: str) -> QPushButton:
-        return self._buttons[action]
 
     def _attempt(self, change: Callable[[], None]) -> None:
         """Do it, or say why it cannot be done and show the classes as they are."""

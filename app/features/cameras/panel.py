@@ -36,10 +36,10 @@ class CameraList(QWidget):
         super().__init__()
         self.setAccessibleName("Cameras")
         self._book, self._say = book, say
-        self._table = forms.table("Cameras and the path between them", ["Name", "Frame", "Seconds to next"], editable=True)
-        self._table.itemChanged.connect(self._edited)
-        self._table.itemClicked.connect(lambda item: self.chosen.emit(item.row()))
-        keep_keys(self._table, TYPING)
+        self.table = forms.table("Cameras and the path between them", ["Name", "Frame", "Seconds to next"], editable=True)
+        self.table.itemChanged.connect(self._edited)
+        self.table.itemClicked.connect(lambda item: self.chosen.emit(item.row()))
+        keep_keys(self.table, TYPING)
         self._hint = forms.label("Move the camera in the 3D view, then add it. Two or more cameras make a path.", secondary=True)
         add = GlyphButton("plus", "Add the present camera", clicked=self.add_requested.emit)
         remove = GlyphButton("cross", "Remove the chosen camera", clicked=lambda: book.remove(self.current()))
@@ -51,43 +51,39 @@ class CameraList(QWidget):
         movie = forms.button("Movie…", self.movie_requested.emit, "Save a movie along the path")
         self._of_row, self._of_path = (remove, up, down, update), (self._fly, movie)
         top = forms.row(add, remove, up, down, 0, update, self._fly, movie, spacing=4)
-        forms.column(top, self._hint, (self._table, 1), parent=self)
-        self._table.itemSelectionChanged.connect(self._enable)
+        forms.column(top, self._hint, (self.table, 1), parent=self)
+        self.table.itemSelectionChanged.connect(self._enable)
         book.changed.connect(lambda record: self.refresh())
         self.refresh()
 
     def refresh(self, current: int | None = None) -> None:
         """List the stops, and choose one; the last has no way to a next one."""
         current, rows = self.current() if current is None else current, self._book.stops
-        self._table.blockSignals(True)
-        self._table.setRowCount(len(rows))
+        self.table.blockSignals(True)
+        self.table.setRowCount(len(rows))
         for i, stop in enumerate(rows):
             last = i == len(rows) - 1
             for column, text in enumerate((stop.name, f"{stop.frame:g}", "" if last else f"{stop.seconds:g}")):
                 item = QTableWidgetItem(text)
                 if column == _FRAME or (column == _SECONDS and last):
                     item.setFlags(item.flags() & ~Qt.ItemFlag.ItemIsEditable)
-                self._table.setItem(i, column, item)
+                self.table.setItem(i, column, item)
         if rows and current >= 0:
-            self._table.selectRow(min(current, len(rows) - 1))
-        self._table.blockSignals(False)
+            self.table.selectRow(min(current, len(rows) - 1))
+        self.table.blockSignals(False)
         self._hint.setVisible(len(rows) < 2)
         self._enable()
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """What is written in the list."""
-        return forms.texts(self._table)
-
     def current(self) -> int:
         """The chosen row, −1 for none."""
-        rows = self._table.selectionModel().selectedRows()
+        rows = self.table.selectionModel().selectedRows()
         return rows[0].row() if rows else -1
 
     def set_flying(self, flying: bool) -> None:
         self._fly.setText("Stop" if flying else "Fly along")
 
     def _enable(self) -> None:
-        chosen, path = self.current() >= 0, self._table.rowCount() > 1
+        chosen, path = self.current() >= 0, self.table.rowCount() > 1
         for button in self._of_row:
             button.setEnabled(chosen)
         for button in self._of_path:

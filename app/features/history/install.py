@@ -44,9 +44,6 @@ class HistoryList(QListWidget):
         self.scrollToItem(self.item(position))
         self._colour()
 
-    def texts(self) -> list[str]:
-        return [self.item(row).text() for row in range(self.count())]
-
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
         if event.type() == QEvent.Type.PaletteChange:

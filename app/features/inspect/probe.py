@@ -135,13 +135,13 @@ class Probe(QObject):
     def take_tool(self, name: str | None) -> None:
         """Activate the tool for regions (`rectangle`, `lasso`); the active one, or None, deactivates it."""
         tool = self._tools[name] if name else None
-        self.viewer.panel.set_tool(None if tool is self.viewer.panel.tool() else tool)
-        if self.viewer.panel.tool() is not None:
+        self.viewer.panel.set_tool(None if tool is self.viewer.panel.tool else tool)
+        if self.viewer.panel.tool is not None:
             self.shell.say("Draw around what is to be followed; the right button pans.")
         self.shell.refresh()
 
     def has_tool(self, name: str) -> bool:
-        return self.viewer.panel.tool() is self._tools[name]
+        return self.viewer.panel.tool is self._tools[name]
 
     def _outlined(self, outline: list[tuple[float, float]]) -> None:
         self.take_tool(None)

@@ -18,9 +18,9 @@ class ShortcutTable(QWidget):
     def __init__(self, registry: ActionRegistry, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Shortcuts")
-        self._registry, self._ids = registry, [action.id for action in registry]
+        self._registry, self.ids = registry, [action.id for action in registry]
         self.table = forms.table("Actions and their keys", ("Action", "Keys"))
-        self.table.setRowCount(len(self._ids))
+        self.table.setRowCount(len(self.ids))
         self.table.setShowGrid(True)
         self.table.horizontalHeader().setSectionResizeMode(1, QHeaderView.ResizeMode.Interactive)
         self.table.setColumnWidth(1, 190)
@@ -41,19 +41,12 @@ class ShortcutTable(QWidget):
         self._fill()
         self.table.selectRow(0)
 
-    def choose(self, action_id: str) -> None:
-        self.table.selectRow(self._ids.index(action_id))
-
-    def shown(self, action_id: str) -> str:
-        """What the table says about an action's keys."""
-        return str(self.table.model().index(self._ids.index(action_id), 1).data())
-
     def _id(self) -> str:
-        return self._ids[max(0, self.table.currentRow())]
+        return self.ids[max(0, self.table.currentRow())]
 
     def _fill(self) -> None:
         changed = self._registry.given
-        for row, action_id in enumerate(self._ids):
+        for row, action_id in enumerate(self.ids):
             action = self._registry[action_id]
             place = " ▸ ".join((*action.menu, action.title))
             for column, text in enumerate((place, ", ".join(self._registry.keys(action_id)))):

@@ -70,7 +70,7 @@ class PromptRow(QFrame):
         self._swatch = _Swatch(text, colour, self)
         self._swatch.setMenu(colour_menu(self, self._recolour))
         self._label = _ElidedLabel(text, self)
-        self._answer = forms.label(secondary=True, wrap=False)
+        self.answer = forms.label(secondary=True, wrap=False)
         self._sign = GlyphButton("plus", "", self)
         self._sign.clicked.connect(lambda: self._negate(not self.negative))
         self._eye = GlyphButton("eye", "", self)
@@ -84,7 +84,7 @@ class PromptRow(QFrame):
         layout.setHorizontalSpacing(6)
         layout.setVerticalSpacing(2)
         layout.setColumnStretch(1, 1)
-        for column, widget in enumerate((self._swatch, self._label, self._answer, self._sign, self._eye, self._cross)):
+        for column, widget in enumerate((self._swatch, self._label, self.answer, self._sign, self._eye, self._cross)):
             layout.addWidget(widget, 0, column)
         layout.addWidget(self._complaint, 1, 1, 1, 5)
         self._show_eye()
@@ -97,16 +97,13 @@ class PromptRow(QFrame):
     def set_answer(self, area: float | None, confidence: float | None) -> None:
         """Area (share of the frame) and confidence of the mask, both in [0, 1]; None when they are not known."""
         known = area is not None and confidence is not None and not self.negative
-        self._answer.setText(f"{area:.1%}  confidence {confidence:.2f}" if known else "")
-        self._answer.setToolTip(
+        self.answer.setText(f"{area:.1%}  confidence {confidence:.2f}" if known else "")
+        self.answer.setToolTip(
             f"The mask covers {area:.1%} of the frame.\nConfidence {confidence:.2f}: the mean similarity in the mask, less that of the "
             "best rival; 0 a toss-up, 1 certain."
             if known
             else ""
         )
-
-    def answer(self) -> str:
-        return self._answer.text()
 
     def _negate(self, negative: bool) -> None:
         self.negative = negative

@@ -113,10 +113,6 @@ class RunsDialog(forms.Dialog):
             self.table.selectRow(self._rows().index(wanted))
         self._enable()
 
-    def choose(self, name: str) -> None:
-        """Select the run with this name."""
-        self.table.selectRow(self._rows().index([run.name for run in self.summaries].index(name)))
-
     def _rows(self) -> list[int]:
         """Which summary each row of the table shows, in its present order."""
         model = self.table.model()

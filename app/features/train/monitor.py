@@ -60,9 +60,6 @@ class RunQueue(QWidget):
         self.setVisible(bool(names))
         self._enable()
 
-    def names(self) -> list[str]:
-        return [self.list.item(row).text() for row in range(self.list.count())]
-
     def _enable(self) -> None:
         row = self.list.currentRow()
         self.remove.setEnabled(row >= 0)
@@ -79,7 +76,7 @@ class TrainingMonitor(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Training")
-        self._state = "idle"
+        self.state = "idle"
         self._history: list[TrainingProgress] = []
         self._heading = forms.label(wrap=False)
         font = self._heading.font()
@@ -123,9 +120,6 @@ class TrainingMonitor(QWidget):
         split.setSizes([300, 300, 300, 160])
         top = forms.row((self._heading, 1), self._pause, self._cancel)
         forms.column(top, self._stage, self._bar, facts, self._note, (split, 1), margin=8, parent=self)
-
-    def state(self) -> str:
-        return self._state
 
     def reset(self) -> None:
         """As if nothing had been trained."""
@@ -212,7 +206,7 @@ class TrainingMonitor(QWidget):
         self._enter("cancelled", message)
 
     def _enter(self, state: str, message: str) -> None:
-        self._state = state
+        self.state = state
         if state in ("failed", "paused", "cancelled"):
             self._facts["Time left"].setText("–")
             if self._bar.maximum() == 0:
@@ -249,7 +243,7 @@ class TrainingMonitor(QWidget):
 
     def _ask_to_pause(self) -> None:
         self._pause.setEnabled(False)
-        if self._state == "paused":
+        if self.state == "paused":
             self.resume_requested.emit()
         else:
             self._pause.setText("Pausing…")

@@ -45,7 +45,7 @@ def drag(qtbot, window, *points: tuple[float, float]) -> None:
 
 
 def press(qtbot, window, action: str) -> None:
-    button = on.annotator(window).panel.button(action)
+    button = on.annotator(window).panel.buttons[action]
     assert isinstance(button, QPushButton)
     assert button.isEnabled()
     qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
@@ -155,7 +155,7 @@ def test_a_frame_is_propagated_reviewed_and_taken_back(qtbot, annotating, idle, 
     assert "9 of the other frames have labels" in box.text()  # the clip came with them
     assert [button.text() for button in box.buttons()] == ["Propose new ones", "Cancel"]
     click(qtbot, box, "Propose new ones")
-    assert on.annotator(window).panel.button("annotate.stop").isEnabled()
+    assert on.annotator(window).panel.buttons["annotate.stop"].isEnabled()
     idle()
     assert state.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
     assert "9 wait for an answer" in on.annotator(window).panel.summary.text()
@@ -194,7 +194,7 @@ def test_propagating_can_be_stopped(qtbot, annotating, idle):
     press(qtbot, window, "annotate.stop")
     idle()
     assert on.annotations(window).work.records == {}
-    assert on.annotator(window).panel.button("annotate.propagate").isEnabled()
+    assert on.annotator(window).panel.buttons["annotate.propagate"].isEnabled()
 
 
 def test_masks_of_prompts_are_where_painting_starts(qtbot, annotating, idle):

@@ -56,13 +56,13 @@ def test_a_region_is_outlined_and_followed(qtbot, opened, idle, screenshot, save
     indices, weights = material(session.scene, place)
     speed = LAYERS["speed"].splats(session.scene, LayerRequest(3))[indices]
     assert on.probe(opened).curves.layers["speed"][0, 3] == pytest.approx(speed @ weights, rel=1e-5)
-    assert on.probe(opened).panel.plot.series_names() == ["speed [mm/s]"]
+    assert list(on.probe(opened).panel.plot.series) == ["speed [mm/s]"]
     assert np.array_equal(on.viewer(opened).splats._highlight, indices)  # they light up in 3D
     screenshot(opened, "inspect-region")
-    assert panel.tool() is None
+    assert panel.tool is None
     session.view.set_layer("displacement")
     idle()
-    assert on.probe(opened).panel.plot.series_names() == ["displacement [mm]"]
+    assert list(on.probe(opened).panel.plot.series) == ["displacement [mm]"]
     table = saved_as("curves.csv")
     opened.registry.run("inspect.save-curves")
     rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))

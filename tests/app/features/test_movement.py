@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 
 from degense.app.features.cameras.state import CameraPath
 from degense.app.session.targets import Spot
+from degense.widgets import forms
 from degense.widgets.qt_images import to_array
 from tests.app import installed as on
 
@@ -56,12 +57,12 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
         qtbot.keyClick(splats._canvas, Qt.Key.Key_Right, Qt.KeyboardModifier.ControlModifier)
     there = splats.camera.current()
     opened.registry.run("cameras.add")
-    assert [row[:2] for row in listed.rows()] == [("Camera 1", "0"), ("Camera 2", "8")]
+    assert [row[:2] for row in forms.texts(listed.table)] == [("Camera 1", "0"), ("Camera 2", "8")]
     idle()
-    listed._table.item(0, 2).setText("0.4")  # as typed into the cell
+    listed.table.item(0, 2).setText("0.4")  # as typed into the cell
     assert on.cameras(opened).book.stops[0].seconds == 0.4
-    listed._table.item(0, 2).setText("soon")
-    assert listed.rows()[0][2] == "0.4"
+    listed.table.item(0, 2).setText("soon")
+    assert forms.texts(listed.table)[0][2] == "0.4"
     screenshot(opened, "movement-cameras")
     opened.registry.run("cameras.previous")
     idle()
@@ -89,7 +90,7 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     on.cameras(opened).book.remove(0)
     monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *args: (str(path), ""))
     opened.registry.run("cameras.open")
-    assert len(listed.rows()) == 2
+    assert len(forms.texts(listed.table)) == 2
     assert np.allclose(CameraPath(on.cameras(opened).book.stops).at(0.2)[0].viewmat, CameraPath(stops).at(0.2)[0].viewmat)
     session.undo.undo()
     session.undo.undo()
@@ -97,7 +98,7 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     session.save()
     on.documents(opened).open_path(run)
     idle()
-    assert [row[0] for row in listed.rows()] == ["Camera 1", "Camera 2"]
+    assert [row[0] for row in forms.texts(listed.table)] == ["Camera 1", "Camera 2"]
 
 
 def test_a_movie_is_stopped_and_leaves_nothing(qtbot, opened, idle, tmp_path):

@@ -35,7 +35,7 @@ def test_clicking_follows_the_spot(opened, idle, screenshot):
     idle()
     indices, weights = material(session.scene, Spot(8, 48.5, 40.5))
     moved = [session.scene.states.displacement(frame)[indices].numpy() @ weights for frame in range(10)]
-    assert on.probe(opened).panel.similarity.series_names() == ["gallbladder"]
+    assert list(on.probe(opened).panel.similarity.series) == ["gallbladder"]
     assert on.probe(opened).panel.similarity.isVisible()
     curves = on.probe(opened).curves
     assert np.allclose(curves.layers["displacement"][0], moved, atol=1e-5)

@@ -145,10 +145,10 @@ def test_similarities_are_seen_and_the_threshold_dragged_over_them(qtbot, opened
     idle()
     histogram = bar.histogram
     assert histogram.isVisible()
-    assert len(histogram.series_names()) == 2
+    assert len(histogram.series) == 2
 
     def answers():
-        return [row.answer() for row in bar.prompts()]
+        return [row.answer.text() for row in bar.prompts()]
 
     before = [float(answer.split("%")[0]) for answer in answers()]
     qtbot.mousePress(histogram.viewport(), Qt.MouseButton.LeftButton, pos=QPoint(round(4 + 0.95 * (histogram.width() - 8)), 20))

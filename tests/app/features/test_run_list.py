@@ -18,6 +18,10 @@ def column(dialog: RunsDialog, title: str) -> dict[str, str]:
     return {dialog.table.item(row, 0).text(): dialog.table.item(row, index).text() for row in range(dialog.table.rowCount())}
 
 
+def choose(dialog: RunsDialog, name: str) -> None:
+    dialog.table.selectRow(list(column(dialog, "Run")).index(name))
+
+
 def test_runs_are_compared_scored_and_reused(qtbot, opened, run, trained, idle, screenshot):
     damaged, stopped = run.with_name("damaged"), run.with_name("stopped")
     damaged.mkdir()
@@ -30,13 +34,13 @@ def test_runs_are_compared_scored_and_reused(qtbot, opened, run, trained, idle, 
         dialog = opened.findChild(RunsDialog)
         assert column(dialog, "State") == {"run": "finished", "copy": "finished", "damaged": "damaged", "stopped": "stopped"}
         assert column(dialog, "PSNR")["copy"] == "–"
-        dialog.choose("damaged")
+        choose(dialog, "damaged")
         assert not any(
             button.isEnabled() for button in (dialog.open_button, dialog.score_button, dialog.resume_button, dialog.reuse_button)
         )
-        dialog.choose("stopped")
+        choose(dialog, "stopped")
         assert (dialog.resume_button.isEnabled(), dialog.open_button.isEnabled()) == (True, False)
-        dialog.choose("copy")
+        choose(dialog, "copy")
         qtbot.mouseClick(dialog.score_button, Qt.MouseButton.LeftButton)
         assert not dialog.score_button.isEnabled()
         qtbot.waitUntil(lambda: not on.runs(opened).scoring)

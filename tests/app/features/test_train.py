@@ -33,6 +33,11 @@ def ask(window) -> QDialog:
     return next(dialog for dialog in window.findChildren(QDialog, "train") if dialog.isVisible())
 
 
+def waiting(monitor) -> list[str]:
+    """The names in the queue."""
+    return [monitor.queue.list.item(row).text() for row in range(monitor.queue.list.count())]
+
+
 def test_the_dialog_knows_what_it_costs_and_what_cannot_be(with_clip, tiny_clip, trained, screenshot):
     dialog = ask(with_clip)
     assert dialog.teacher.currentData() == "labels"
@@ -110,19 +115,19 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     dialog.out.setText(str(tmp_path / "run"))
     dialog.accept()
     training, monitor = on.training(with_clip), on.training(with_clip).monitor
-    assert monitor.state() == "running"
+    assert monitor.state == "running"
     waiting = ask(with_clip)
     assert waiting.start.text() == "Add to queue"
     waiting.out.setText(str(tmp_path / "second"))
     waiting.accept()
     assert [job.out.name for job in training.queue.waiting] == ["second"]
-    assert monitor.queue.names() == ["second (quick)"]
+    assert waiting(monitor) == ["second (quick)"]
     training.start(waiting.job())
     box = with_clip.findChild(QMessageBox, "error")
     assert "in the queue already" in box.text()
     box.close()
     qtbot.waitUntil(lambda: monitor._preview._frame is not None and monitor._preview.comparison.observed is not None)
-    assert len(monitor._plot.series_names()) == len(monitor._scores.series_names()) == 1
+    assert list(len(monitor._plot.series)) == list(len(monitor._scores.series)) == 1
     with_clip.session.go_to(5)  # the window goes on working
     screenshot(with_clip, "train")
     with_clip.menus.actions["train.pause"].trigger()
@@ -130,7 +135,7 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     assert with_clip.menus.actions["train.resume-paused"].isEnabled()
     earlier = monitor._plot.points("loss")
     seconds = max(report.seconds for report in read_progress(tmp_path / "run" / "metrics.jsonl"))
-    assert (monitor.state(), training.running) == ("paused", False)
+    assert (monitor.state, training.running) == ("paused", False)
     assert [job.out.name for job in training.queue.waiting] == ["second"]  # nobody takes the machine meanwhile
     stopped_at = json.loads((tmp_path / "run" / "run.json").read_text())["iteration"]
     qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
@@ -148,7 +153,7 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     qtbot.waitUntil(lambda: training.queue.running is not None and training.queue.running.out.name == "second")
     with_clip.registry.run("train.cancel")
     qtbot.waitUntil(lambda: not training.running)
-    assert monitor.state() == "cancelled"
+    assert monitor.state == "cancelled"
     assert json.loads((tmp_path / "run" / "run.json").read_text())["state"] == "stopped"
     jobs: list[TrainingJob] = []
     monkeypatch.setattr(training, "start", jobs.append)
@@ -164,7 +169,7 @@ def test_a_killed_training_is_said_and_goes_on(qtbot, with_clip, tmp_path):
     training.start(job)
     qtbot.waitUntil(lambda: (tmp_path / "run" / "checkpoints" / "last.json").is_file())
     os.kill(training.process._process.processId(), signal.SIGKILL)
-    qtbot.waitUntil(lambda: on.training(with_clip).monitor.state() == "failed")
+    qtbot.waitUntil(lambda: on.training(with_clip).monitor.state == "failed")
     box = with_clip.findChild(QMessageBox, "error")
     assert "ended by the system" in box.text()
     box.close()
@@ -185,7 +190,7 @@ def test_a_finished_training_is_opened(qtbot, with_clip, tmp_path, idle):
     qtbot.waitUntil(lambda: with_clip.session.scene is not None)
     idle()
     assert with_clip.session.scene.run.path == tmp_path / "run"
-    assert on.training(with_clip).monitor.state() == "finished"
+    assert on.training(with_clip).monitor.state == "finished"
 
 
 def test_a_failure_is_one_sentence(qtbot, with_clip, tmp_path, idle):
@@ -194,7 +199,7 @@ def test_a_failure_is_one_sentence(qtbot, with_clip, tmp_path, idle):
     dialog.reject()
     on.training(with_clip).start(job)
     qtbot.waitUntil(lambda: not on.training(with_clip).running)
-    assert on.training(with_clip).monitor.state() == "failed"
+    assert on.training(with_clip).monitor.state == "failed"
     box = with_clip.findChild(QMessageBox, "error")
     assert box.text()
     assert "Traceback" not in box.text()
@@ -241,7 +246,7 @@ def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
         again.show()
     monitor = on.training(again).monitor
     assert monitor.isVisible()
-    assert (monitor.state(), monitor.queue.names(), on.training(again).running) == ("paused", ["second (quick)"], False)
+    assert (monitor.state, waiting(monitor), on.training(again).running) == ("paused", ["second (quick)"], False)
     assert monitor._plot.points("loss")[0][-1] <= stopped_at  # what was trained before is shown
     screenshot(again, "train-kept")
     qtbot.mouseClick(monitor._pause, Qt.MouseButton.LeftButton)
@@ -250,7 +255,7 @@ def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
     qtbot.waitUntil(lambda: bool(seen))
     assert seen[0] > stopped_at
     again.registry.run("train.pause")
-    qtbot.waitUntil(lambda: monitor.state() == "paused")
+    qtbot.waitUntil(lambda: monitor.state == "paused")
     for name in ("second", None):
         qtbot.mouseClick(monitor._cancel, Qt.MouseButton.LeftButton)
         paused = on.training(again).queue.paused
