@@ -1,5 +1,6 @@
 # make demo    set everything up, then show the embedded sample: in a window where there is a display, else as files in demo-out/
 # make test    set everything up, then run every test and check, under a virtual display
+# make test-cuda    set everything up, then run the tests that need a GPU; fails where there is none
 # make demo-scene    make the embedded sample anew (two minutes)
 # make lint    the checks of the project itself only: formatting, lint, types, structure, documents, the wheel
 #
@@ -16,13 +17,17 @@ VENV := .venv/bin
 DISPLAY_KIND := $(if $(DISPLAY)$(WAYLAND_DISPLAY),window,headless)
 
 .NOTPARALLEL:
-.PHONY: demo test lint demo-scene system-headless system-window system-test
+.PHONY: demo test test-cuda lint demo-scene system-headless system-window system-test
 
 demo: system-$(DISPLAY_KIND) .venv/installed
 	$(VENV)/degense demo $(if $(filter headless,$(DISPLAY_KIND)),--headless demo-out)
 
 test: system-test .venv/installed
 	env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb xvfb-run -a -s '-screen 0 1600x1000x24' $(VENV)/python -m pytest -n 2 --durations=10 $(TESTS)
+
+test-cuda: system-headless .venv/installed
+	$(VENV)/python -c "import torch; torch.cuda.current_device()"
+	$(VENV)/python -m pytest -m cuda $(TESTS)
 
 lint: system-headless .venv/installed
 	$(VENV)/python -m pytest -q tests/house

@@ -87,14 +87,24 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "real_clips: needs the real clips, which do not come with the project")
+    config.addinivalue_line("markers", "cuda: needs a GPU, and is skipped without one")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks the tests that need the real clips, before any are chosen by their marks."""
+    """Marks the tests that need the real clips, before any are chosen by their marks; skips those that need a GPU where there is none."""
     for item in items:
         if "clips" in getattr(item, "fixturenames", ()):
             item.add_marker("real_clips")
+        if item.get_closest_marker("cuda") and not _has_gpu():
+            item.add_marker(pytest.mark.skip(reason="needs CUDA"))
+
+
+@functools.cache
+def _has_gpu() -> bool:
+    import torch
+
+    return torch.cuda.is_available()
 
 
 @pytest.hookimpl(optionalhook=True)

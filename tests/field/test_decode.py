@@ -8,7 +8,7 @@ import torch
 from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
 from degense.engine.threads import one_torch_thread
 
-WITH_CUDA = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+WITH_CUDA = pytest.mark.cuda
 
 
 def make(routing, seed, *, count=333, rank=5, appearance=True, levels=(1, 2), linear=False):

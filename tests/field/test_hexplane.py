@@ -67,7 +67,7 @@ def test_time_runs_along_a_cubic_spline_and_is_clamped(width):
     assert torch.equal(at_time(knots[:, :1], 0.5), knots[:, 0])
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+@pytest.mark.cuda
 @pytest.mark.parametrize("channels", [8, 16, 24])
 def test_the_gpus_fused_twin_in_values_and_gradients(channels):
     hexplane_cuda = pytest.importorskip("degense.engine.field.hexplane_cuda")

@@ -1,11 +1,10 @@
 """The gsplat back end against the reference, where there is a GPU."""
 
 import pytest
-import torch
 
 from degense.engine.research.bench.raster_check import cases, compare, hostile_cases
 
-pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+pytestmark = pytest.mark.cuda
 
 
 @pytest.mark.parametrize("case", [*cases(31), *hostile_cases(32)], ids=lambda case: case.name)

@@ -15,7 +15,7 @@ def test_on_the_cpu_nothing_is_graphed():
     assert graphed(chain, (torch.zeros(2, 2),)) is chain
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+@pytest.mark.cuda
 def test_a_graph_repeats_the_function_and_its_gradients_with_other_inputs_and_changed_parameters():
     torch.manual_seed(0)
     weight, unused = (torch.randn(8, 8, device="cuda", requires_grad=True) for _ in range(2))
@@ -40,7 +40,7 @@ def test_a_graph_repeats_the_function_and_its_gradients_with_other_inputs_and_ch
             weight += 0.1
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+@pytest.mark.cuda
 def test_two_graphs_of_one_step_add_their_gradients():
     weight = torch.randn(4, device="cuda", requires_grad=True)
     x = torch.ones(4, device="cuda")

@@ -105,7 +105,7 @@ def test_rows_asked_for_many_times_get_the_same_gradient_every_time():
     torch.testing.assert_close(found[0].double(), exact, rtol=1e-4, atol=1e-2)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs CUDA")
+@pytest.mark.cuda
 @pytest.mark.parametrize(("height", "width"), [(40, 50), (7, 90), (1, 1)])
 def test_the_gpus_fused_similarity_in_values_and_gradients(height, width):
     torch.manual_seed(height)

@@ -44,7 +44,6 @@ def prepare_scene(plan: SweepPlan, scene: int) -> None:
             with_depth(exact, draft, depth, scene)
             draft.rename(plan.clip(scene, depth))
     if any(plan.config(method, 0).flow > 0 for method in plan.methods):
-        share_flow(plan.out / "flow")
         clip = open_clip(exact)
         FlowSupervision(TrainingFrames(clip, plan.config(plan.methods[0], 0).max_pixels, torch.device("cpu")), constancy=False)
 

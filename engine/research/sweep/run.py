@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Mapping
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from typing import Any
+from types import MappingProxyType
 
 from degense.engine.files import write_text
 from degense.engine.progress import Progress
@@ -20,13 +21,16 @@ from degense.engine.research.sweep.plan import SweepJob, SweepPlan
 from degense.engine.research.sweep.work import begin_process, score_job, warm_up
 from degense.engine.store.files import write_json
 
+NUMERIC = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_ENVIRONMENT = threading.Lock()
+
 
 def train_all(plan: SweepPlan, progress: Progress) -> None:
     """Train and score what is missing, until all is done or the time limit is reached."""
     started = time.monotonic()
     for folder in ("clips", "scores", "flow"):
         (plan.out / folder).mkdir(parents=True, exist_ok=True)
-    with _pool(cores(), 1, None, None) as helpers:
+    with _pool(plan, cores(), 1) as helpers:
         scenes = {scene: helpers.submit(prepare_scene, plan, scene) for scene in plan.scenes}
         late = [scene for scene in plan.scenes if plan.baselines and not all(path.exists() for path in baseline_files(plan, scene))]
         queue = _Queue(plan, scenes, started)
@@ -118,17 +122,30 @@ def _after_warm_up(plan: SweepPlan, needed: bool) -> None:
 
 
 def _slot_pool(plan: SweepPlan, number: int) -> ProcessPoolExecutor:
-    gpu = None
-    if plan.device == "cuda":
+    """The process of a slot, on its GPU."""
+    visible = [name for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name]
+    if plan.device == "cuda" and not visible:
         import torch
 
-        gpu = number % max(1, torch.cuda.device_count())
-    return _pool(1, plan.threads, gpu, plan.out / "flow")
+        visible = [str(index) for index in range(torch.cuda.device_count())]
+    return _pool(plan, 1, plan.threads, {"CUDA_VISIBLE_DEVICES": visible[number % len(visible)]} if visible else {})
 
 
-def _pool(workers: int, threads: int, gpu: int | None, flow: Any) -> ProcessPoolExecutor:
-    begin: Callable[..., None] = begin_process
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin, initargs=(threads, gpu, flow))
+def _pool(plan: SweepPlan, workers: int, threads: int, environment: Mapping[str, str] = MappingProxyType({})) -> ProcessPoolExecutor:
+    """Processes whose numeric libraries have so many threads, which they read from the environment when they are imported."""
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_process, initargs=(threads, plan.out / "flow"))
+    with _ENVIRONMENT:
+        wanted = {**dict.fromkeys(NUMERIC, str(threads)), **environment}
+        before = {name: os.environ.get(name) for name in wanted}
+        os.environ.update(wanted)
+        for _ in range(workers):
+            pool.submit(int)  # starts a process
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+    return pool
 
 
 def _say(words: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import shutil
 import time
 from pathlib import Path
@@ -12,25 +11,18 @@ from typing import Any
 from degense.engine.research.bench.child import end_with_parent
 from degense.engine.research.sweep.plan import SweepJob, SweepPlan
 
-NUMERIC = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
-
-def begin_process(threads: int, gpu: int | None, flow: Path | None) -> None:
-    """Before any numeric library is imported in this process: its threads, its GPU, and where it shares optical flow."""
-    end_with_parent()
-    os.environ |= dict.fromkeys(NUMERIC, str(threads))
-    if gpu is not None:
-        visible = [name for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name]
-        os.environ["CUDA_VISIBLE_DEVICES"] = visible[gpu % len(visible)] if visible else str(gpu)
+def begin_process(threads: int, flow: Path) -> None:
+    """What holds for this process: how many threads it has, and where it shares optical flow."""
     import cv2
     import torch
 
     from degense.engine.research.sweep.clips import share_flow
 
+    end_with_parent()
     cv2.setNumThreads(threads)
     torch.set_num_threads(threads)
-    if flow is not None:
-        share_flow(flow)
+    share_flow(flow)
 
 
 def score_job(plan: SweepPlan, job: SweepJob) -> dict[str, Any]:
