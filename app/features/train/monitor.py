@@ -172,7 +172,7 @@ class TrainingMonitor(QWidget):
         term = self._term.currentText()
         values = [(past.iteration, past.loss if term == TOTAL else past.losses.get(term)) for past in self._history]
         known = [point for point in values if point[1] is not None]
-        if self._plot.series_names() != [term]:
+        if list(self._plot.series) != [term]:
             self._plot.clear()
             self._plot.set_labels("iteration", term)
         if known:
