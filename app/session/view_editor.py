@@ -1,4 +1,4 @@
-"""Edits of the view state: each is one undoable step. No Qt."""
+"""Edits of the view state: each is one undoable step, but for the layer that is looked at. No Qt."""
 
 from __future__ import annotations
 
@@ -36,10 +36,11 @@ class ViewEditor(PersistentState):
 
     def edit(self, name: str, state: ViewState, key: str | None = None) -> None:
         """Show something else, as an undoable step called `name`. Edits with the same `key` in quick succession become one step."""
-        self._undo.do(name, self._set, self.state, state, key)
+        self._undo.do(name, self._put, self.state, state, key)
 
     def set_layer(self, layer: str) -> None:
-        self.edit(f"Show {layer}", replace(self.state, layer=layer))
+        if layer != self.state.layer:
+            self._set(replace(self.state, layer=layer))
 
     def set_decoder(self, decoder: str) -> None:
         self.edit(f"Decode masks with {decoder}", replace(self.state, decoder=decoder))
@@ -106,6 +107,10 @@ class ViewEditor(PersistentState):
     def _change_prompt(self, name: str, prompt: Prompt) -> None:
         prompts = tuple(prompt if p.text == prompt.text else p for p in self.state.prompts)
         self.edit(name, replace(self.state, prompts=prompts))
+
+    def _put(self, state: ViewState) -> None:
+        """A step of the history, under the layer that is shown now."""
+        self._set(replace(state, layer=self.state.layer))
 
     def _set(self, state: ViewState) -> None:
         before, self.state = self.state, state

@@ -7,6 +7,29 @@ from dataclasses import dataclass
 
 from degense.engine.errors import DegenseError
 
+#: Words that mean the same to the palette.
+SYNONYMS = (
+    ("movie", "video", "film", "animation"),
+    ("picture", "image", "photo", "frame", "screenshot"),
+    ("save", "export", "write", "download"),
+    ("open", "load", "import", "read"),
+    ("annotate", "label", "paint", "draw", "brush"),
+    ("mask", "segment", "prompt"),
+    ("measure", "distance", "length", "ruler"),
+    ("settings", "preferences", "options", "configuration"),
+    ("quit", "exit", "close"),
+    ("undo", "back", "revert"),
+    ("colour", "color"),
+    ("train", "reconstruct", "fit"),
+    ("movement", "motion", "displacement", "deformation"),
+    ("keys", "shortcuts", "hotkeys"),
+)
+
+
+def alike(word: str) -> set[str]:
+    """A word, small, and those that mean the same as one that it begins; a single letter begins too many."""
+    return {word}.union(*(group for group in SYNONYMS if len(word) > 1 and any(other.startswith(word) for other in group)))
+
 
 @dataclass(frozen=True)
 class Action:
@@ -101,13 +124,13 @@ class ActionRegistry:
         action.run()
 
     def search(self, text: str) -> list[Action]:
-        """Actions that can be done now and whose title or menu holds every word of `text`, word starts and titles first."""
+        """Actions that can be done now and whose title or menu holds every word of `text` or one like it, word starts and titles first."""
         words = text.casefold().split()
         ranked = []
         for order, action in enumerate(self):
             title = action.title.casefold()
             place = f"{' '.join(action.menu)} {action.help}".casefold()
-            if action.enabled() and all(word in title or word in place for word in words):
+            if action.enabled() and all(any(other in title or other in place for other in alike(word)) for word in words):
                 starts = sum(any(part.startswith(word) for part in title.split()) for word in words)
                 inside = sum(word in title for word in words)
                 ranked.append((-starts, -inside, order, action))

@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
 from degense.widgets import forms
 
 Area = Qt.DockWidgetArea
-WIDTH, SMALL = 400, 130  # of the right column; height of the panels above one that needs room; pixels
+WIDTH, SMALL = 436, 130  # of the right column; height of the panels above one that needs room; pixels
 
 
 class Docks(QObject):
@@ -133,6 +133,10 @@ class Docks(QObject):
 
     def _add_status_bar(self) -> None:
         bar = self.window.statusBar()
+        self.hint = forms.label(secondary=True, wrap=False)
+        self.hint.setAccessibleName("What the mouse does here")
+        self.hint.setMinimumWidth(1)
+        bar.addWidget(self.hint, 1)
         self.notice = forms.complaint()
         self.notice.setAccessibleName("What needs attention")
         self.notice.setTextFormat(Qt.TextFormat.RichText)

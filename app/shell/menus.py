@@ -63,8 +63,6 @@ class Menus(QObject):
         action.setObjectName(entry.id)
         action.setShortcuts([QKeySequence(key) for key in self._registry.keys(entry.id)])
         action.setCheckable(entry.checked is not None)
-        if entry.help:
-            action.setStatusTip(entry.help)
         action.triggered.connect(lambda: self.run(entry.id))
         if entry.menu:
             menu = self.menu(entry.menu)

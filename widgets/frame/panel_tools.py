@@ -20,6 +20,7 @@ class PanelTool(QObject):
     """
 
     cursor = Qt.CursorShape.CrossCursor
+    hint = ""  # what the left button does
 
     def press(self, point: QPointF, event: QMouseEvent) -> None:
         """The left button goes down."""
@@ -37,6 +38,8 @@ class PanelTool(QObject):
 
 class RegionTool(PanelTool):
     """Draw a rectangle, or freely (`lasso`), with the left button held down."""
+
+    hint = "Drag: draw around what is to be followed"
 
     drawn = Signal(list)  # (outline) a list of (x, y), pixels, of at least three corners
 

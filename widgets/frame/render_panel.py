@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, QSize, QSizeF, Qt, Signal
-from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPalette, QPen, QResizeEvent, QWheelEvent
-from PySide6.QtWidgets import QSizePolicy, QWidget
+from PySide6.QtGui import QImage, QKeyEvent, QMouseEvent, QPainter, QPalette, QPen, QResizeEvent, QStatusTipEvent, QWheelEvent
+from PySide6.QtWidgets import QApplication, QSizePolicy, QWidget
 
 from degense.widgets.forms import PaintedWidget
 from degense.widgets.frame.frame_comparison import Comparison
@@ -55,11 +55,13 @@ class RenderPanel(PaintedWidget):
         self._labels: QImage | None = None
         self._message = "Nothing to show yet"
         self.tool: PanelTool | None = None
+        self.click_hint = ""  # what a click does without a tool
         self._using_tool = False
         self._press: QPointF | None = None
         self._last = QPointF()
         self._panning = self._splitting = False
         self._inside = False
+        self.show_hint()
 
     # What is shown
 
@@ -101,8 +103,18 @@ class RenderPanel(PaintedWidget):
     def set_tool(self, tool: PanelTool | None) -> None:
         """Activate a tool, which then owns the left button; None: the left button pans and clicks again."""
         self.tool, self._using_tool = tool, False
+        self.show_hint()
         self._update_cursor(self._last)
         self.update()
+
+    def show_hint(self) -> None:
+        """Say in the status bar what the mouse does here."""
+        moves = "drag: move" if self.tool is None else "right button: move"
+        hint = self.click_hint if self.tool is None else self.tool.hint
+        tip = " · ".join(filter(None, (hint, moves, "wheel: zoom", "double click: fit" if self.tool is None else "")))
+        self.setStatusTip(tip)
+        if self.underMouse():
+            QApplication.sendEvent(self, QStatusTipEvent(tip))
 
     def grab_image(self) -> np.ndarray:
         """What is shown, uint8 [H, W, 3], at the frame's own resolution, without marks. ValueError without a frame."""

@@ -112,7 +112,7 @@ class CameraMouse(QObject):
         if isinstance(event, QKeyEvent) and kind == QEvent.Type.KeyPress:
             self._key(event)
             return True
-        return kind in (QEvent.Type.KeyRelease, QEvent.Type.Enter, QEvent.Type.Leave)
+        return kind == QEvent.Type.KeyRelease
 
     def _pressed(self, event: QMouseEvent) -> None:
         self._canvas.setFocus(Qt.FocusReason.MouseFocusReason)

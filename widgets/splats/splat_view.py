@@ -40,6 +40,7 @@ class SplatView(QWidget):
         self._canvas = SnapshotSurface(self, draw)
         self._canvas.wanted.connect(self.snapshot_wanted)
         self._canvas.setAccessibleName("Splats")
+        self._canvas.setStatusTip("Click: follow this place · drag: turn · Shift and drag: move · wheel: closer · Ctrl and wheel: cut open")
         keep_keys(self._canvas, {Qt.Key.Key_Plus, Qt.Key.Key_Minus, Qt.Key.Key_Equal})
         self.setFocusProxy(self._canvas)
         layout = QVBoxLayout(self)

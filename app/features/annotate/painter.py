@@ -11,6 +11,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QApplication
 
 from degense.app.features.annotate.state import AnnotationState
+from degense.app.features.annotate.tool import TOOLS
 from degense.app.shell.shell import Shell
 from degense.engine.annotation.painting import PixelRegion, brush, fill, holes, polygon, region_of, smaller_islands, whole_regions
 from degense.engine.clip import UNLABELLED
@@ -45,12 +46,14 @@ class Painter(QObject):
         self.strokes.radius = tool.radius
         tools: dict[str, PanelTool] = {"polygon": self.polygons, "fill": self.clicks}
         chosen = tools.get(tool.name, self.strokes)
+        chosen.hint = next(kind.description for kind in TOOLS if kind.name == tool.name)
         if not tool.active or tool.name != "polygon":
             self.polygons.cancel()
         if tool.active and self.panel.tool is not chosen:
             self.panel.set_tool(chosen)
         elif not tool.active and self.panel.tool in (self.strokes, self.polygons, self.clicks):
             self.panel.set_tool(None)
+        self.panel.show_hint()
         self.panel.update()
 
     def end(self) -> None:

@@ -64,6 +64,15 @@ class Documents(QObject):
     def open_demo(self) -> None:
         self.open_path(demo_run())
 
+    def close(self) -> None:
+        """Close what is open, once it is saved."""
+        if self.autosave.may_leave(self.close):
+            self.shell.worker.cancel("open")
+            self.path, self.clip_options = Path(), {}
+            self.facts.show_facts([], is_clip=False)
+            self.session.close()
+            self.session.opened.emit()
+
     def _open_chosen(self, path: Path | None) -> None:
         if path is not None:
             self._chosen = True

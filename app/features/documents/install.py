@@ -32,6 +32,7 @@ def install(shell: Shell) -> None:
         Action("file.open-run", "Open run…", documents.ask_for_run, menu, ("Ctrl+R",), help="reconstruction scene"),
         Action("file.demo", "Demo", documents.open_demo, menu, help="sample example"),
         Action("file.save-elsewhere", "Save elsewhere…", autosave.save_elsewhere, menu, (), movable, group=1, help="another folder disk"),
+        Action("file.close", "Close", documents.close, menu, ("Ctrl+W",), lambda: session.frames > 0),
         Action("file.save", "Save view", autosave.save, menu, ("Ctrl+S",), lambda: session.frames > 0 and session.dirty, group=1),
     )
     shell.started.connect(lambda: _add_recent(shell, documents))

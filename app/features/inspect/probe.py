@@ -66,6 +66,8 @@ class Probe(QObject):
         self.worker.cancel("probe")
         self.worker.cancel("curves")
         self.dock.setEnabled(self.session.scene is not None)
+        self.viewer.panel.click_hint = "Click: follow this place" if self.session.scene is not None else ""
+        self.viewer.panel.show_hint()
         self.panel.clear()
         self._clear_curves()
         self._mark(None)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import get_args
+
+from PySide6.QtCore import Qt
 
 from degense.app.features.viewer.controller import Viewer
 from degense.app.session.view_state import Compare
@@ -51,6 +54,15 @@ def add_actions(viewer: Viewer) -> None:
 def _add_view_actions(viewer: Viewer) -> None:
     session, view, menu = viewer.session, viewer.session.view, ("View",)
 
+    def full_screen() -> None:
+        viewer.shell.setWindowState(viewer.shell.windowState() ^ Qt.WindowState.WindowFullScreen)
+
+    def zoom(factor: float) -> None:
+        viewer.panel.zoom.set_factor(viewer.panel.zoom.factor() * factor)
+
+    def zoom_action(name: str, title: str, run: Callable[[], None], *keys: str) -> Action:
+        return Action(f"view.{name}", title, run, ("View", "Zoom"), keys, lambda: session.frames > 0, help="zoom")
+
     def more_opacity(step: float) -> None:
         view.set_overlay_opacity(session.view_state.overlay_opacity + step)
 
@@ -66,7 +78,11 @@ def _add_view_actions(viewer: Viewer) -> None:
             group=1,
             help="3D camera surgeon's view",
         ),
-        Action("view.fit", "Fit the frame", viewer.panel.zoom.fit, menu, ("F",), lambda: session.frames > 0, group=1, help="zoom"),
+        Action("view.full-screen", "Full screen", full_screen, menu, ("F11",), checked=viewer.shell.isFullScreen, group=1),
+        zoom_action("fit", "Fit the frame", viewer.panel.zoom.fit, "F"),
+        zoom_action("in", "Zoom in", partial(zoom, 1.25), "Ctrl++", "Ctrl+="),
+        zoom_action("out", "Zoom out", partial(zoom, 0.8), "Ctrl+-"),
+        zoom_action("pixels", "Pixels one to one", lambda: viewer.panel.zoom.set_factor(1.0), "Ctrl+0"),
         Action(
             "masks.shown",
             "Show masks",

@@ -131,6 +131,8 @@ class Viewer(QObject):
         elif session.clip is not None:
             clip, frame = session.clip, session.frame
             self.worker.submit("view", lambda: draw_clip(clip, frame), self._show, self._failed)
+        else:
+            self.worker.cancel("view")
 
     def _playing_changed(self, playing: bool) -> None:
         if not playing:

@@ -28,6 +28,15 @@ def test_ids_and_keys_are_unique_and_titles_there(registry, action):
         registry.add(action)
 
 
+@pytest.mark.parametrize(
+    ("typed", "action"), [("video", "export.movie"), ("film", "export.movie"), ("vid", "export.movie"), ("exit", "file.quit")]
+)
+def test_search_knows_words_that_mean_the_same(typed, action):
+    registry = ActionRegistry()
+    registry.add(Action("file.quit", "Quit", print, ("File",)), Action("export.movie", "Movie of the layer…", print, ("File",)))
+    assert [found.id for found in registry.search(typed)] == [action]
+
+
 def test_search_ranks_word_starts_and_leaves_out_what_cannot_be_done(registry):
     assert [action.id for action in registry.search("de")] == ["view.depth", "file.open"]
     assert [action.id for action in registry.search("FOLDER")] == ["file.open"]

@@ -223,7 +223,7 @@ def test_the_view_state_is_saved_with_the_run_and_found_again(session, tmp_path)
     again.open_scene(FakeScene(tmp_path))
     assert (again.view_state.layer, [prompt.text for prompt in again.view_state.prompts]) == ("depth", ["liver"])
     assert not again.dirty
-    again.view.set_layer("rgb")
+    again.view.set_threshold(0.3)
     again.undo.undo()
     assert not again.dirty
 

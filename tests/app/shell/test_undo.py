@@ -15,17 +15,18 @@ def test_the_history_names_every_edit_and_a_click_goes_there(qtbot, opened, idle
     session.view.set_layer("mask")
     idle()
     opened.registry.run("edit.history")
-    assert [history.item(row).text() for row in range(history.count())] == ["As opened", "Show depth", "Prompt liver", "Show mask"]
+    session.view.set_threshold(0.25)
+    texts = [history.item(row).text() for row in range(history.count())]
+    assert texts == ["As opened", "Prompt liver", "Mask threshold"]  # the layer that is looked at is no edit either
     place = history.visualItemRect(history.item(1)).center()
     qtbot.mouseClick(history.viewport(), Qt.MouseButton.LeftButton, pos=place)
     idle()
-    assert (session.view_state.layer, session.view_state.prompts, session.frame) == ("depth", (), 4)
+    assert (session.view_state.layer, session.view_state.threshold, session.frame) == ("mask", 0.5, 4)
     entries = [history.item(row) for row in range(history.count())]
     assert [entry.text() for entry in entries if entry.font().italic()] == [
-        "Prompt liver",
-        "Show mask",
+        "Mask threshold",
     ]
     screenshot(opened, "history")
     qtbot.keyClick(opened, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier)
-    assert [prompt.text for prompt in session.view_state.prompts] == ["liver"]
+    assert session.view_state.threshold == 0.25
     assert history.currentRow() == 2

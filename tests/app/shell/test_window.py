@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
+import re
 import subprocess
 import sys
 
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QDialog, QMessageBox
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QDialog, QMessageBox, QTabBar
 
 from degense.app.shell.palette import Palette
 from degense.engine.layers import LAYERS
@@ -41,6 +43,82 @@ def test_the_palette_finds_and_runs(qtbot, opened, idle, screenshot):
     qtbot.keyClick(palette.input, Qt.Key.Key_Return)
     idle()
     assert opened.session.view_state.layer == "displacement"
+
+
+def test_the_hint_of_the_empty_window_names_a_menu_that_is_there(window):
+    path = re.search(r"(\w+) ▸ (\w+)", on.viewer(window).panel._message)
+    assert any((action.menu, action.title) == ((path[1],), path[2]) for action in window.registry)
+
+
+def test_the_status_bar_says_what_the_mouse_would_do(qtbot, opened, idle, screenshot):
+    """Over each view, with a tool, and under a message; nothing elsewhere."""
+    panel, splats, hint = on.viewer(opened).panel, on.viewer(opened).splats, opened.docks.hint
+
+    def over(widget) -> str:
+        QTest.mouseMove(widget, widget.rect().center() + QPoint(1, 1))
+        QTest.mouseMove(widget, widget.rect().center())
+        qtbot.wait(50)
+        return hint.text()
+
+    assert over(panel).startswith("Click: follow this place · drag: move")
+    screenshot(opened, "hint")
+    assert "drag: turn" in over(splats.focusProxy())
+    over(panel)
+    opened.registry.run("inspect.rectangle")
+    assert hint.text().startswith("Drag: draw around")
+    opened.registry.run("inspect.rectangle")
+    opened.registry.run("annotate.mode")
+    assert hint.text().startswith("Paint the current class")
+    qtbot.keyClick(panel, Qt.Key.Key_E)
+    assert hint.text().startswith("Make pixels unlabelled")
+    opened.registry.run("annotate.mode")
+    opened.say("Saved")
+    assert not hint.isVisible()
+    opened.statusBar().clearMessage()
+    assert hint.isVisible()
+    assert over(opened.menuBar()) == ""
+
+
+def test_zoom_full_screen_and_close(qtbot, opened, idle, screenshot):
+    panel, session = on.viewer(opened).panel, opened.session
+    panel.setFocus()
+    fitted = panel.zoom.factor()
+    qtbot.keyClick(panel, Qt.Key.Key_Plus, Qt.KeyboardModifier.ControlModifier)
+    assert panel.zoom.factor() == pytest.approx(1.25 * fitted)
+    qtbot.keyClick(panel, Qt.Key.Key_Minus, Qt.KeyboardModifier.ControlModifier)
+    assert panel.zoom.factor() == pytest.approx(fitted)
+    qtbot.keyClick(panel, Qt.Key.Key_0, Qt.KeyboardModifier.ControlModifier)
+    assert panel.zoom.factor() == 1.0
+    qtbot.keyClick(panel, Qt.Key.Key_F)
+    assert panel.zoom.factor() == fitted
+    qtbot.keyClick(panel, Qt.Key.Key_F11)
+    assert opened.isFullScreen()
+    qtbot.keyClick(panel, Qt.Key.Key_F11)
+    assert not opened.isFullScreen()
+    session.view.add_prompt("liver")
+    folder = session.scene.run.path
+    qtbot.keyClick(panel, Qt.Key.Key_W, Qt.KeyboardModifier.ControlModifier)
+    idle()
+    assert (session.scene, session.clip, session.frames, opened.windowTitle()) == (None, None, 0, "DeGense[*]")
+    assert not on.viewer(opened).splats.isVisible()
+    assert panel._frame is None
+    screenshot(opened, "closed")
+    on.documents(opened).open_path(folder)  # it was saved
+    idle()
+    assert [prompt.text for prompt in session.view_state.prompts] == ["liver"]
+
+
+def test_no_name_of_a_tab_is_cut(qtbot, opened, idle):
+    """Also with one more panel, in another theme, and after a panel was taken out and put back."""
+    opened.registry.run("cameras.add")
+    state = opened.docks.state()
+    on.dock(opened, "Probe").setFloating(True)
+    opened.docks.restore(state)
+    opened.registry.run("theme.light")
+    idle()
+    bar = next(bar for bar in opened.findChildren(QTabBar) if bar.parent() is opened and bar.count() == 6)
+    assert bar.elideMode() == Qt.TextElideMode.ElideNone
+    assert bar.tabRect(bar.count() - 1).right() <= bar.width()
 
 
 def test_the_cheat_sheet_lists_all_keys(opened, screenshot):
