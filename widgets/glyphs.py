@@ -32,14 +32,7 @@ _GLYPHS = {
 
 
 class GlyphButton(QToolButton):
-    """A tool button with one of the glyphs above.
-
-    Parameters
-    ----------
-    glyph : str
-    name : str
-        What it does: accessible name and tooltip.
-    """
+    """A tool button with one of the glyphs above; its name, which is its tooltip too, says what it does."""
 
     def __init__(self, glyph: str, name: str, parent: QWidget | None = None, clicked: Callable[[], object] | None = None) -> None:
         super().__init__(parent)

@@ -28,14 +28,8 @@ class Edit:
 class UndoStack:
     """A list of edits with a cursor. Edits hold states: undoing applies the state before, redoing the state after.
 
-    Parameters
-    ----------
-    limit : int
-        Edits kept; the oldest go first.
-    memory : int
-        Bytes that all edits together may hold. The last edit stays whatever its size.
-    merge_seconds : float
-        Pause after which an edit with the same key starts a new step.
+    Of the edits at most `limit` are kept, and so many as hold no more than `memory` bytes, but the last whatever its size. After a pause of
+    `merge_seconds` an edit with the same key starts a new step.
     """
 
     def __init__(

@@ -50,19 +50,10 @@ class Docks(QObject):
     def add(
         self, title: str, widget: QWidget, place: Literal["right", "tab", "bottom"] = "tab", *, height: int = 0, hidden: bool = False
     ) -> QDockWidget:
-        """Add a panel.
+        """Add a panel, by whose title saved layouts know it: in the right column, as one of the tabs in its lower part, or at the bottom.
 
-        Parameters
-        ----------
-        title : str
-            Unique: saved layouts know the panel by it.
-        place : {"right", "tab", "bottom"}
-            The right column, one of the tabs in the column's lower part (it scrolls, so that no panel can push the window beyond the
-            screen), or the bottom.
-        height : int
-            Share of the right column, pixels; of tabs the first one's counts.
-        hidden : bool
-            Whether it is closed at first; the bottom ones always are.
+        Tabs scroll, so that no panel can push the window beyond the screen. `height` is a share of the right column, pixels; of tabs the
+        first one's counts. A `hidden` one is closed at first; the bottom ones always are.
         """
         dock = QDockWidget(title, self.window)
         dock.setObjectName(title)

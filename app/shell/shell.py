@@ -98,16 +98,8 @@ class Shell(QMainWindow):
     ) -> None:
         """Run a job whose steps are (fraction, what is being done), with its progress in the status bar and its errors in a dialog.
 
-        Parameters
-        ----------
-        title : str
-            Shown while it runs, for example "Exporting liver.mp4".
-        done : callable, optional
-            Takes the result; a DegenseError it raises is shown. By default the result is a sentence, which is shown.
-        failed : callable, optional
-            Takes what went wrong once it is shown.
-        detailed : bool
-            Show what is being done too.
+        The title, for example "Exporting liver.mp4", is shown while it runs, with what is being done if `detailed`. `done` takes the
+        result; a DegenseError it raises is shown. By default the result is a sentence, which is shown. `failed` takes what went wrong.
         """
 
         def finished(result: Any) -> None:

@@ -23,11 +23,8 @@ class SplatView(QWidget):
 
     Locked, it shows what the surgeon's camera sees; a drag unlocks the camera. The wheel with Ctrl cuts away what is near.
 
-    Parameters
-    ----------
-    draw : SnapshotDrawer
-        Renders a snapshot at once, for screenshots. Otherwise the owner renders them elsewhere: `snapshot_wanted` requests one,
-        `snapshot_request` says of what, and `show_snapshot` shows it.
+    `draw` renders a snapshot at once, for screenshots. Otherwise the owner renders them elsewhere: `snapshot_wanted` requests one,
+    `snapshot_request` says of what, and `show_snapshot` shows it.
     """
 
     picked = Signal(int)  # (index) of the clicked splat, −1 for none

@@ -16,15 +16,7 @@ _NAME, _FRAME, _SECONDS = range(3)
 
 
 class CameraList(QWidget):
-    """Rows of name, frame and seconds to the next row; name and seconds are edited in place.
-
-    Parameters
-    ----------
-    book : CameraBook
-        What is listed and edited.
-    say : callable
-        Called with a sentence when an edit is refused.
-    """
+    """Rows of name, frame and seconds to the next row; name and seconds are edited in place. `say` tells when an edit is refused."""
 
     add_requested = Signal()
     update_requested = Signal(int)

@@ -33,14 +33,8 @@ EMPTY = {"precomputed": "beside the clip", "vlm": "of the model"}
 class TrainDialog(forms.Dialog):
     """Asks for a `TrainingJob`. Every choice is explained, and cost and errors are shown at once.
 
-    Parameters
-    ----------
-    answers : dict
-        What the user has chosen for the clip (`ClipOptions`).
-    last : dict
-        The answers of the last training (`TrainingJob.answers`).
-    queued : bool
-        Whether another training runs, so that this one will wait.
+    `answers` are what the user has chosen for the clip (`ClipOptions`), `last` those of the last training (`TrainingJob.answers`); it is
+    `queued` when another training runs, so that this one will wait.
     """
 
     def __init__(self, clip: Clip, answers: dict[str, Any], last: dict[str, Any], queued: bool, parent: QWidget) -> None:

@@ -35,13 +35,7 @@ UNITS = {
 
 
 def layer_help(units: dict[str, str]) -> str:
-    """The page as HTML.
-
-    Parameters
-    ----------
-    units : dict
-        The layers' units in the run that is open; empty when there is none.
-    """
+    """The page as HTML, with the layers' units in the run that is open; empty when there is none."""
     parts = [
         "<p>Every layer is drawn from the Gaussians of the instant. In a pixel, Gaussian i has the weight "
         "w<sub>i</sub> = α<sub>i</sub> · Π (1 − α<sub>j</sub>) over those in front of it; t₀ is the reference frame. "

@@ -17,14 +17,7 @@ if TYPE_CHECKING:
 
 
 class SequenceRanges:
-    """The value of the first and the last colour of each layer that was shown.
-
-    Parameters
-    ----------
-    found : callable
-        Called when a range that was missing is known.
-    failed : callable (message)
-    """
+    """The value of the first and the last colour of each layer that was shown; `found` is called when one that was missing is known."""
 
     def __init__(self, shell: Shell, found: Callable[[], None], failed: Callable[[str], None]) -> None:
         self._shell, self._found, self._failed = shell, found, failed

@@ -52,17 +52,9 @@ class FrameSemantics:
 
     What is handed over as tensors stays on their device until a mask is read.
 
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3] or None
-        The rendered colour: an array, or a tensor when the latent is one. None for latents that are no picture, such as those of
-        Gaussians; all decoders then work element by element.
-    latent : float32 [H, W, d]
-        The rendered latent; zero and non-finite pixels have similarity 0.
-    basis : Basis
-        Of rank d.
-    alpha : float32 [H, W], optional
-        Rendered opacity; weighs the similarity.
+    Rendered are the colour uint8 [H, W, 3], the latent float32 [H, W, d], d the rank of the basis, whose zero and non-finite pixels have
+    similarity 0, and the opacity `alpha` float32 [H, W], which weighs the similarity. Colours are None for latents that are no picture,
+    such as those of Gaussians; all decoders then work element by element.
     """
 
     def __init__(
