@@ -80,13 +80,7 @@ class TrainingFrames:
 
 
 class FrameOrder:
-    """Which training frame is drawn next: all of them in a new random order each round. Also the source of a trainer's other choices.
-
-    Parameters
-    ----------
-    frames : sequence of int
-    seed : int
-    """
+    """Which training frame is drawn next: all of them in a new random order each round. Also the source of a trainer's other choices."""
 
     def __init__(self, frames: Sequence[int], seed: int):
         self.frames, self.random = list(frames), np.random.default_rng(seed)

@@ -42,14 +42,7 @@ class FieldState(NamedTuple):
 class FieldPass:
     """All Gaussians at a frame's time, their centres at another time, and the regularizers of their deformation.
 
-    Parameters
-    ----------
-    model : SceneModel
-    config : TrainConfig
-    neighbours : (index, weight) or None
-        For local rigidity.
-    deform : bool
-        False in the coarse stage: the Gaussians are drawn where they are, and the field learns from optical flow alone.
+    Without `deform`, in the coarse stage, the Gaussians are drawn where they are, and the field learns from optical flow alone.
     """
 
     def __init__(self, model: SceneModel, config: TrainConfig, neighbours: Neighbours | None, *, deform: bool):

@@ -17,17 +17,11 @@ from degense.engine.errors import ClipError
 
 
 class DepthFiles:
-    """Depth maps stored one a frame, .npy (as they are) or 8/16-bit pictures (raw values); 0 and what is not finite mean unknown.
+    """Depth maps stored one a frame, .npy (as they are) or 8/16-bit pictures (raw values); 0 and what is not finite mean unknown."""
 
-    Parameters
-    ----------
-    size : (width, height)
-    limits : (float, float), optional
-        Depths are clipped to this range; see `robust_limits`.
-    """
-
-    def __init__(self, files: list[Path], size: tuple[int, int], limits: tuple[float, float] | None = None):
-        self.files, self.size, self.limits = files, size, limits
+    def __init__(self, files: list[Path], size: tuple[int, int]):
+        self.files, self.size = files, size
+        self.limits: tuple[float, float] | None = None  # depths are clipped to this range; see `robust_limits`
 
     def read(self, index: int) -> np.ndarray:
         """float32 [H, W], 0 where unknown. ClipError for a damaged file."""
@@ -153,14 +147,7 @@ class DepthPrior:
     On synthetic surgeries with known depth the bare formula has a mean error of .29 in log depth, a flat guess .08: albedo is not even.
     The part of the brightness that colour predicts (by ridge regression) is therefore attributed to albedo, the rest is halved and
     smoothed, which brings the error to .06. The regression and the scale are fitted once for all frames, so depth does not jump when a
-    tool enters.
-
-    Parameters
-    ----------
-    frames : list of uint8 [H, W, 3]
-        Some frames of the clip.
-    usable : list of bool [H, W]
-        Their pixels that show tissue.
+    tool enters. `frames`, uint8 [H, W, 3], are some of the clip, and `usable`, bool [H, W], their pixels that show tissue.
     """
 
     def __init__(self, frames: Sequence[np.ndarray], usable: Sequence[np.ndarray], camera: Camera):

@@ -25,7 +25,7 @@ SMOOTH = 0.1  # λ, pixels
 DAMPING = 1e-6  # squared pixels: keeps the system regular where weights vanish
 
 
-def refine(viewmats: np.ndarray, tracks: list[Track], camera: Camera, loose: float = LOOSE) -> np.ndarray:
+def refine(viewmats: np.ndarray, tracks: list[Track], camera: Camera) -> np.ndarray:
     """Poses that fit all tracks; the first frame stays where it is.
 
     Parameters
@@ -36,15 +36,13 @@ def refine(viewmats: np.ndarray, tracks: list[Track], camera: Camera, loose: flo
         Depths in units in which a typical one is 1.
     camera : Camera
         Intrinsics of all frames.
-    loose : float
-        Scale of ρ to begin with, pixels.
 
     Returns
     -------
     float64 [T, 4, 4]
     """
     viewmats = viewmats.copy()
-    scales = [loose]
+    scales = [LOOSE]
     while scales[-1] > TIGHT:
         scales.append(max(TIGHT, scales[-1] * SHRINK))
     rays = [_unproject(track, camera) for track in tracks]
@@ -138,6 +136,4 @@ def _moved(viewmats: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 def _cross(vectors: np.ndarray) -> np.ndarray:
     """[v]×, [n, 3, 3]."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], 1).reshape(-1, 3, 3)
+    return np.cross(np.eye(3), vectors[:, None])

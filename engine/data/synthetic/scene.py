@@ -33,17 +33,7 @@ class PhantomFrame:
 
 
 class PhantomScene:
-    """Tissue, tools, light and camera of one seed.
-
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    width, height : int
-        Pixels.
-    camera_motion : float
-        Amplitude of the camera's path, mm.
-    """
+    """Tissue, tools, light and camera of one seed; see `engine.data.synthetic.clip.PhantomOptions`."""
 
     def __init__(self, kind: str, width: int, height: int, seed: int, camera_motion: float):
         self.width, self.height, self.camera_motion = width, height, camera_motion

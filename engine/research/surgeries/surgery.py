@@ -10,9 +10,10 @@ import numpy as np
 from degense.engine.data.synthetic.paint import distance_to_path, smoothstep
 from degense.engine.data.synthetic.render import CHARS
 from degense.engine.data.synthetic.stage import Optics, approach, looking
-from degense.engine.data.synthetic.tools import Tool, direction, grasper, hook, scissors, suction
+from degense.engine.data.synthetic.tools import Tool, direction, grasper, hook
 from degense.engine.research.surgeries.plan import Burn, Pull, SurgeryPlan, draw_plan
 from degense.engine.research.surgeries.tissue import build_tissue
+from degense.engine.research.surgeries.tools import scissors, suction
 
 FAR_BACK = 75.0  # mm that a tool is drawn back before it enters
 CALM = 2.0, 20.0  # mm beyond a static burn's radius: no motion within the first, full motion beyond the second

@@ -10,7 +10,6 @@ from torch import Tensor
 from degense.engine.field import SceneModel
 from degense.engine.motion import confidence
 from degense.engine.motion.observed import TEXTURE
-from degense.engine.progress import Progress, silent
 from degense.engine.raster import camera_depths, rasterize
 from degense.engine.raster.camera_tensors import project, view_and_lens
 from degense.engine.training.flow.motion_error import look_up, surface_visibility
@@ -19,7 +18,7 @@ from degense.engine.training.frames import TrainingFrames
 
 
 @torch.no_grad()
-def motion_observability(model: SceneModel, frames: TrainingFrames, flow: FlowSupervision, progress: Progress = silent) -> Tensor:
+def motion_observability(model: SceneModel, frames: TrainingFrames, flow: FlowSupervision) -> Tensor:
     """In which share of its frames the images reveal how far a Gaussian has moved, float32 [N] in [0, 1].
 
         observability_i = Σ_t v_i(t) · s(p_i(t), t) / Σ_t v_i(t)
@@ -40,8 +39,7 @@ def motion_observability(model: SceneModel, frames: TrainingFrames, flow: FlowSu
     others = [i for i in clip.train_frames if i != reference] or [reference]
     revealed_frames = torch.zeros(len(model), device=model.bounds.device)
     seen = torch.zeros_like(revealed_frames)
-    for done, i in enumerate(others):
-        progress(done / len(others), "asking which motion the images reveal")
+    for i in others:
         camera = frames.cameras[i]
         splats = model.at(clip.time(i), semantics=False).splats
         depth = camera_depths(splats.means, camera)[:, None]
