@@ -45,14 +45,8 @@ def graphed(
 ) -> Callable[..., tuple[Tensor, ...]]:
     """`function`, as a `CudaGraphFunction` on CUDA; itself on the CPU, where nothing is gained.
 
-    Parameters
-    ----------
-    function : callable
-        Of tensors only, to a tuple of tensors; see `capture`.
-    examples : sequence of Tensor
-        Arguments of the shapes and types that it will be called with; where a gradient is wanted they require one.
-    parameters : sequence of Tensor
-        What else it reads that needs a gradient.
+    `examples` are arguments of the shapes and types that it will be called with, tensors all; where a gradient is wanted they require one.
+    `parameters` are what else it reads that needs a gradient.
     """
     return CudaGraphFunction(function, examples, parameters) if examples[0].device.type == "cuda" else function
 

@@ -83,20 +83,10 @@ def sampler(points: Tensor) -> Callable[[Tensor, Sequence[Tensor], Sequence[Tens
 
 
 def sample_level(points: Tensor, space: Tensor, line: Tensor) -> Tensor:
-    """One level in plain torch, any device and precision.
+    """One level in plain torch, any device and precision: the product of six samples at points [N, 3] in [-1, 1], float [N, C].
 
-    Parameters
-    ----------
-    points : float [N, 3] in [-1, 1]
-    space : float [3, R, R, C]
-        Planes xy, xz, yz; the first named axis runs along the columns.
-    line : float [3, R, C]
-        Time planes at one time, along x, y, z.
-
-    Returns
-    -------
-    float [N, C]
-        Product of the six samples.
+    `space` [3, R, R, C] are the planes xy, xz, yz, of which the first named axis runs along the columns; `line` [3, R, C] are the time
+    planes at one time, along x, y, z.
     """
     grid = torch.stack([points[:, [0, 1]], points[:, [0, 2]], points[:, [1, 2]]])[:, :, None].to(space.dtype)
     planes = F.grid_sample(space.permute(0, 3, 1, 2), grid, padding_mode="border", align_corners=True)[..., 0]

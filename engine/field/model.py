@@ -64,7 +64,6 @@ class SceneModel(nn.Module):
 
     Parameters
     ----------
-    config : FieldConfig
     bounds : float [2, 3]
         Lower and upper corner of the box that the planes cover; frozen.
     canonical : dict of Tensor
@@ -72,11 +71,7 @@ class SceneModel(nn.Module):
         `color_residuals` [N, color_knots, 3]: added to the colour, a spline over the knots. `temporal_windows` [N, 2]: centre τ and
         inverse scale ω of a Gaussian's temporal window, which are set at initialisation and not learned; ω = 0 is persistent.
         `velocities` [N, 3]: linear motion of a transient Gaussian in 1/ω, added to the deformation, within `MAX_AGE`/ω of τ.
-
-    Raises
-    ------
-    ValueError
-        If a shape is another.
+        ValueError if a shape is another.
     """
 
     bounds: Tensor
@@ -148,18 +143,10 @@ class SceneModel(nn.Module):
         return (points - low) / (high - low) * 2.0 - 1.0
 
     def at(self, t: float | Tensor, *, deform: bool = True, semantics: bool = True, other: float | Tensor | None = None) -> State:
-        """The scene at time `t` ∈ [-1, 1].
+        """The scene at time `t` ∈ [-1, 1], and with `other` the centres at a second time.
 
-        Parameters
-        ----------
-        t : float or float []
-            A tensor on the model's device where the call is recorded in a CUDA graph.
-        deform : bool
-            False draws the canonical Gaussians (the coarse stage).
-        semantics : bool
-            False skips everything that only semantics need; the splats then carry no latents.
-        other : float or float [], optional
-            A second time, for which only the centres are computed.
+        Times are tensors on the model's device where the call is recorded in a CUDA graph. Without `deform` it is the canonical Gaussians
+        (the coarse stage); without `semantics` the splats carry no latents, and everything that only latents need is skipped.
         """
         latents = self.canonical["semantics"] if semantics else self.canonical["semantics"][:, :0]
         if not deform or self.config.static:

@@ -46,11 +46,9 @@ class MotionScores:
     "Nothing moves" wins `spurious_displacement` and `false_motion`: never show these without correlation, error and recovered share.
     A score without pixels, and a correlation with a constant, is None.
 
-    Parameters
-    ----------
-    depth : float or None
-        Of the scene, in scene units (`scene_depth`). Tissue that moved no farther than the share `static` of it counts as static: an
-        absolute threshold would call half of a scene that is measured in decimetres static. None: nothing but standing still is static.
+    `depth` is that of the scene, in scene units (`scene_depth`). Tissue that moved no farther than the share `static` of it counts as
+    static: an absolute threshold would call half of a scene that is measured in decimetres static. None: nothing but standing still is
+    static.
     """
 
     def __init__(self, depth: float | None, static: float = STATIC):

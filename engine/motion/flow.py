@@ -73,20 +73,12 @@ def follow(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Flow between the first frame and every later one, as it grows from frame to frame.
 
-    Small steps are chained, which follows motion of any size but drifts; the result starts a search of its own between the two far
-    frames, which removes drift but may lose large motion; each pixel keeps the one after which the frames look more alike.
+    Small steps are chained, which follows motion of any size but drifts; the result starts a search of its own between the two far frames,
+    which removes drift but may lose large motion; each pixel keeps the one after which the frames look more alike. Yields flow first →
+    frame and frame → first, float32 [H, W, 2] both, for the second frame, the third, …
 
-    Parameters
-    ----------
-    frames : iterable of uint8 [H, W, 3]
-        In the order of time, near enough to each other for `flow_between`.
-    steps : iterable of (flow there, flow back), optional
-        Between neighbouring frames, where they were measured already (`steps_between`).
-
-    Yields
-    ------
-    (float32 [H, W, 2], float32 [H, W, 2])
-        first → frame and frame → first, for the second frame, the third, …
+    Frames uint8 [H, W, 3] come in the order of time, near enough to each other for `flow_between`. `steps` are flow there and back between
+    neighbouring frames, where it was measured already (`steps_between`).
     """
     first = before = None
     measured = None if steps is None else iter(steps)

@@ -63,14 +63,14 @@ def rasterize(
     Differentiable (once) in everything but the camera; work for inputs that need no gradient is skipped. Any number of threads may
     draw at once. What becomes of numbers that are not finite or out of range is said at the head of this file.
 
+    ValueError for wrong shapes, types or devices.
+
     Parameters
     ----------
     splats : Splats
         Means, quaternions, scales and opacities are read. Scales have the unit of the means.
     features : float [N, C]
         Any C ≥ 1, for example `splats.colors`; all channels are blended in one pass.
-    camera : Camera
-        Its size is the picture's.
     background : float [C] or None
         Seen where light is left. None is zero.
     screen_offsets : float [N, 2] or None
@@ -87,11 +87,6 @@ def rasterize(
     Render
         float32 whatever the inputs' type: half precision and float64 are computed in float32, and gradients come back in the
         inputs' own type.
-
-    Raises
-    ------
-    ValueError
-        Wrong shapes, types or devices.
     """
     _check(splats, features, camera, background, screen_offsets)
     means = splats.means

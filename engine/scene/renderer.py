@@ -36,21 +36,11 @@ class Renderer:
         self._cache = Latest(FRAME_BYTES)
 
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
-        """Draw one instant, all wanted channels in one pass.
+        """Draw one instant, all wanted channels and `alpha` [H, W] in one pass; without a camera by the surgeon's, whose frames are kept.
 
-        Parameters
-        ----------
-        camera : Camera or None
-            None is the surgeon's camera, whose frames are kept.
-        what : tuple of str
-            Of `CHANNELS`: `rgb` float32 [H, W, 3] in [0, 1]; `depth` float32 [H, W], clip units; `latent` float32 [H, W, d];
-            `displacement` float32 [H, W], clip units, of the persistent Gaussians where there are any; `motion` float32 [H, W, 2], pixels
-            from here to the same point at the reference frame; `observability` float32 [H, W] in [0, 1]. All but the colours and latents
-            are NaN where nothing is.
-
-        Returns
-        -------
-        dict with those names and `alpha` [H, W].
+        Of `CHANNELS`, float32: `rgb` [H, W, 3] in [0, 1]; `depth` [H, W], clip units; `latent` [H, W, d]; `displacement` [H, W], clip
+        units, of the persistent Gaussians where there are any; `motion` [H, W, 2], pixels from here to the same point at the reference
+        frame; `observability` [H, W] in [0, 1]. All but the colours and latents are NaN where nothing is.
         """
         if unknown := set(what) - set(CHANNELS):
             raise ValueError(f"nothing is called {sorted(unknown)}; choose from {CHANNELS}")

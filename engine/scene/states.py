@@ -21,15 +21,8 @@ STATE_BYTES = 1 << 30
 class States:
     """Baked states of a trained scene. Lengths are in the clip's unit; frames may be fractional.
 
-    Parameters
-    ----------
-    model : SceneModel
-    unit : float
-        Lengths of the model are those of the clip, times this.
-    frames, reference_frame : int
-        How many there are, and the one from which displacement is measured.
-    observability : float [N] or None
-        Share of its frames in which the recording reveals how far each Gaussian has moved; None for a run that kept none.
+    Lengths of the model are those of the clip, times `unit`. Displacement is measured from the reference frame. `observability` float [N]
+    is the share of its frames in which the recording reveals how far each Gaussian has moved; None for a run that kept none.
     """
 
     def __init__(self, model: SceneModel, unit: float, frames: int, reference_frame: int, observability: Tensor | None):

@@ -18,9 +18,7 @@ FLOW_SECONDS = 0.25  # a training frame, both ways
 def estimate(clip: Clip, config: TrainConfig) -> dict[str, Any]:
     """Seconds, megabytes and words for training `clip` with `config` on its device. Order of magnitude, not a promise.
 
-    Returns
-    -------
-    dict with `seconds`, `memory_mb`, `gaussians`, `words`
+    The keys are `seconds`, `memory_mb`, `gaussians` and `words`.
     """
     device = choose_device(config.device).type
     width, height = clip.size

@@ -52,16 +52,9 @@ class Density:
     def step(self, optimizer: torch.optim.Optimizer, generator: torch.Generator, *, prune: bool = True) -> dict[str, int]:
         """Prune what was never visible enough since the last pruning, then clone and split where the gradient is largest.
 
-        Parameters
-        ----------
-        prune : bool
-            Only when every training frame was observed since the last pruning: what lives or is in view for a few frames of a long clip
-            has not had its turn before. Until then its visibility is remembered; children begin with that of their parents.
-
-        Returns
-        -------
-        dict of str to int
-            How many were pruned, cloned and split.
+        `prune` only when every training frame was observed since the last pruning: what lives or is in view for a few frames of a long clip
+        has not had its turn before. Until then its visibility is remembered; children begin with that of their parents. Returns how many
+        were pruned, cloned and split.
         """
         canonical = self.model.canonical
         score = self.gradient / self.seen.clamp_min(1)

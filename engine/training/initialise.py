@@ -40,22 +40,9 @@ def initial_gaussians(
     transient points around their key frame, so that nothing that comes later hides what was there before. Tissue that only moved is
     recognised by its flow from the first frame and gives none: the field moves what is there.
 
-    Parameters
-    ----------
-    budget : int
-        At most this many points. Where that is too few, the first frame keeps its own and all key frames give up the same share.
-
-    Returns
-    -------
-    canonical : dict of Tensor
-        See `engine.field.SceneModel`.
-    bounds : float [2, 3]
-        Robust percentiles of the cloud (0.5 – 99.5) with a margin of a tenth of their extent.
-
-    Raises
-    ------
-    ClipError
-        When hardly a pixel is valid.
+    There are at most `budget` points; where that is too few, the first frame keeps its own and all key frames give up the same share. The
+    bounds float [2, 3] are robust percentiles of the cloud (0.5 – 99.5) with a margin of a tenth of their extent. ClipError when hardly a
+    pixel is valid.
     """
     width, height = frames.size
     stride = max(1.0, float(np.sqrt(width * height / (0.6 * budget))))

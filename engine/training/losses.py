@@ -60,14 +60,6 @@ def ssim_map(image: Channels, target: Channels) -> Channels:
     """Structural similarity per pixel and channel.
 
     Gaussian window 11 × 11, σ 1.5, zeros outside, C1 = 0.01², C2 = 0.03² for values in [0, 1] (Wang et al. 2004).
-
-    Parameters
-    ----------
-    image, target : float [H, W, C]
-
-    Returns
-    -------
-    float [H, W, C]
     """
     if image.device.type == "cuda" and image.dtype == torch.float32 and not target.requires_grad and find_spec("triton") is not None:
         from degense.engine.training.ssim_cuda import similarity
@@ -83,11 +75,7 @@ def photometric(image: Picture, target: Picture, valid: Plane, ssim: float) -> t
     """(1 − w)·L1 and w·(1 − SSIM), each averaged over valid pixels; w is `ssim`.
 
     Invalid pixels are shown to the SSIM window as the target, so that they carry no error into their valid neighbours.
-
-    Parameters
-    ----------
-    image, target : float [H, W, 3]
-    valid : float [H, W], 0 or 1
+    `valid` is 0 or 1.
     """
     weight = valid[..., None]
     count = weight.sum().clamp_min(1) * image.shape[-1]
@@ -100,12 +88,7 @@ def photometric(image: Picture, target: Picture, valid: Plane, ssim: float) -> t
 def inverse_depth(depth: Plane, alpha: Plane, target: Plane, valid: Plane) -> Scalar:
     """Mean |1/z − 1/z*| over valid pixels that have a depth and are covered.
 
-    Parameters
-    ----------
-    depth : float [H, W]
-        Blended z, not yet divided by alpha.
-    alpha, target, valid : float [H, W]
-        `target` is 0 where unknown.
+    `depth` is blended z, not yet divided by alpha; `target` is 0 where unknown.
     """
     weight = valid * (target > 0) * (alpha.detach() > 0.5)
     expected = depth / alpha.clamp_min(1e-6)
@@ -114,12 +97,7 @@ def inverse_depth(depth: Plane, alpha: Plane, target: Plane, valid: Plane) -> Sc
 
 
 def angular(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
-    """1 − ⟨ṽ_pred, ṽ_gt⟩ per pixel (Eq. 3). A zero vector scores 1 and has a finite gradient.
-
-    Parameters
-    ----------
-    latent, target : float [P, d]
-    """
+    """1 − ⟨ṽ_pred, ṽ_gt⟩ per pixel (Eq. 3). A zero vector scores 1 and has a finite gradient."""
     return 1 - (unit(latent) * unit(target)).sum(-1)
 
 
@@ -127,10 +105,6 @@ def chord(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
     """‖ṽ_pred − ṽ_gt‖ = √(2 · `angular`) per pixel, rounded off at 0.01.
 
     It grows with the angle, not with its square: a word that contradicts all others pulls no harder than one that nearly agrees.
-
-    Parameters
-    ----------
-    latent, target : float [P, d]
     """
     return (2 * angular(latent, target) + 1e-4).sqrt()
 
@@ -149,14 +123,7 @@ def unit(vectors: Float[Tensor, "*batch d"]) -> Float[Tensor, "*batch d"]:
 
 
 def region_smoothness(latent: Latents, regions: Int[Tensor, " pixels"], count: int) -> Scalar:
-    """L_smooth = E_R[ (1/|R|) Σ_{p∈R} ‖v_pred(p) − v̄_R‖₁ ] (paper §2.3).
-
-    Parameters
-    ----------
-    latent : float [P, d]
-    regions : int64 [P]
-        Superpixel of each pixel, 0 … count − 1.
-    """
+    """L_smooth = E_R[ (1/|R|) Σ_{p∈R} ‖v_pred(p) − v̄_R‖₁ ] (paper §2.3); `regions` are superpixels, 0 … count − 1."""
     size = torch.zeros(count, device=latent.device, dtype=latent.dtype).index_add_(0, regions, torch.ones_like(latent[:, 0]))
     total = torch.zeros(count, latent.shape[1], device=latent.device, dtype=latent.dtype).index_add(0, regions, latent)
     mean = total / size.clamp_min(1)[:, None]
@@ -179,17 +146,7 @@ def rows_of(values: Float[Tensor, "n d"], index: Int[Tensor, "*shape"]) -> Float
 def nearest_neighbours(points: Tensor, count: int) -> tuple[Tensor, Tensor]:
     """The `count` nearest other points of every point, and how much each counts: exp(−½ (distance / σ)²), σ the median neighbour distance.
 
-    Parameters
-    ----------
-    points : float [N, 3]
-    count : int
-        Neighbours a point.
-
-    Returns
-    -------
-    index : int64 [N, K]
-    weight : float [N, K]
-        K = min(`count`, N − 1): a single point has no neighbours.
+    Of points [N, 3], int64 [N, K] and float [N, K]; K = min(`count`, N − 1): a single point has no neighbours.
     """
     place = points.detach().cpu().double().numpy()
     k = min(count, len(place) - 1)
@@ -202,13 +159,6 @@ def nearest_neighbours(points: Tensor, count: int) -> tuple[Tensor, Tensor]:
 
 
 def rigidity(displacement: Float[Tensor, "n 3"], neighbours: Int[Tensor, "n k"], weights: Float[Tensor, "n k"]) -> Scalar:
-    """Mean weighted ‖Δμ_i − Δμ_j‖ over neighbour pairs: tissue moves together with what it hangs on.
-
-    Parameters
-    ----------
-    displacement : float [N, 3]
-    neighbours : int64 [N, K]
-    weights : float [N, K]
-    """
+    """Mean weighted ‖Δμ_i − Δμ_j‖ over neighbour pairs: tissue moves together with what it hangs on."""
     difference = displacement[:, None] - rows_of(displacement, neighbours)
     return (weights * (difference.square().sum(-1) + 1e-12).sqrt()).mean()

@@ -68,13 +68,7 @@ def prepare(
 
     Label maps are read only by a teacher, and to find cameras only where the teacher is "labels"; only those of the frames that it teaches.
     What a pixelwise teacher calls an instrument is left out of the flow, so it is asked first. Of held-out frames nothing is read.
-
-    Parameters
-    ----------
-    run : Run or None
-        The run that is resumed: its cameras are used, so that a resumed training does not find others.
-    teacher, encoder
-        See `engine.training.train`.
+    A run that is resumed lends its cameras, so that it does not find others.
     """
     name = teacher or default_teacher(clip)
     if clip.poses != "given":

@@ -26,21 +26,12 @@ ASKED = "query.json"
 
 
 def write_clip_masks(scene: Scene, prompts: PromptSet, frames: Sequence[int], out: Path) -> Steps[dict[str, np.ndarray]]:
-    """Answer prompts on frames of a clip, into a folder.
+    """Answer prompts on frames of a clip, into a folder. Returns the areas float64 [frames] of every prompt.
 
     `labels/NNNNNN.png` (8-bit index into `classes.json`, 255 where no mask is; of overlapping masks the most similar), as clips have them;
     `masks/KK-PROMPT/NNNNNN.png` (255 in the mask); `areas.csv` (share of the frame). A frame whose files are there is not asked again, if
-    `query.json` says that the same was asked of the same run.
-
-    Returns
-    -------
-    dict of prompt to float64 [frames]
-        Areas, in the order of `frames`.
-
-    Raises
-    ------
-    DegenseError
-        If a prompt is not understood, or the folder holds anything else.
+    `query.json` says that the same was asked of the same run. DegenseError if a prompt is not understood, or the folder holds anything
+    else.
     """
     from degense.engine.scene.clip_query import encode_prompts, query_clip
 

@@ -59,17 +59,8 @@ def index_maps(
 ) -> IndexMaps | None:
     """The label maps in a folder of a clip, None when it has none. A few maps are read at once, so that a wrong one is noticed on opening.
 
-    ClipError when they do not fit the frames.
-
-    Parameters
-    ----------
-    frames : sequence of Path
-        A map is named like its frame.
-    size : (width, height)
-    folder : str
-        "labels" or "strokes".
-    classes : tuple of str
-        Those of the layout; where it has none, `classes.json` names them.
+    ClipError when they do not fit the frames. A map is named like its frame, of size (width, height), and lies in the folder "labels" or
+    "strokes". Where the layout has no `classes`, `classes.json` names them.
     """
     files = list_files(root / folder, root, (".png",))
     if not files:

@@ -41,16 +41,10 @@ def decide(highs: Sequence[np.ndarray], frames: Sequence[np.ndarray], top: int, 
 
     Votes, for "high = tool" (+) or "high = keep" (−): a polarity that would leave nothing of a frame is out (4); a black part is the one
     left out (4); the smaller part is (2 under 35 %, else 1); the greyer part is (1, instruments have less colour than tissue); when all
-    that says nothing, 0/1 masks are taken for keep and 0/255 masks for tool, as most clips have it (0.5).
+    that says nothing, 0/1 masks are taken for keep and 0/255 masks for tool, as most clips have it (0.5). When the user said what they mean
+    (`asked`), only the words are made.
 
-    Parameters
-    ----------
-    highs : list of bool [H, W]
-    frames : list of uint8 [H, W, 3]
-    top : int
-        Largest value of all masks.
-    asked : "tool" or "keep", optional
-        What the user said; only the words are made then.
+    `highs` are bool [H, W], `frames` uint8 [H, W, 3]; `top` is the largest value of all masks.
     """
     stack = np.stack(highs)
     value = top or 255

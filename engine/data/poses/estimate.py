@@ -106,11 +106,7 @@ def find_cameras(clip: Clip, progress: Progress = silent, *, labelled: bool = Fa
     """The clip with its cameras found, when it wishes so (`Clip.poses`); its provenance says what came of it.
 
     "auto" keeps the camera still unless a moving one explains at least three quarters of the motion seen and no area stands still.
-
-    Parameters
-    ----------
-    labelled : bool
-        Whether label maps of training frames may be read for where instruments are: only for a training whose teacher they are.
+    `labelled` is whether label maps of training frames may be read for where instruments are: only for a training whose teacher they are.
     """
     if clip.poses == "given":
         return clip

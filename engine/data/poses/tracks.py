@@ -26,12 +26,7 @@ SIDE = 32  # pixels: pictures smaller than this are too small for optical flow a
 class Views:
     """Reduced frames. Nothing is kept: every frame is read once or twice.
 
-    Parameters
-    ----------
-    first : int
-        The frame that the unit is taken from.
-    labelled : bool
-        Whether label maps may be read for where instruments are.
+    The unit is taken from the frame `first`. `labelled` is whether label maps may be read for where instruments are.
     """
 
     def __init__(self, clip: Clip, first: int, labelled: bool = False):

@@ -74,16 +74,8 @@ class Anatomy:
 def build_anatomy(rng: np.random.Generator, half: tuple[float, float], cells: int, finer: int, burning: tuple[float, float]) -> Anatomy:
     """A gallbladder between liver, fat and abdominal wall; `rng` varies shapes, places and texture.
 
-    Parameters
-    ----------
-    half : (float, float)
-        Half extent in x and y, material mm.
-    cells : int
-        Mesh cells across the width.
-    finer : int
-        Texture points along a mesh cell.
-    burning : (float, float)
-        Clip times in [0, 1] at which the hook begins and ends its path.
+    `half` is the half extent in x and y, material mm; `cells` mesh cells lie across the width and `finer` texture points along a cell.
+    `burning` are the clip times in [0, 1] at which the hook begins and ends its path.
     """
     mesh, sheet = mesh_and_texture(half, cells, finer)
 

@@ -38,20 +38,10 @@ WIPE_TIME, STAIN = 0.06, 0.2  # clip time that wiping a place takes, and the sha
 
 @njit(cache=True, nogil=True)
 def cover(pixels: np.ndarray, z: np.ndarray, triangles: np.ndarray, inverse_depth: np.ndarray, owner: np.ndarray, first: int) -> None:
-    """Enter triangles in a z-buffer.
+    """Enter triangles int32 [F, 3], numbered from `first`, in a z-buffer, which is changed in place.
 
-    Parameters
-    ----------
-    pixels : float64 [V, 2]
-        Projected vertices, in samples.
-    z : float64 [V]
-    triangles : int32 [F, 3]
-    inverse_depth : float64 [h, w]
-        1/z of what each sample shows, changed in place; 0 where nothing is.
-    owner : int32 [h, w]
-        Number of the triangle that each sample shows, changed in place.
-    first : int
-        Number of triangles[0].
+    Vertices are projected to `pixels` float64 [V, 2] (samples) at depth `z` [V]. Of each sample `inverse_depth` float64 [h, w] is 1/z, 0
+    where nothing is, and `owner` int32 [h, w] the number of its triangle.
     """
     height, width = owner.shape
     for f in range(triangles.shape[0]):

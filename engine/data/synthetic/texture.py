@@ -60,14 +60,8 @@ def fractal(sheet: Sheet, rng: np.random.Generator, coarse: float, octaves: int)
 def vessels(sheet: Sheet, rng: np.random.Generator, trunks: int, radius: float, straightness: float) -> np.ndarray:
     """A branching net of vessels, float32 [H, W] in [0, 1]: how much of a grid point is vessel.
 
-    Parameters
-    ----------
-    trunks : int
-        Number of vessels that branch.
-    radius : float
-        Radius of a trunk at its root, mm; branches are thinner.
-    straightness : float
-        1 for straight vessels, 0 for meandering ones.
+    Of the vessels, `trunks` branch. `radius` is a trunk's at its root, mm; branches are thinner. `straightness` is 1 for straight vessels,
+    0 for meandering ones.
     """
     canvas = np.zeros(sheet.shape, np.uint8)
     shift = 4

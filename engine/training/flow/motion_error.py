@@ -31,18 +31,9 @@ def motion_error(
     With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion across
     the line of sight is compared, at the Gaussian's own depth.
 
-    Parameters
-    ----------
-    here, there : float [N, 3]
-        Centres at the times of two frames.
-    visible : float [N]
-        Weight of each Gaussian: 0 hidden, 1 on the surface.
-    camera, other : float [5, 4]
-        `view_and_lens` at both frames.
-    flow, weight, precision : float16 [2, h, w], [1, h, w], [1, h, w]
-        See `Pair`.
-    before, after : float [H, W] or None
-        Measured depth of both frames, 0 where unknown.
+    `here` and `there` are centres [N, 3] at the times of two frames, `visible` [N] is 0 for a hidden Gaussian and 1 for one on the surface.
+    `camera` and `other` [5, 4] are `view_and_lens` at both frames, `before` and `after` [H, W] their measured depth, 0 where unknown. Flow
+    and its weights are float16, as in `Pair`.
     """
     start, z = project(here, camera)
     end, z_end = project(there, other)
@@ -66,12 +57,7 @@ def motion_error(
 def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Tensor) -> Tensor:
     """1 for Gaussians that are drawn, lie on the drawn surface (within 3 % of its depth) and are not faint; else 0. Float [N], no gradient.
 
-    Parameters
-    ----------
-    depth, alpha : float [H, W]
-        Blended z (not divided) and coverage.
-    camera : float [5, 4]
-        `view_and_lens`.
+    `depth` and `alpha` [H, W] are blended z (not divided) and coverage, `camera` [5, 4] is `view_and_lens`.
     """
     position, z = project(means.detach(), camera)
     surface = look_up((depth / alpha.clamp_min(1e-6)).detach()[None], position * 2 - 1)[:, 0]

@@ -32,13 +32,7 @@ def look(image: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "hei
 class Appearance:
     """p(word | look) of a clip, by a network of two hidden layers.
 
-    Parameters
-    ----------
-    features : float [P, F]
-        Looks of pixels of all frames.
-    shares : float [P, K]
-        What the teacher calls them, rows of sum 1.
-    seed : int
+    `features` [P, F] are looks of pixels of all frames, `shares` [P, K] what the teacher calls them, rows of sum 1.
     """
 
     def __init__(self, features: Float[Tensor, "pixels features"], shares: Float[Tensor, "pixels words"], seed: int):

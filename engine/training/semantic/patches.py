@@ -56,12 +56,7 @@ class PatchTarget(NamedTuple):
 def patch_side(index: np.ndarray, size: np.ndarray) -> float:
     """Side of a square with the mean area of the labelled patches, pixels.
 
-    Parameters
-    ----------
-    index : int [H, W]
-        Patch of each pixel; −1 where it has no label.
-    size : int [k]
-        Pixels of each patch.
+    `index` [H, W] is the patch of each pixel, −1 where it has no label; `size` [k] are pixels of each patch.
     """
     return float(np.sqrt(np.count_nonzero(index >= 0) / max(int(np.count_nonzero(size)), 1)))
 

@@ -55,14 +55,8 @@ class Target:
 class SemanticTargets:
     """All supervision of a clip. That of a frame is made when it is needed and kept while there is room: a long clip's would not fit.
 
-    Parameters
-    ----------
-    teacher : Teacher
-        Asked about its own frames only, so held-out frames stay held out.
-    guided : bool
-        Whether the vectors of a coarse teacher are upsampled to the superpixels of the frames (`upsample_to_regions`).
-    rarity : bool
-        Whether what is rare weighs more.
+    The teacher is asked about its own frames only, so held-out frames stay held out. With `guided` the vectors of a coarse teacher are
+    upsampled to the superpixels of the frames (`upsample_to_regions`); with `rarity` what is rare weighs more.
     """
 
     def __init__(
