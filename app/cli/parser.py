@@ -161,6 +161,16 @@ def _outputs(command: Command) -> None:
     _prompts(sub, required=True)
     sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
 
+    sub = command("track", "tracks:track", "follow points through a run, in the picture and in space")
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
+    which = sub.add_mutually_exclusive_group(required=True)
+    which.add_argument(
+        "--points", type=Path, metavar="FILE", help="from where it first knows them: .json as of VL-SurgPT, .csv, .npz as of TAP-Vid"
+    )
+    which.add_argument("--grid", type=_positive, metavar="N", help="N × N points all over a frame")
+    sub.add_argument("--frame", type=int, default=0, metavar="I", help="frame of the grid (default 0)")
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write there where each point is in every frame")
+
     sub = command("export", "outputs:export", "write a run in formats that other tools read")
     sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     sub.add_argument("--format", required=True, metavar="NAME", help=f"ply, ply-sequence, movie, {LABEL_FORMATS}")

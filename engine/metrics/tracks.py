@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from degense.engine.camera import Camera
-from degense.engine.errors import DegenseError
 from degense.engine.scene import Scene
-from degense.engine.scene.material import material_at
+from degense.engine.scene.tracks import follow_points
 
+WITHIN = (4, 8, 16, 32, 64)  # pixels: thresholds of `score_points`, as STIR and SurgT have them
 NEAR = 0.01  # of the picture's width: a point farther from its true pixel position is lost (3.2 pixels of 320)
 
 
@@ -55,6 +54,40 @@ def score_tracks(predicted: np.ndarray, tracks: np.ndarray, visible: np.ndarray,
     }
 
 
+def score_points(pixels: np.ndarray, visible: np.ndarray, labels: np.ndarray, hidden: np.ndarray) -> dict[str, float | int | None]:
+    """Score points [K, T, 2] that were followed from their first label on, by the rules of TAP-Vid with the thresholds of STIR and SurgT.
+
+    Protocol
+    --------
+    `labels` [K, T, 2] are pixels, NaN where there is none; `hidden` bool [K, T] says where a point is known not to be seen. Counted are
+    pairs of point and frame after a point's first label that have a label or are hidden.
+
+    - `delta`: mean over the thresholds `WITHIN` of the share of the labelled pairs that are nearer; `delta_N` for each.
+    - `jaccard`: mean over the thresholds of pairs shown as visible and near, over all labelled pairs and what is wrongly shown.
+    - `occlusion_accuracy`: share of the pairs that are shown as visible where they have a label, and not where they are hidden.
+    - `endpoint_error`, `endpoint_error_median`: distance in labelled pairs, pixels; of points that are followed.
+    """
+    known = np.isfinite(labels).all(-1)
+    later = np.arange(labels.shape[1]) > known.argmax(1)[:, None]
+    known, hidden = known & later, hidden & later
+    if not known.any():
+        return {"pairs": 0}
+    apart = np.linalg.norm(pixels - labels, axis=-1)[known]
+    apart = np.where(np.isfinite(apart), apart, np.inf)
+    near, shown = apart[:, None] < WITHIN, visible[known]
+    right, wrong = (near & shown[:, None]).sum(0), (~near & shown[:, None]).sum(0) + visible[hidden].sum()
+    shares = near.mean(0)
+    return {
+        "pairs": int(known.sum()),
+        "delta": float(shares.mean()),
+        **{f"delta_{limit}": float(share) for limit, share in zip(WITHIN, shares, strict=True)},
+        "jaccard": float((right / (len(apart) + wrong)).mean()),
+        "occlusion_accuracy": float(np.mean(np.r_[shown, ~visible[hidden]])),
+        "endpoint_error": _mean(apart[np.isfinite(apart)]),
+        "endpoint_error_median": _median(apart[np.isfinite(apart)]),
+    }
+
+
 def still_tracks(tracks: np.ndarray) -> np.ndarray:
     """The answer "nothing moves" [K, T, 3]: every point stays where it is at frame 0."""
     return np.broadcast_to(tracks[:, :1], tracks.shape)
@@ -63,20 +96,13 @@ def still_tracks(tracks: np.ndarray) -> np.ndarray:
 def scene_tracks(scene: Scene, tracks: np.ndarray, visible: np.ndarray, camera: Camera) -> np.ndarray:
     """Tracks [K, T, 3] of the points that are seen at frame 0, as a scene has them; NaN for all others and where nothing is reconstructed.
 
-    A point moves as the Gaussians by which the window follows it (`material_at`); `camera` is the clip's of frame 0.
+    A point moves as the window and `degense track` have it (`follow_points`); `camera` is the clip's of frame 0.
     """
-    found = {}
-    pixels = camera.project(tracks[:, 0].astype(np.float64))[0]
-    inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(-1)
-    for point in np.flatnonzero(visible[:, 0] & inside):
-        with suppress(DegenseError):
-            found[point] = material_at(scene, 0, *pixels[point])
     predicted = np.full(tracks.shape, np.nan)
-    start = scene.states.advected_means(0).cpu().numpy()
-    for frame in range(tracks.shape[1]):
-        moved = scene.states.advected_means(frame).cpu().numpy() - start
-        for point, (indices, weights) in found.items():
-            predicted[point, frame] = tracks[point, 0] + weights @ moved[indices]
+    pixels = camera.project(tracks[:, 0].astype(np.float64))[0]
+    points = np.flatnonzero(visible[:, 0] & ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(-1))
+    found = follow_points(scene, np.c_[np.zeros(len(points)), pixels[points]]).positions
+    predicted[points] = tracks[points, :1] + (found - found[:, :1])
     return predicted
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from degense.engine.errors import DegenseError
 from degense.engine.scene.scene import Scene
 
 #: Gaussians that a spot is followed by, and how far (pixels) their centres may lie from it.
 FOLLOWED, REACH = 32, 12.0
+LOOKED_AT, FAINT = 128, 0.01  # nearest Gaussians that these are chosen from, of more than this opacity
 #: How far (share of the depth) a Gaussian may lie from the visible surface and still be part of it.
 THICKNESS = 0.1
 
@@ -21,13 +23,33 @@ def material_at(scene: Scene, frame: int, x: float, y: float) -> Material:
 
     DegenseError when nothing is reconstructed there.
     """
-    pixels, depth, opacities, surface = _seen(scene, frame)
-    distance = np.hypot(pixels[:, 0] - x, pixels[:, 1] - y)
-    here = surface[int(y), int(x)]
-    near = np.flatnonzero((distance < REACH) & (np.abs(depth - here) < THICKNESS * here))
-    weights = opacities[near] * np.exp(-((distance[near] / (REACH / 3)) ** 2) / 2)
-    best = np.argsort(weights)[-FOLLOWED:]
-    return _normalised(near[best], weights[best])
+    rows, weights, _ = materials_at(scene, frame, np.array([[x, y]]))
+    used = weights[0] > 0
+    return _normalised(rows[0, used], weights[0, used])
+
+
+def materials_at(scene: Scene, frame: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Indices [K, n], weights [K, n] (sum 1, or 0 where nothing is reconstructed) and depth [K], as `material_at`, at pixels [K, 2]."""
+    height, width = scene.camera(frame).height, scene.camera(frame).width
+    inside = ((pixels >= 0) & (pixels < (width, height))).all(1)
+    column, row = np.where(inside[:, None], pixels, 0).astype(np.int64).T
+    positions, depth, opacities, surface = _seen(scene, frame)
+    here = np.where(inside, surface[row, column], np.nan)
+    shown = np.flatnonzero((depth > 0) & (opacities > FAINT) & np.isfinite(positions).all(1))
+    if not len(shown):
+        return np.zeros((len(pixels), 1), int), np.zeros((len(pixels), 1)), here
+    distance, found = cKDTree(positions[shown]).query(
+        np.where(inside[:, None], pixels, 0), min(LOOKED_AT, len(shown)), distance_upper_bound=REACH
+    )
+    distance, found = distance.reshape(len(pixels), -1), found.reshape(len(pixels), -1)
+    rows = shown[np.minimum(found, len(shown) - 1)]
+    with np.errstate(invalid="ignore"):
+        near = np.isfinite(distance) & (np.abs(depth[rows] - here[:, None]) < THICKNESS * here[:, None])
+    weights = np.where(near, opacities[rows] * np.exp(-((np.where(near, distance, 0) / (REACH / 3)) ** 2) / 2), 0)
+    best = np.argsort(weights, axis=1)[:, -FOLLOWED:]
+    rows, weights = np.take_along_axis(rows, best, 1), np.take_along_axis(weights, best, 1)
+    total = weights.sum(1, keepdims=True)
+    return rows, np.where(total > 1e-6, weights / np.maximum(total, 1e-6), 0), here
 
 
 def material_inside(scene: Scene, frame: int, inside: np.ndarray) -> Material:

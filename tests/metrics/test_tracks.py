@@ -6,7 +6,7 @@ import pytest
 from degense.engine.camera import Camera
 from degense.engine.clip import Truth
 from degense.engine.metrics.evaluate import evaluate
-from degense.engine.metrics.tracks import scene_tracks, score_tracks, still_tracks
+from degense.engine.metrics.tracks import scene_tracks, score_points, score_tracks, still_tracks
 from tests.metrics.test_evaluate import without
 
 CAMERA = Camera(100, 80, 100.0, 100.0, 50.0, 40.0)  # at depth 10 a unit is 10 pixels
@@ -79,3 +79,23 @@ def test_a_run_follows_points_as_the_window_does(scene, clip):
     assert scores["tracks"] == score_tracks(found, tracks, visible, clip.cameras)
     assert scores["tracks_nothing_moves"] == still
     assert still["error"] == 0
+
+
+def test_points_are_scored_by_the_rules_of_the_field():
+    labels = np.zeros((2, 4, 2))
+    labels[0, 2], labels[1, 0] = np.nan, np.nan  # the second point is first known at frame 1
+    hidden = np.zeros((2, 4), bool)
+    hidden[0, 2] = True
+    pixels = np.zeros((2, 4, 2))
+    pixels[0, 1], pixels[0, 3], pixels[1, 2], pixels[1, 3] = (3, 0), (10, 0), (0, 40), (0, 100)
+    visible = np.ones((2, 4), bool)
+    visible[0, 1] = False
+    scores = score_points(pixels, visible, labels, hidden)
+    assert scores["pairs"] == 4
+    assert [scores[f"delta_{limit}"] for limit in (4, 8, 16, 32, 64)] == [0.25, 0.25, 0.5, 0.5, 0.75]
+    assert scores["delta"] == pytest.approx(0.45)
+    # shown and near | over four labelled pairs, those shown and not near, and the hidden one that is shown
+    assert scores["jaccard"] == pytest.approx(np.mean([0 / 8, 0 / 8, 1 / 7, 1 / 7, 2 / 6]))
+    assert scores["occlusion_accuracy"] == pytest.approx(3 / 5)
+    assert (scores["endpoint_error"], scores["endpoint_error_median"]) == (38.25, 25)
+    assert score_points(pixels, visible, np.full_like(labels, np.nan), hidden) == {"pairs": 0}
