@@ -9,7 +9,7 @@ from degense.engine.errors import RunError
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
 from degense.engine.store.migrations import current_progress, current_tensors
 
-PARTS = ("model", "moments", "density", "neighbours")
+PARTS = ("model", "moments", "density", "neighbours", "consensus")
 
 
 def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:

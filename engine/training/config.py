@@ -69,8 +69,8 @@ class TrainConfig:
     guided: bool = setting(True, "Whether the vectors of a coarse teacher are upsampled along the superpixels of the frames.")
     consensus: bool = setting(
         True,
-        "Whether a pixelwise teacher's targets are what all its frames agree on (`engine.training.semantic.consensus`), instead of its "
-        "answer in each frame; not where it labels few frames.",
+        "Whether targets are what all frames of the teacher agree on (`engine.training.semantic.consensus`), instead of its answer in "
+        "each; not where it labels few frames.",
     )
     rarity: bool = setting(True, "Whether labelled pixels weigh more where their class is rare; else L_align is their plain mean.")
     max_rank: int = setting(32, "Most dimensions of the latents.")

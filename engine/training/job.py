@@ -214,12 +214,7 @@ class TrainingRun:
             self.events(progress)
 
         fit = DISTILLATIONS[self.config.distillation]
-        finished = fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell, report)
-        if finished and (share := self.inputs.semantics.disagreement) is not None:
-            words = f"this teacher calls the same place differently in {share:.0%} of the frames"
-            self.run.info["teacher"]["provenance"] += f"; {words}"
-            self.events(Reliability(words))
-        return finished
+        return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell, report)
 
     def _leave(self, state: str) -> None:
         """Save what can be resumed."""
@@ -231,6 +226,10 @@ class TrainingRun:
         """Save the model and what is known of its motion; checkpoints go."""
         run, trainer = self.run, self.trainer
         run.info["moving"] = exclude_static(trainer)
+        if self.inputs.semantics is not None and (share := self.inputs.semantics.disagreement) is not None:
+            words = f"this teacher calls the same place differently in {share:.0%} of the frames"
+            run.info["teacher"]["provenance"] += f"; {words}"
+            self.events(Reliability(words))
         run.save_model(trainer.model)
         if trainer.flow is not None:
             run.save_observability(motion_observability(trainer.model, trainer.frames, trainer.flow))

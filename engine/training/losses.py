@@ -101,14 +101,6 @@ def angular(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
     return 1 - (unit(latent) * unit(target)).sum(-1)
 
 
-def chord(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
-    """‖ṽ_pred − ṽ_gt‖ = √(2 · `angular`) per pixel, rounded off at 0.01.
-
-    It grows with the angle, not with its square: a word that contradicts all others pulls no harder than one that nearly agrees.
-    """
-    return (2 * angular(latent, target) + 1e-4).sqrt()
-
-
 def l1(latent: Latents, target: Latents) -> Float[Tensor, " pixels"]:
     """‖f_pred − f_gt‖₁ per pixel, which the coupled baseline distils with."""
     return (latent - target).abs().sum(-1)

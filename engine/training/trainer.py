@@ -23,6 +23,7 @@ from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.losses import angular, l1
 from degense.engine.training.optimiser import learned_state, make_optimiser, restore_learned, set_rates
 from degense.engine.training.passes import FieldState, Passes, draw_latents
+from degense.engine.training.semantic.consensus import Consensus, agreed_answers, answers_of
 from degense.engine.training.semantic.targets import SemanticTargets
 
 GUARD_EVERY = 100  # steps between tests of whether all is finite
@@ -63,6 +64,7 @@ class Trainer:
         self.passes = Passes(model, config, depth=measured, semantics=semantics is not None)
         self._regularizes = max(config.plane_space, config.plane_time, config.plane_static) > 0 or model.config.color_knots > 1
         self._smoothness_weight = torch.full((), float(SMOOTHNESS_EVERY), device=self.device)
+        self._told, self._consensus = semantics, dict[str, Tensor]()
         self.last_finite = self.state()
 
     # -- state -----------------------------------------------------------------------------------------------------------------------------
@@ -73,6 +75,7 @@ class Trainer:
             **learned_state(self.model, self.optimizer),
             "density": self.density.state(),
             "neighbours": dict(zip(("index", "weight"), neighbours, strict=True)) if neighbours is not None else {},
+            "consensus": self._consensus,
             "generator": self.generator.get_state(),
             "plain": {
                 "iteration": self.iteration,
@@ -92,6 +95,7 @@ class Trainer:
         self.iteration, self.rate_scale, self.rollbacks = (plain[name] for name in ("iteration", "rate_scale", "rollbacks"))
         self.unseen = set(plain["unseen"])
         self.order.restore(plain["order"], plain["random"])
+        self._agree(state["consensus"])
         self.passes.neighbours = tuple(neighbours[name].to(self.device) for name in ("index", "weight")) if neighbours else None
         self.passes.forget()
 
@@ -110,9 +114,19 @@ class Trainer:
         """Whether Gaussians are still cloned, split and pruned."""
         return self.progress < self.config.densify_until
 
+    def _agree(self, consensus: dict[str, Tensor]) -> None:
+        """Let semantics learn what a consensus says (`agreed_answers`), or the teacher where that is empty."""
+        self._consensus, self.semantics = consensus, self._told
+        if self._told is not None and consensus:
+            self._told.disagreement = float(consensus["disagreement"])
+            self.semantics = self._told.replaced(answers_of(consensus, self._told.labelled_frames))
+
     # -- one step --------------------------------------------------------------------------------------------------------------------------
     def step(self) -> None:
         """One frame, one update."""
+        told = self._told
+        if told is not None and self.config.consensus and not (told.sparse or self.densifies or self._consensus):
+            self._agree(agreed_answers(Consensus(self.model, told, self.frames, self.config.seed), told))
         semantic = self.semantics is not None and self.iteration % self.config.semantic_every == 0
         index = self._next_frame(semantic)
         set_rates(self.optimizer, self.config, self.progress, self.rate_scale)

@@ -5,7 +5,7 @@ import pytest
 import torch
 from skimage.metrics import structural_similarity
 
-from degense.engine.training.losses import angular, chord, inverse_depth, photometric, region_smoothness, rigidity, rows_of, ssim_map, unit
+from degense.engine.training.losses import angular, inverse_depth, photometric, region_smoothness, rigidity, rows_of, ssim_map, unit
 
 
 def test_ssim_agrees_with_scikit_image_away_from_the_border():
@@ -53,20 +53,6 @@ def test_angles_are_measured_on_the_sphere_and_finite_at_zero():
     loss.sum().backward()
     assert torch.isfinite(a.grad).all()
     assert torch.isfinite(unit(torch.full((1, 4), 1e18))).all()
-
-
-def test_a_chord_is_the_distance_on_the_sphere_and_finite_where_it_is_none():
-    rng = np.random.default_rng(4)
-    a, b = rng.normal(size=(2, 50, 7)) * rng.uniform(0.1, 9, (2, 50, 1))
-    by_hand = np.linalg.norm(a / np.linalg.norm(a, axis=1, keepdims=True) - b / np.linalg.norm(b, axis=1, keepdims=True), axis=1)
-    predicted = torch.tensor(a, dtype=torch.float32, requires_grad=True)
-    target = torch.tensor(b, dtype=torch.float32)
-    np.testing.assert_allclose(chord(predicted, target).detach(), by_hand, atol=1e-3)
-    for other in (target, predicted.detach(), -predicted.detach(), torch.zeros(50, 7)):
-        (gradient,) = torch.autograd.grad(chord(predicted, other).sum(), predicted)
-        assert torch.isfinite(gradient).all()
-    double = predicted.detach().double().requires_grad_()
-    assert torch.autograd.gradcheck(lambda x: chord(x, target.double()), double)
 
 
 def test_region_smoothness_by_hand():

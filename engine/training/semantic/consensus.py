@@ -7,7 +7,7 @@ the consensus says how far it can be relied on.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -20,7 +20,7 @@ from degense.engine.progress import Progress, silent
 from degense.engine.raster import backproject, rasterize
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.semantic.appearance import Appearance, look
-from degense.engine.training.semantic.targets import SemanticTargets
+from degense.engine.training.semantic.targets import SemanticTargets, SureAnswer
 from degense.engine.training.semantic.vectors import shares_of, words_of
 
 COLOR_SCALE = 0.1  # of 1: difference of colour from which on a Gaussian counts as something else than before
@@ -88,14 +88,10 @@ class Consensus:
     model : SceneModel
         With a finished geometry.
     targets : SemanticTargets
-        The teacher's answers and its words.
+        The teacher's answers.
+        It is told its `disagreement`.
     frames : TrainingFrames
     seed : int
-
-    Attributes
-    ----------
-    disagreement : float
-        Share of the pixels that the teacher calls otherwise than the consensus.
     """
 
     def __init__(self, model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, seed: int, progress: Progress = silent):
@@ -123,7 +119,7 @@ class Consensus:
             self._own = own_weight(self._contested(voters))
             shares = self.shares
         otherwise = torch.cat([self._otherwise(frame) for frame in voters])
-        self.disagreement = float(otherwise.float().mean())
+        targets.disagreement = float(otherwise.float().mean())
 
     def shares(self, frame: int) -> Float[Tensor, "pixels words"]:
         """q of each pixel of a frame, rows of sum 1."""
@@ -175,6 +171,21 @@ class Consensus:
             alone = [(votes == looks) & (teacher != votes), (teacher == looks) & (votes != looks), (teacher == votes) & (looks != votes)]
             counts += torch.stack([*alone, ~((teacher == votes) & (votes == looks))]).sum(1)
         return counts
+
+
+def agreed_answers(consensus: Consensus, targets: SemanticTargets) -> dict[str, Tensor]:
+    """All answers of a consensus as tensors, for a checkpoint: `words` [K, D], `index` int8 and `sure` float16 [T, H, W] of
+    the teacher's frames, and its `disagreement`."""
+    words, index, sure = zip(*(consensus.answer(frame) for frame in targets.labelled_frames), strict=True)
+    stacked = (torch.from_numpy(np.stack(values).astype(kind)) for values, kind in ((index, np.int8), (sure, np.float16)))
+    tensors = torch.from_numpy(words[0]), *stacked, torch.tensor(targets.disagreement)
+    return dict(zip(("words", "index", "sure", "disagreement"), tensors, strict=True))
+
+
+def answers_of(agreed: Mapping[str, Tensor], frames: Sequence[int]) -> Callable[[int], SureAnswer]:
+    """The inverse of `agreed_answers`."""
+    words, index, sure = (agreed[name].cpu().numpy() for name in ("words", "index", "sure"))
+    return lambda frame: (words, index[(k := frames.index(frame))].astype(np.int32), sure[k].astype(np.float32))
 
 
 def own_weight(contested: Int[Tensor, " raters"]) -> float:

@@ -22,18 +22,14 @@ from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.loss_terms import Loss, LossSums
-from degense.engine.training.losses import angular, chord, l1
+from degense.engine.training.losses import angular, l1
 from degense.engine.training.passes import SemanticPass, draw_latents
 from degense.engine.training.semantic.consensus import Consensus
-from degense.engine.training.semantic.consistency import label_confidence
 from degense.engine.training.semantic.targets import SemanticTargets
 
 REPORT_EVERY = 25  # steps
 #: Gets the steps made, all that will be made, and means of the loss and of its terms by name over the steps since the last report.
 Report = Callable[[int, int, float, dict[str, float]], object]
-#: Factors of the learning rates of canonical latents, planes and networks for a coarse teacher: frames contradict each other, and larger or
-#: more steps would follow each of them in turn and lose their mean.
-LOW_RATES = (0.3, 0.05, 0.1)
 COLOR_RIDGE = 5e-4  # variance of a Gaussian's colour, of 1, below which its colour does not explain its labels
 
 
@@ -120,12 +116,16 @@ def distill(
         Called every `REPORT_EVERY` steps and at the end.
     """
     random = np.random.default_rng(config.seed)
-    targets, noisy = _initialise(model, targets, frames, config, progress)
-    patchwise = targets.upsampled
-    loss_of, labelled = (targets.patch_loss, targets.labelled_frames) if patchwise else (targets.loss, targets.frames)
-    distance = (chord if patchwise else angular) if config.angular else l1
-    steps, order = steps_of(config) // (2 if noisy else 1), list[int]()
-    with _semantic_optimizer(model, config, low_rates=noisy) as optimizer:
+    if config.consensus and not targets.sparse:
+        consensus = Consensus(model, targets, frames, config.seed, lambda f, text: progress(0.3 * f, text))
+        targets = targets.replaced(consensus.answer)
+    if config.lift:
+        latents, coefficients = backproject_features(model, targets, frames, lambda f, text: progress(0.3 + 0.1 * f, text))
+        model.canonical["semantics"].data.copy_(latents)
+        model.set_semantic_coefficients(coefficients)
+    distance, labelled = angular if config.angular else l1, targets.frames
+    steps, order = steps_of(config), list[int]()
+    with _semantic_optimizer(model, config) as optimizer:
         moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in labelled}
         sums, zero = LossSums(model.bounds.device), torch.zeros((), device=model.bounds.device)
         scene = graphed(SemanticPass(model, config, deform=True), (moments[labelled[0]],), list(model.parameters()))
@@ -140,56 +140,27 @@ def distill(
             means, quats, scales, opacities, latents, regularizer = scene(moments[frame])
             splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
             latent = draw_latents(splats, frames.cameras[frame], detached=True)
-            terms = {**loss_of(latent, frame, distance, config.region), "delta_semantics": regularizer / config.semantic}
+            terms = {**targets.loss(latent, frame, distance, config.region), "delta_semantics": regularizer / config.semantic}
             loss = Loss.of("semantic", terms, zero)
             optimizer.zero_grad(set_to_none=True)
             loss.total.backward()
             optimizer.step()
             sums.add(loss.total, zero, {"semantic": loss})
             if step % REPORT_EVERY == 0:
-                progress(0.2 + 0.8 * step / steps, "refining semantics")
+                progress(0.4 + 0.6 * step / steps, "refining semantics")
             if (step + 1) % REPORT_EVERY == 0 or step + 1 == steps:
                 mean, _, by_name = sums.means(step % REPORT_EVERY + 1)
                 report(step + 1, steps, mean, by_name)
     return True
 
 
-def _initialise(
-    model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, config: TrainConfig, progress: Progress
-) -> tuple[SemanticTargets, bool]:
-    """Start from the mean of all labels, if `config.lift` says so.
-
-    Returns the targets to refine with: the consensus of a pixelwise teacher's, those of a coarse one weighted by their confidence; and
-    whether they are noisy: then the refinement takes fewer and smaller steps.
-    """
-    if config.consensus and targets.pixelwise and not targets.sparse:
-        consensus = Consensus(model, targets, frames, config.seed, lambda f, text: progress(0.1 * f, text))
-        targets.disagreement, targets = consensus.disagreement, targets.replaced(consensus.answer)
-    if not config.lift:
-        return targets, False
-    _set_semantics(model, *backproject_features(model, targets, frames, lambda f, text: progress(0.1 + 0.1 * f, text)))
-    if targets.pixelwise:
-        return targets, False
-    if config.angular:
-        targets = targets.reweighted(label_confidence(model, targets, frames))
-        _set_semantics(model, *backproject_features(model, targets, frames, lambda f, text: progress(0.1 + 0.1 * f, text)))
-    return targets, True
-
-
-def _set_semantics(model: SceneModel, latents: Tensor, semantic_coefficients: Tensor) -> None:
-    """Give the Gaussians what `backproject_features` found."""
-    model.canonical["semantics"].data.copy_(latents)
-    model.set_semantic_coefficients(semantic_coefficients)
-
-
 @contextmanager
-def _semantic_optimizer(model: SceneModel, config: TrainConfig, *, low_rates: bool) -> Iterator[torch.optim.Adam]:
+def _semantic_optimizer(model: SceneModel, config: TrainConfig) -> Iterator[torch.optim.Adam]:
     """An optimiser of the semantic parameters; all others need no gradient meanwhile."""
     planes, networks = ([] if part is None else list(part.parameters()) for part in (model.semantic_planes, model.semantic))
-    factors = LOW_RATES if low_rates else (1.0, 1.0, 1.0)
     rates = (config.rate_semantics, config.rate_planes, config.rate_field)
     parts = ([model.canonical["semantics"]], planes, networks)
-    groups = [{"params": part, "lr": rate * f, "first": rate * f} for part, rate, f in zip(parts, rates, factors, strict=True) if part]
+    groups = [{"params": part, "lr": rate, "first": rate} for part, rate in zip(parts, rates, strict=True) if part]
     semantic = {id(parameter) for part in parts for parameter in part}
     others = [parameter for parameter in model.parameters() if id(parameter) not in semantic and parameter.requires_grad]
     for parameter in others:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from degense.engine.training.semantic.patches import BLUR, means_of, patch_side
-
+BLUR = 0.7  # patch sides: how far around itself a patch sees
 RADIUS = 1.0  # patch sides: σ of the weight of patches around a region
 RIDGE = 0.7  # CIELAB units²: variance of colour below which colour does not explain vectors
 
@@ -58,3 +57,17 @@ def upsample_to_regions(vectors: np.ndarray, index: np.ndarray, image: np.ndarra
     mixed = vector_mean + np.einsum("ri,rid->rd", region[:, 2:] - colour_mean, slope)
     length = np.linalg.norm(mixed, axis=1, keepdims=True)
     return np.where((total > 1e-6) & (length > 1e-6), mixed / np.maximum(length, 1e-6), 0).astype(np.float32)
+
+
+def patch_side(index: np.ndarray, size: np.ndarray) -> float:
+    """Side of a square with the mean area of the labelled patches, pixels.
+
+    `index` [H, W] is the patch of each pixel, −1 where it has no label; `size` [k] are pixels of each patch.
+    """
+    return float(np.sqrt(np.count_nonzero(index >= 0) / max(int(np.count_nonzero(size)), 1)))
+
+
+def means_of(owner: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Mean of the values [P, c] of each owner, float64 [count, c]; 0 for those that own none."""
+    size = np.bincount(owner, minlength=count)
+    return np.stack([np.bincount(owner, column, count) for column in values.T], -1) / np.maximum(size, 1)[:, None]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -21,14 +21,13 @@ from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import region_smoothness
 from degense.engine.training.semantic.guided_upsampling import upsample_to_regions
-from degense.engine.training.semantic.patches import Patches, PatchTarget
 from degense.engine.training.semantic.vectors import NAMED, rarity_weights, unit_vectors
 from degense.engine.vocabulary import instruments
 
 SPARSE = 0.25  # a teacher that labels a smaller share of the training frames has its labels warped to the others
 BASIS_VECTORS = 20_000  # of all frames' vectors, that the basis is fitted to
 TARGET_BYTES = 3 << 28  # of supervision kept
-PIXEL_BYTES = 24  # of one pixel's: its label, its patch, and what a target holds
+PIXEL_BYTES = 24  # of one pixel's: its label, and what a target holds
 
 #: A teacher's answer for a frame: unit vectors [k, D], and which of them each pixel has, int32 [H, W], −1 for none.
 Answer = tuple[np.ndarray, np.ndarray]
@@ -73,13 +72,12 @@ class SemanticTargets:
         self.upsampled = guided and not teacher.pixelwise  # whether the teacher's vectors are upsampled to superpixels
         self.disagreement: float | None = None  # share of the pixels that it calls otherwise than its consensus, once that is known
         self._rarity = rarity
-        self._confidence: Mapping[int, Tensor] = {}
         self._others: Callable[[int], SureAnswer] | None = None
         self._teacher, self._working = teacher, frames
         self._flow: FlowSupervision | None = None
         clip = frames.clip
         capacity = max(2, TARGET_BYTES // (frames.size[0] * frames.size[1] * PIXEL_BYTES))
-        self._answers, self._targets, self._patches = (Latest(capacity) for _ in range(3))
+        self._answers, self._targets = Latest(capacity), Latest(capacity)
         self.labelled_frames: list[int] = []  # those that the teacher itself labels
         vectors, counts = [], []
         for done, i in enumerate(teacher.frames):
@@ -131,18 +129,6 @@ class SemanticTargets:
         tool = np.isin(alike.argmax(1), tools) & (alike.max(1) > NAMED)
         return (index >= 0) & tool[index]
 
-    def reweighted(self, confidence: Mapping[int, Tensor]) -> SemanticTargets:
-        """The same targets with each pixel's weight times the confidence of its label.
-
-        Parameters
-        ----------
-        confidence : mapping of frame to float [k]
-            Of each label of a frame (`consistency.label_confidence`); labels of frames that are not in it keep their weights.
-        """
-        changed = copy(self)
-        changed._confidence = confidence
-        return changed
-
     @property
     def sparse(self) -> bool:
         """Whether the teacher labels too few of the training frames to be compared with itself."""
@@ -192,9 +178,7 @@ class SemanticTargets:
 
     def target(self, frame: int) -> Target:
         """The supervision of one of `frames`."""
-        found = self._targets.get(frame, lambda: self._target(frame))
-        confidence = self._confidence.get(frame)
-        return found if confidence is None else replace(found, weight=found.weight * confidence[found.index])
+        return self._targets.get(frame, lambda: self._target(frame))
 
     def _target(self, frame: int) -> Target:
         if self._others is None:
@@ -204,7 +188,8 @@ class SemanticTargets:
         flat = index.ravel()
         pixels = np.flatnonzero(flat >= 0).astype(np.int32)
         chosen = flat[pixels]
-        weight = self._weights(vectors, np.bincount(chosen, minlength=len(vectors)))[chosen]
+        counts = np.bincount(chosen, minlength=len(vectors))
+        weight = (rarity_weights(vectors, counts) if self._rarity else np.ones(len(vectors)))[chosen]
         weight /= max(weight.mean(), 1e-12) if len(weight) else 1
         if self._others is not None:
             weight = weight * confidence.ravel()[pixels]
@@ -219,45 +204,15 @@ class SemanticTargets:
             int(regions.max()) + 1,
         )
 
-    def _weights(self, vectors: np.ndarray, counts: np.ndarray) -> np.ndarray:
-        """How much a pixel of each vector counts, float64 [k]; `counts` of them have it."""
-        return rarity_weights(vectors, counts) if self._rarity else np.ones(len(vectors))
-
-    def patch_target(self, frame: int) -> PatchTarget:
-        """The teacher's own patches of one of `labelled_frames`, with which the means over them are compared."""
-        return self._patches.get(frame, lambda: self._patch_target(frame))
-
-    def _patch_target(self, frame: int) -> PatchTarget:
-        answer = self._teacher_answer(frame)
-        assert answer is not None
-        vectors, index = answer
-        size = np.bincount(index[index >= 0], minlength=len(vectors))
-        weight = size * self._weights(vectors, size)
-        device = self._working.device
-        return PatchTarget(
-            Patches.of(index, len(vectors), device),
-            torch.from_numpy(self.basis.project(vectors)).float().to(device),
-            torch.from_numpy(weight / weight.sum()).float().to(device),
-        )
-
     def loss(self, latent: Tensor, frame: int, distance: Distance, region_weight: float) -> dict[str, Tensor]:
         """Terms of the loss of a drawn latent map [H, W, d].
 
-        `align`: mean distance (`angular`, Eq. 3, `chord` or `l1`) to the frame's target; `region`: w·L_smooth, where w > 0.
+        `align`: mean distance (`angular`, Eq. 3, or `l1`) to the frame's target; `region`: w·L_smooth, where w > 0.
         """
         target = self.target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
         error = distance(flat[target.pixels], target.latents[target.index])
-        return {"align": (error * target.weight).sum() / max(len(target.pixels), 1), **self._smoothness(flat, frame, region_weight)}
-
-    def patch_loss(self, latent: Tensor, frame: int, distance: Distance, region_weight: float) -> dict[str, Tensor]:
-        """`loss` with the teacher's patches as they are, each against the mean of what it sees."""
-        patches, wanted, weight = self.patch_target(frame)
-        flat = latent.reshape(-1, latent.shape[-1])
-        return {"align": (distance(patches.see(flat), wanted) * weight).sum(), **self._smoothness(flat, frame, region_weight)}
-
-    def _smoothness(self, flat: Tensor, frame: int, weight: float) -> dict[str, Tensor]:
-        if weight <= 0:
-            return {}
-        target = self.target(frame)
-        return {"region": weight * region_smoothness(flat, target.regions, target.region_count)}
+        terms = {"align": (error * target.weight).sum() / max(len(target.pixels), 1)}
+        if region_weight > 0:
+            terms["region"] = region_weight * region_smoothness(flat, target.regions, target.region_count)
+        return terms

@@ -8,11 +8,13 @@ from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.raster import rasterize
 from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.teachers import LabelTeacher
+from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.semantic.consensus import COLOR_SCALE, LEAST, PRIOR_PIXELS, Consensus, Votes, own_weight
 from degense.engine.training.semantic.targets import SemanticTargets
 from degense.engine.training.semantic.vectors import shares_of, words_of
+from degense.engine.training.trainer import Trainer
 from tests.fakes import MemoryClip
 
 CPU = torch.device("cpu")
@@ -86,7 +88,7 @@ def test_a_teacher_is_corrected_by_itself_and_one_that_is_right_is_left_alone(st
         told += np.count_nonzero((targets.answer(frame)[1] == truth)[known])
         counted += np.count_nonzero(known)
     assert 1 - right / counted < (0.002 if share == 0 else 0.2 * share)
-    assert consensus.disagreement == pytest.approx(1 - told / counted, abs=0.02)
+    assert targets.disagreement == pytest.approx(1 - told / counted, abs=0.02)
 
 
 def test_a_teacher_that_stands_alone_no_oftener_than_chance_is_right():
@@ -103,3 +105,39 @@ def test_mixtures_are_taken_apart():
     mixed /= np.linalg.norm(mixed, axis=1, keepdims=True)
     np.testing.assert_allclose(shares_of(mixed, words_of(mixed, classes)), shares, atol=1e-4)
     assert len(words_of(mixed, None)) == 3
+
+
+@pytest.mark.parametrize("routing", ["paper", "coupled"])
+def test_semantics_trained_with_geometry_learn_the_consensus_once_no_gaussian_comes_or_goes(stage, routing):
+    _, frames, _, exact = stage
+    config = TrainConfig.preset_of("quick", routing=routing, iterations=8, coarse_iterations=2, densify_until=0.5, consensus=True)
+
+    def trainer():
+        torch.manual_seed(0)
+        targets = SemanticTargets(Erring(exact, 0.3), frames)
+        rank = targets.basis.rank
+        canonical, bounds = initial_gaussians(frames, None, 300, rank, np.random.default_rng(0), 4)
+        field = FieldConfig(routing, rank, color_knots=4, resolution=16, time_resolution=4)
+        return Trainer(SceneModel(field, bounds, canonical), frames, targets, None, config, lambda event: None)
+
+    def wrong(semantics):
+        """Share of a frame's pixels that the targets call otherwise than the exact labels."""
+        target, truth = semantics.target(2), torch.from_numpy(exact.targets(2)[1].ravel())
+        return float((target.index != truth[target.pixels]).float().mean())
+
+    one = trainer()
+    begun = one.state()
+    while one.iteration < 4:
+        one.step()
+    assert wrong(one.semantics) > 0.2
+    one.step()
+    assert wrong(one.semantics) < 0.1
+    other = trainer()
+    other.restore(one.state())
+    assert torch.equal(other.semantics.target(2).index, one.semantics.target(2).index)
+    one.step()
+    other.step()
+    for name, value in one.model.state_dict().items():
+        assert torch.equal(value, other.model.state_dict()[name]), name
+    one.restore(begun)
+    assert wrong(one.semantics) > 0.2

@@ -12,8 +12,7 @@ from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.losses import angular
-from degense.engine.training.semantic.consistency import label_confidence
-from degense.engine.training.semantic.distillation import COLOR_RIDGE, _set_semantics, backproject_features, distill
+from degense.engine.training.semantic.distillation import COLOR_RIDGE, backproject_features, distill
 from degense.engine.training.semantic.targets import SemanticTargets
 from tests.fakes import MemoryClip
 
@@ -124,43 +123,6 @@ def test_what_changes_its_look_changes_its_name():
             s = model.at(clip.time(frame)).splats
         found = rasterize(s, s.semantics, clip.cameras[frame]).image[14:22, 18:26] @ vectors.T
         assert (found.argmax(-1) == int(clip.charred(frame))).all(), frame
-
-
-def test_words_that_the_other_frames_contradict_are_believed_less():
-    clip = MemoryClip(12, 96, 80)
-    frames = TrainingFrames(clip, 1 << 20, CPU)
-    exact = LabelTeacher(clip, EmbeddedEncoder())
-    lied = 4
-
-    class Mistaken:
-        """Right but for the lower left quarter of one frame, which it calls by the other name."""
-
-        pixelwise, name, provenance, encoder, frames = False, "mistaken", "made up", exact.encoder, exact.frames
-
-        def targets(self, frame):
-            vectors, index = exact.targets(frame)
-            patches = np.arange(80)[:, None] // 8 * 12 + np.arange(96) // 8
-            name = np.array([np.bincount(index[patches == p] + 1, minlength=3)[1:].argmax() for p in range(120)])
-            if frame == lied:
-                name[[p for p in range(120) if p // 12 >= 6 and p % 12 < 4]] = 1
-            return vectors[name], patches.astype(np.int32)
-
-    targets = SemanticTargets(Mistaken(), frames, guided=False)
-    model = model_for(frames, targets)
-    _set_semantics(model, *backproject_features(model, targets, frames))
-    found = label_confidence(model, targets, frames)
-    lies = [p for p in range(120) if p // 12 in (6, 7, 8) and p % 12 < 4]
-    truths = [p for p in range(120) if p // 12 in (6, 7, 8) and p % 12 > 8]
-    assert found[lied][lies].max() < 0.3 * found[lied][truths].min()
-    assert found[lied + 1][lies].min() > 0.8
-    counted = torch.cat([torch.bincount(targets.target(i).index, minlength=120).float() for i in targets.frames])
-    assert float((torch.cat([found[i] for i in targets.frames]) * counted).sum() / counted.sum()) == pytest.approx(1, abs=0.1)
-    before = targets.target(lied).weight
-    reweighted = targets.reweighted(found)
-    after = reweighted.target(lied)
-    assert torch.equal(after.weight, before * found[lied][after.index])
-    assert torch.equal(reweighted.target(lied).weight, after.weight)  # once, not again
-    assert torch.equal(targets.target(lied).weight, before)
 
 
 def test_only_semantics_change_and_it_gets_better(stage):

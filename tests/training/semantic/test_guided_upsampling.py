@@ -8,8 +8,7 @@ from degense.engine.semantics import EmbeddedEncoder
 from degense.engine.semantics.basis import fit_basis
 from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.semantic.guided_upsampling import RADIUS, RIDGE, upsample_to_regions
-from degense.engine.training.semantic.patches import BLUR
+from degense.engine.training.semantic.guided_upsampling import BLUR, RADIUS, RIDGE, upsample_to_regions
 from degense.engine.training.semantic.targets import SemanticTargets
 from tests.fakes import MemoryClip
 
