@@ -45,8 +45,8 @@ def degensegs(config: TrainConfig) -> TrainConfig:
     rates and the compression of text vectors, which all systems here share. Latents are learned while the deformation is frozen, for the
     text freezes nothing else; Δf_sem, which is decoded from the frozen field, stands still with it.
     Without, for the text has none of them: optical flow, Ψ_app and colour residuals, temporal windows and velocities, back-projection and
-    latents that follow colour, consensus over time, weights of rare classes, guided upsampling, a loss on depth,
-    and any regularizer of motion or of planes.
+    latents that follow colour, consensus over time, weights of rare classes, guided upsampling, a loss on depth, and any regularizer
+    of motion or of planes.
     Not kept: CAT-Seg as the teacher; the size of planes and networks is this program's, for the text gives none.
     """
     paper: dict[str, Any] = {
