@@ -49,15 +49,7 @@ class FieldPass:
         self.model, self.config, self.neighbours, self.deform = model, config, neighbours, deform
 
     def __call__(self, t: Tensor, camera: Tensor, other: Tensor | None = None) -> tuple[Tensor, ...]:
-        """The fields of a `FieldState`, the last of them only with `other`.
-
-        Parameters
-        ----------
-        t, other : float []
-            `other` only where there is flow supervision.
-        camera : float [5, 4]
-            `view_and_lens`.
-        """
+        """The fields of a `FieldState`, the last of them only with `other`, float [] like `t`; `camera` is `view_and_lens`."""
         config, state = self.config, self.model.at(t, deform=self.deform, semantics=False, other=other)
         splats, d, terms = state.splats, state.deformation, dict[str, Tensor]()
         if d is not None:
@@ -106,13 +98,7 @@ class FrameLoss:
     def __call__(self, image: Tensor, alpha: Tensor, recorded: Tensor, visible: Tensor, known: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The fields of a `Loss`, and the mean squared error of colour over valid pixels.
 
-        Parameters
-        ----------
-        image : float [H, W, 4]
-            Colour and blended z.
-        alpha : float [H, W]
-        recorded, visible, known
-            `Frame.image`, `Frame.valid` and `Frame.depth`.
+        `image`, float [H, W, 4], is colour and blended z; `recorded`, `visible` and `known` are a `Frame`.
         """
         color, target, valid = image[..., :3], recorded.float() / 255, visible.float()
         terms = dict(zip(("l1", "ssim"), photometric(color, target, valid, self.config.ssim), strict=True))

@@ -26,20 +26,9 @@ DAMPING = 1e-6  # squared pixels: keeps the system regular where weights vanish
 
 
 def refine(viewmats: np.ndarray, tracks: list[Track], camera: Camera) -> np.ndarray:
-    """Poses that fit all tracks; the first frame stays where it is.
+    """Poses that fit all tracks, world to camera, float64 [T, 4, 4]; the first frame stays where it is.
 
-    Parameters
-    ----------
-    viewmats : float64 [T, 4, 4]
-        World to camera; where to begin.
-    tracks : list of Track
-        Depths in units in which a typical one is 1.
-    camera : Camera
-        Intrinsics of all frames.
-
-    Returns
-    -------
-    float64 [T, 4, 4]
+    `viewmats` are where to begin, `camera` has the intrinsics of all frames. Depths of tracks are in units in which a typical one is 1.
     """
     viewmats = viewmats.copy()
     scales = [LOOSE]

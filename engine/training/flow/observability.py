@@ -29,10 +29,7 @@ def motion_observability(model: SceneModel, frames: TrainingFrames, flow: FlowSu
     A Gaussian that is never on the seen surface has 0: no frame shows where it is. What this cannot see: flow that is consistent, on
     texture, and wrong all the same (a highlight that travels, repeated patterns), and motion along the line of sight.
 
-    Parameters
-    ----------
-    model : SceneModel
-        Trained, in the unit of `frames`.
+    `model` is trained, in the unit of `frames`.
     """
     clip = frames.clip
     reference = clip.train_frames[0]
