@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -91,12 +91,14 @@ def unpack(packed: bytes, shape: tuple[int, int]) -> np.ndarray:
 class Proposal:
     """A label map propagated from other frames, (height, width) = `shape`.
 
-    `confidence`, in [0, 1], is the expected intersection over union, averaged over the classes in the map.
+    `confidence`, in [0, 1], is the expected intersection over union, averaged over the classes in the map; `unknown` the share of pixels
+    without a label because they show what no corrected frame shows.
     """
 
     packed: bytes
     shape: tuple[int, int]
     confidence: float
+    unknown: float = 0.0
 
     @property
     def labels(self) -> np.ndarray:
@@ -105,7 +107,16 @@ class Proposal:
 
     @property
     def doubtful(self) -> bool:
-        return self.confidence < DOUBTFUL
+        return self.confidence < DOUBTFUL or self.unknown > 0
+
+    def numbers(self) -> dict[str, float]:
+        """What is written of it beside its labels."""
+        return {"confidence": self.confidence, "unknown": self.unknown}
+
+    @classmethod
+    def of(cls, packed: bytes, shape: tuple[int, int], numbers: Mapping[str, Any]) -> Proposal:
+        """What `numbers` described; earlier versions knew of nothing unknown."""
+        return cls(packed, shape, *(min(1.0, max(0.0, float(number))) for number in (numbers["confidence"], numbers.get("unknown", 0.0))))
 
 
 Status = Literal["open", "in progress", "done", "flagged"]
@@ -135,7 +146,7 @@ class Piece:
     def to_json(self) -> dict[str, Any]:
         proposal = None
         if self.proposal is not None:
-            proposal = {"labels": _text(self.proposal.packed), "shape": self.proposal.shape, "confidence": self.proposal.confidence}
+            proposal = {"labels": _text(self.proposal.packed), "shape": self.proposal.shape, **self.proposal.numbers()}
         return {
             "frame": self.frame,
             "box": [self.top, self.left, self.height, self.width],
@@ -153,7 +164,7 @@ class Piece:
         proposal = data["carried"]
         if proposal is not None:
             rows, columns = (int(number) for number in proposal["shape"])
-            proposal = Proposal(base64.b85decode(proposal["labels"]), (rows, columns), min(1.0, max(0.0, float(proposal["confidence"]))))
+            proposal = Proposal.of(base64.b85decode(proposal["labels"]), (rows, columns), proposal)
         if data["status"] not in STATUSES:
             raise ValueError(f"{data['status']!r} is no status")
         packed = base64.b85decode(data["labels"])

@@ -70,7 +70,7 @@ def save(annotations: Annotations, folder: Path) -> None:
         proposal = None
         if record.proposal is not None:
             written = _write(folder, frame, record.proposal.labels, annotations)
-            proposal = {"labels": written.name, "confidence": record.proposal.confidence}
+            proposal = {"labels": written.name, **record.proposal.numbers()}
         name = labels.path.name if isinstance(labels, StoredMap) else None
         entries[str(frame)] = {"labels": name, "by_hand": record.by_hand, "status": record.status, "carried": proposal}
     height, width = annotations.shape
@@ -116,7 +116,7 @@ def _annotations(data: Any, folder: Path, shape: tuple[int, int], count: int, or
         proposal = None
         if entry["carried"] is not None:
             proposed = _stored(folder, entry["carried"]["labels"], shape, len(classes))()
-            proposal = Proposal(pack(proposed), shape, min(1.0, max(0.0, float(entry["carried"]["confidence"]))))
+            proposal = Proposal.of(pack(proposed), shape, entry["carried"])
         annotations.records[frame] = Record(labels, bool(entry["by_hand"]), entry["status"], proposal)
     return annotations
 

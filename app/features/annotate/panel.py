@@ -165,6 +165,7 @@ class AnnotationPanel(QWidget):
         record = work.record(frame)
         if record.proposal is not None:
             text = f"proposed, confidence {record.proposal.confidence:.0%}"
+            text += f", {record.proposal.unknown:.1%} of it unknown" if record.proposal.unknown else ""
         elif record.by_hand:
             text = "painted"
         elif record.labels is not None:

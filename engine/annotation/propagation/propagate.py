@@ -8,17 +8,21 @@ With F, B and A their shares of class k,
 
 and the class of greatest score wins. The field holds large tissue, also where it is hidden; flow follows thin and fast things; appearance
 decides where something enters, leaves or changes in place. Islands that are too small for their class go to the next best class.
+
+What no corrected frame shows has no class: with u(p) the chance that a pixel shows such a thing (`unknown_chance`), class k has the chance
+(1 − u) softmax_k(s / 1.5), and where u exceeds a tenth the pixel stays unlabelled, since a wrong name is worse than none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 
 import cv2
 import numpy as np
+from scipy.special import softmax
 
 from degense.engine.annotation.edits import Proposal, pack
-from degense.engine.annotation.propagation.votes import AppearanceVotes, FieldVotes, FlowVotes
+from degense.engine.annotation.propagation.votes import AppearanceVotes, FieldVotes, FlowVotes, unknown_chance, unknown_evidence
 from degense.engine.clip import UNLABELLED, Clip
 from degense.engine.errors import DegenseError
 from degense.engine.scene import Scene
@@ -26,7 +30,8 @@ from degense.engine.scene import Scene
 FLOOR = 0.02  # ε
 APPEARANCE_WEIGHT = 2.0
 #: Scores are divided by this before they are taken for log-probabilities: the errors of the three sources are not independent.
-SOFTENED = 2.0
+SOFTENED = 1.5
+UNKNOWN_FROM = 0.1  # a pixel with a greater chance to be unknown stays unlabelled
 #: An island is dropped below this share of what the class covers in the corrected frames, and of the picture; a class that covers less
 #: than the first in a frame altogether is not there.
 LEAST_SHARE, SPECK = 0.08, 1e-3
@@ -34,7 +39,11 @@ ROUNDS = 4  # of dropping: a dropped island may make another
 
 
 def propagate(
-    clip: Clip, corrected: Mapping[int, np.ndarray], scene: Scene | None = None, frames: Sequence[int] | None = None
+    clip: Clip,
+    corrected: Mapping[int, np.ndarray],
+    scene: Scene | None = None,
+    frames: Sequence[int] | None = None,
+    tell: Callable[[int, np.ndarray, np.ndarray], object] = lambda frame, labels, confidence: None,
 ) -> Generator[tuple[float, str], None, dict[int, Proposal]]:
     """Propagate label maps to other frames. DegenseError when nothing is corrected, or a map has another size than the clip.
 
@@ -46,6 +55,8 @@ def propagate(
         A run of the clip; without one, flow and appearance decide.
     frames : sequence of int, optional
         Where to, ascending without gaps; default: the whole clip.
+    tell : callable, optional
+        Takes each frame with its labels, uint8 [H, W], and the chance of each pixel that they are right, float32 [H, W].
 
     Yields fractions with words, and returns proposals for all `frames` but the corrected ones.
     """
@@ -71,13 +82,22 @@ def propagate(
         scores = np.log(flow.at(frame) + FLOOR) + APPEARANCE_WEIGHT * np.log(appearance.at(rgb) + FLOOR)
         if field is not None:
             scores += np.log(field.at(frame, rgb) * clip.valid(frame)[..., None] + FLOOR)
-        winners = without_islands(scores, usual)
-        result[frame] = Proposal(pack(values[winners]), winners.shape, expected_iou(scores, winners))
+        chances, strange = softmax(scores / SOFTENED, -1), unknown_chance(unknown_evidence(appearance.novelty(rgb), *flow.traces(frame)))
+        chances *= 1 - strange[..., None]
+        chances[..., -1] += strange
+        decided = chances.copy()
+        decided[strange > UNKNOWN_FROM, -1] = np.inf
+        winners = without_islands(decided, usual)
+        tell(frame, values[winners], np.take_along_axis(chances, winners[..., None], -1)[..., 0])
+        unknown = float(((winners == count - 1) & (strange > UNKNOWN_FROM)).mean())
+        if not any((labels == UNLABELLED).any() for labels in corrected.values()):
+            chances[..., -1] = 0  # what is unknown has not been labelled right
+        result[frame] = Proposal(pack(values[winners]), winners.shape, expected_iou(chances, winners), unknown)
     return result
 
 
 def _indexed(clip: Clip, corrected: Mapping[int, np.ndarray]) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """The values that occur, uint8 [count], and for each corrected frame which of them each pixel has, int64 [H, W]."""
+    """The values that occur and, last, `UNLABELLED`, uint8 [count], and which of them each pixel of a corrected frame has, int64 [H, W]."""
     if not corrected:
         raise DegenseError("No frame is labelled yet; label one, and its labels can be propagated to the others.")
     width, height = clip.size
@@ -85,16 +105,18 @@ def _indexed(clip: Clip, corrected: Mapping[int, np.ndarray]) -> tuple[np.ndarra
         if labels.shape != (height, width):
             found = f"{labels.shape[1]} × {labels.shape[0]}"
             raise DegenseError(f"The label map of frame {frame} is {found} pixels, but the clip is {width} × {height}; scale it first.")
-    values = np.unique(np.concatenate([np.unique(labels) for labels in corrected.values()]))
+    values = np.unique(np.concatenate([[UNLABELLED], *(np.unique(labels) for labels in corrected.values())]).astype(np.uint8))
     if values.tolist() == [UNLABELLED]:
         raise DegenseError("The corrected frames hold no label; paint one, and it can be propagated to the others.")
     return values, {frame: np.searchsorted(values, corrected[frame]).astype(np.int64) for frame in sorted(corrected)}
 
 
 def _usual_areas(indices: Sequence[np.ndarray], count: int) -> np.ndarray:
-    """Pixels of each class in a corrected frame that has it, float [count]."""
+    """Pixels of each class in a corrected frame that has it, float [count]; of what has no label, a speck makes an island."""
     areas = np.stack([np.bincount(index.ravel(), minlength=count) for index in indices])
-    return areas.sum(0) / np.maximum((areas > 0).sum(0), 1)
+    usual = areas.sum(0) / np.maximum((areas > 0).sum(0), 1)
+    usual[-1] = SPECK * indices[0].size / LEAST_SHARE
+    return usual
 
 
 def without_islands(scores: np.ndarray, usual: np.ndarray) -> np.ndarray:
@@ -119,11 +141,8 @@ def without_islands(scores: np.ndarray, usual: np.ndarray) -> np.ndarray:
     return scores.argmax(-1)
 
 
-def expected_iou(scores: np.ndarray, winners: np.ndarray) -> float:
-    """Mean over the classes in `winners` of Σ_{won} P / (|won| + Σ_{not won} P), with P the softmax of the softened scores."""
-    softened = scores / SOFTENED
-    chances = np.exp(softened - softened.max(-1, keepdims=True))
-    chances /= chances.sum(-1, keepdims=True)
+def expected_iou(chances: np.ndarray, winners: np.ndarray) -> float:
+    """Mean over the classes in `winners` [H, W] of Σ_{won} P / (|won| + Σ_{not won} P), with P the chances [H, W, count]."""
     each = []
     for index in np.unique(winners):
         won, chance = winners == index, chances[..., index]

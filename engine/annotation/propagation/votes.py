@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from degense.engine.annotation.edits import pack, unpack
 from degense.engine.clip import Clip
-from degense.engine.motion import consistent, follow
+from degense.engine.motion import consistent, follow, sample
 from degense.engine.raster import backproject, rasterize
 from degense.engine.scene import Scene
 from degense.engine.threads import one_torch_thread
@@ -42,7 +42,7 @@ class FlowVotes:
         self._clip, self._labels, self._count = clip, labels, count
         self._shape = clip.size[1], clip.size[0]
         self._spans = list(spans(sorted(labels), frames[0], frames[-1]))
-        self._moved: dict[int, dict[int, tuple[bytes, bytes]]] = {}
+        self._moved: dict[int, dict[int, tuple[bytes, bytes, bytes]]] = {}
 
     @property
     def steps(self) -> int:
@@ -52,23 +52,33 @@ class FlowVotes:
     def measure(self) -> Iterator[int]:
         """Follow the flow; yields after each step the frame that was reached."""
         for span in self._spans:
-            labels = self._labels[span[0]].astype(np.uint8)
+            labels, first = self._labels[span[0]].astype(np.uint8), _lab(self._clip.frame(span[0]))
             reached = follow(self._clip.frame(i) for i in span)
             for frame, (out, back) in zip(span[1:], reached, strict=True):
                 moved, inside = warped_labels(labels, back)
                 agrees = consistent(back, out) & inside
-                self._moved.setdefault(frame, {})[span[0]] = pack(moved), pack(agrees)
+                unlike = np.linalg.norm(sample(first, back) - _lab(self._clip.frame(frame)), axis=-1)
+                coded = np.nan_to_num(2 * unlike, nan=255).clip(0, 255).astype(np.uint8)
+                self._moved.setdefault(frame, {})[span[0]] = pack(moved), pack(agrees), pack(coded)
                 yield frame
 
     def at(self, frame: int) -> np.ndarray:
         """Weights of the labels in each pixel, float32 [H, W, count], at most 1."""
         found = self._moved.get(frame, {})
         votes = np.zeros((*self._shape, self._count), np.float32)
-        for weight, (moved, agrees) in zip(nearness(frame, list(found)) if found else (), found.values(), strict=True):
+        for weight, (moved, agrees, _) in zip(nearness(frame, list(found)) if found else (), found.values(), strict=True):
             certain = np.where(unpack(agrees, self._shape), 1.0, INCONSISTENT).astype(np.float32) * weight
             index = unpack(moved, self._shape)[..., None].astype(np.int64)
             np.put_along_axis(votes, index, np.take_along_axis(votes, index, -1) + certain[..., None], -1)
         return votes
+
+    def traces(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """How unlike a pixel is to the one that the flow finds for it (CIELAB, at most 127), and whether it is found at all.
+
+        float32 and bool [H, W], over the corrected frames on both sides: the more like one counts.
+        """
+        found = [(unpack(unlike, self._shape), unpack(agrees, self._shape)) for _, agrees, unlike in self._moved[frame].values()]
+        return np.min([unlike for unlike, _ in found], 0).astype(np.float32) / 2, np.max([agrees for _, agrees in found], 0) > 0
 
 
 def spans(sources: Sequence[int], first: int, last: int) -> Iterator[list[int]]:
@@ -131,7 +141,13 @@ class FieldVotes:
 
 #: Pixels of each class and corrected frame to learn from.
 SAMPLES = 1500
+#: Of these, what the surroundings of other pixels are compared with.
+KNOWN = 1000
 WIDTH, STEPS, BATCH, RATE, SMOOTHING = 32, 300, 2048, 1e-2, 0.1
+
+#: Logistic weights of `unknown_evidence`, the constant first; fitted to 24 surgeries of the family (seeds 0 to 31).
+UNKNOWN = (-8.3, 1.7, 2.3, 1.6)
+BLUR = 2.0  # of it, pixels
 
 
 class AppearanceVotes:
@@ -144,8 +160,21 @@ class AppearanceVotes:
         inputs, targets = _samples(pictures, labels, count, np.random.default_rng(seed))
         self._mean, self._spread = inputs.mean(0), inputs.std(0) + 1e-6
         self._present = np.bincount(targets, minlength=count) > 0
+        known = torch.from_numpy((inputs - self._mean) / self._spread)[
+            torch.randperm(len(inputs), generator=torch.Generator().manual_seed(seed))
+        ]
+        self._known = known[:KNOWN]
+        self._usual = float(torch.cdist(known[KNOWN : 2 * KNOWN], self._known).amin(1).median()) if len(known) > KNOWN else 1.0
         with one_torch_thread():
             self._network = _fitted((inputs - self._mean) / self._spread, targets, count, seed)
+
+    @torch.no_grad()
+    def novelty(self, rgb: np.ndarray) -> np.ndarray:
+        """How far the surroundings of each pixel are from all that were learned from, by what is usual among these, float32 [H, W]."""
+        x = torch.from_numpy((surroundings(rgb) - self._mean) / self._spread)
+        with one_torch_thread():
+            nearest = torch.cat([torch.cdist(part, self._known).amin(1) for part in x.split(1 << 16)])
+        return (nearest / self._usual).numpy().reshape(rgb.shape[:2])
 
     @torch.no_grad()
     def at(self, rgb: np.ndarray) -> np.ndarray:
@@ -157,9 +186,28 @@ class AppearanceVotes:
         return torch.softmax(scores, 1).numpy().reshape(*rgb.shape[:2], -1)
 
 
+def unknown_evidence(novelty: np.ndarray, unlike: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """What speaks for a pixel showing what no corrected frame shows, float32 [3, H, W].
+
+    Logarithms of `AppearanceVotes.novelty` and of the unlikeness of `FlowVotes.traces`, by its median, and where that is not found.
+    """
+    maps = np.log(novelty + 1e-3), np.log((1 + unlike) / (1 + np.median(unlike))), np.where(found, 0.0, 1.0)
+    return np.stack([cv2.GaussianBlur(values.astype(np.float32), (0, 0), BLUR) for values in maps])
+
+
+def unknown_chance(evidence: np.ndarray) -> np.ndarray:
+    """The chance of it, float32 [H, W]."""
+    bias, *weights = UNKNOWN
+    return 1 / (1 + np.exp(-bias - np.tensordot(np.array(weights, np.float32), evidence, 1)))
+
+
+def _lab(rgb: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
+
+
 def surroundings(rgb: np.ndarray) -> np.ndarray:
     """Of each pixel of a picture uint8 [H, W, 3]: CIELAB colour at three scales, contrast and edges at two, float32 [H · W, 13]."""
-    lab = cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
+    lab = _lab(rgb)
     light = np.ascontiguousarray(lab[..., 0])
     maps = [channel for sigma in (0.7, 2, 5) for channel in cv2.split(cv2.GaussianBlur(lab, (0, 0), sigma))]
     for sigma in (1.5, 4):
