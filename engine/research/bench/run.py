@@ -56,6 +56,10 @@ BENCHES: Benches = {
         "degense.engine.research.benchmarks.annotation",
         "one corrected frame, propagated to all others: mask quality against exact labels",
     ),
+    "carrying": (
+        "degense.engine.research.benchmarks.carrying",
+        "labels of one frame carried to all: content that entered later, and whether the confidence is right",
+    ),
     "stress": ("degense.engine.research.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }
 

@@ -159,8 +159,9 @@ def test_a_frame_is_propagated_reviewed_and_taken_back(qtbot, annotating, idle, 
     idle()
     assert state.work.waiting() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
     assert "9 wait for an answer" in on.annotator(window).panel.summary.text()
-    sure = state.work.record(7).proposal
-    state.work.records[7] = Record(proposal=Proposal(sure.packed, sure.shape, 0.5))
+    for frame in state.work.waiting():
+        found = state.work.record(frame).proposal
+        state.work.records[frame] = Record(proposal=Proposal(found.packed, found.shape, 0.5 if frame == 7 else 0.9))
     qtbot.keyClick(panel, Qt.Key.Key_Tab)
     assert window.session.frame == 7
     idle()

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from degense.engine.research.benchmarks import annotation
+from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.research.benchmarks import annotation, carrying
 from tests.fakes import MovingWall
 
 
@@ -26,3 +29,22 @@ def test_the_frame_that_shows_most_is_corrected_and_the_others_scored():
     assert 0 < confidence <= 1
     assert strokes == 4  # the two unlabelled rows are one region
     assert seconds > 0
+
+
+def test_carrying_says_what_is_flagged_and_how_well_it_knows():
+    sure = np.array([0.95] * 20)
+    assert carrying.calibration_error(sure, np.array([1.0] * 19 + [0.0])) == pytest.approx(0, abs=1e-6)
+    assert carrying.calibration_error(sure, np.zeros(20)) == pytest.approx(0.95)
+    told = np.array([[1, 1, 1, 0, 0], [1, 1, 0, 0, 1], [1, 1, 0, 1, 0], [1, 1, 0, 1, 0]], np.float32)
+    row = carrying.figures(told)
+    assert (row["new"], row["flagged"], row["missed"], row["right"], row["error"]) == pytest.approx((60, 200 / 3, 50, 60, 0))
+
+
+def test_what_enters_after_the_labelled_frame_is_not_named(tmp_path):
+    """The bar of the project, on a phantom that is not of the family: grasper and hook enter, tissue chars."""
+    make_phantom(tmp_path, PhantomOptions(frames=16, width=128, height=96), lambda fraction, words: None)
+    row = carrying.figures(carrying.carried(open_clip(tmp_path)))
+    assert row["new"] > 1
+    assert row["flagged"] > 90
+    assert row["missed"] < 3
+    assert row["error"] < 5
