@@ -269,6 +269,9 @@ def test_a_clip_without_a_run_keeps_its_labels_beside_itself(qtbot, window, tiny
     qtbot.mousePress(on.viewer(window).panel, Qt.MouseButton.LeftButton, pos=press)  # a stroke that does not end
     qtbot.wait(2200)
     shutil.copytree(clip, tmp_path / "killed")  # what is there if the program ends now
+    journal = folder_of(tmp_path / "killed" / NAME) / JOURNAL
+    journal.parent.mkdir()
+    shutil.copyfile(folder_of(clip / NAME) / JOURNAL, journal)
     killed, labels = annotating_session()
     killed.open_clip(open_clip(tmp_path / "killed"))
     killed.recover()

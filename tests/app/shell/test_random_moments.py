@@ -1,6 +1,6 @@
 """Painting while the disk fills up, the folder goes away, a second window opens and the program is killed, at random moments.
 
-As a program it does so more often: `python -m tests.app.headless.test_random_moments 50`.
+As a program it does so more often: `python -m tests.app.shell.test_random_moments 50`.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def paint(folder: Path, settings: Path, name: str) -> Iterator[str]:
 
 def start(folder: Path, settings: Path, name: str) -> subprocess.Popen[str]:
     """A program that paints; it has begun when this returns."""
-    command = [sys.executable, "-m", __name__ if __name__ != "__main__" else "tests.app.headless.test_random_moments", "paint"]
+    command = [sys.executable, "-m", __name__ if __name__ != "__main__" else "tests.app.shell.test_random_moments", "paint"]
     out = subprocess.Popen([*command, str(folder), str(settings), name], stdout=subprocess.PIPE, text=True)
     assert out.stdout is not None
     out.stdout.readline()
