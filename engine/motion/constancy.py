@@ -36,7 +36,7 @@ def looks_changed(here: np.ndarray, there: np.ndarray, flow: Flow) -> np.ndarray
         return known
     ratio = np.where(known[..., None], ratio, 0) - np.median(ratio[known], axis=0)
     ratio -= _smooth(np.clip(ratio, -LARGEST_LIGHT, LARGEST_LIGHT), known)
-    change = np.abs(ratio).max(-1)
+    change = _largest(np.abs(ratio))
     slack = SLACK * np.minimum(_slope(here), _slope(np.where(known[..., None], arrived, here)))
     return known & (change > LEAST + USUAL * np.median(change[known]) + slack)
 
@@ -44,7 +44,12 @@ def looks_changed(here: np.ndarray, there: np.ndarray, flow: Flow) -> np.ndarray
 def _slope(frame: np.ndarray) -> np.ndarray:
     """The steepest slope of a frame [H, W, 3] around each pixel, a pixel, float32 [H, W]."""
     dx, dy = (cv2.Sobel(frame, cv2.CV_32F, *order, ksize=3, scale=1 / 8) for order in ((1, 0), (0, 1)))
-    return cv2.dilate(np.sqrt(dx**2 + dy**2).max(-1), np.ones((3, 3), np.uint8))
+    return cv2.dilate(np.sqrt(_largest(dx**2 + dy**2)), np.ones((3, 3), np.uint8))
+
+
+def _largest(values: np.ndarray) -> np.ndarray:
+    """The largest of three channels [H, W, 3], float32 [H, W]: many times as fast as `np.max` along so short an axis."""
+    return np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2])
 
 
 def _smooth(values: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -113,7 +113,8 @@ class FlowSupervision:
         """
         train = self.frames.clip.train_frames
         logs = [log_intensity(frame) for frame in small]
-        changing = [around(self._changes(k, logs)) for k in range(len(train))]
+        with ThreadPoolExecutor() as pool:
+            changing = list(pool.map(lambda k: around(self._changes(k, logs)), range(len(train))))
         for k, frame in enumerate(train):
             for pair in self.pairs[frame]:
                 other = train.index(pair.to)
