@@ -47,20 +47,14 @@ ENOUGH = 0.1  # where so much of what is within it is seen
 
 
 class Observed(NamedTuple):
-    """How the pixels of a frame went to the reference frame.
+    """How the pixels of a frame went to the reference frame."""
 
-    Attributes
-    ----------
-    flow : float32 [H, W, 2]
-        Pixels; where motion is not seen, the mean of what is seen around.
-    seen : bool [H, W]
-        Flow is consistent forwards and backwards, valid at both ends, on texture that pins motion down, and the place looks as it did.
-    spread : float32 [H, W]
-        Pixels: 0 where motion is seen; else the standard deviation of what is seen around; NaN where nothing is, nor the frame valid.
-    """
-
-    flow: np.ndarray
+    flow: np.ndarray  # float32 [H, W, 2]; pixels; where motion is not seen, the mean of what is seen around
+    #: bool [H, W]; flow is consistent forwards and backwards, valid at both ends, on texture that pins motion down, and the place looks as
+    #: it did.
     seen: np.ndarray
+    #: float32 [H, W]; pixels: 0 where motion is seen; else the standard deviation of what is seen around; NaN where nothing is, nor the
+    #: frame valid.
     spread: np.ndarray
 
 

@@ -16,21 +16,11 @@ DRAWN = 160  # pixels: width of the depth that visibility is read from
 
 
 class Tracks(NamedTuple):
-    """Points over time.
+    """Points over time."""
 
-    Attributes
-    ----------
-    positions : float64 [K, T, 3]
-        World, clip units; NaN for a point that nothing is reconstructed at.
-    pixels : float64 [K, T, 2]
-        (x, y) in the surgeon's camera of each frame.
-    visible : bool [K, T]
-        Within the frame, and no surface in front.
-    """
-
-    positions: np.ndarray
-    pixels: np.ndarray
-    visible: np.ndarray
+    positions: np.ndarray  # float64 [K, T, 3]; world, clip units; NaN for a point that nothing is reconstructed at
+    pixels: np.ndarray  # float64 [K, T, 2]; (x, y) in the surgeon's camera of each frame
+    visible: np.ndarray  # bool [K, T]; within the frame, and no surface in front
 
 
 def follow_points(scene: Scene, queries: np.ndarray, progress: Progress = silent) -> Tracks:

@@ -81,18 +81,9 @@ class Shading:
 
 
 def shading(rgb: np.ndarray, usable: np.ndarray, camera: Camera) -> Shading | None:
-    """Depth cues from the shading of a frame.
+    """Depth cues from the shading of a frame uint8 [H, W, 3]; `usable` are pixels that show tissue, as far as known.
 
-    Parameters
-    ----------
-    rgb : uint8 [H, W, 3]
-    usable : bool [H, W]
-        Pixels that show tissue, as far as known.
-
-    Returns
-    -------
-    Shading or None
-        None when less than 5 % of the usable pixels can be used, or their brightness varies by less than 3 %.
+    None when less than 5 % of the usable pixels can be used, or their brightness varies by less than 3 %.
     """
     height, width = usable.shape
     factor = min(1.0, WORKING_WIDTH / width)

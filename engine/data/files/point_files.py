@@ -22,18 +22,10 @@ FORMATS = (
 
 
 class KnownPoints(NamedTuple):
-    """Where points are known to be.
+    """Where points are known to be."""
 
-    Attributes
-    ----------
-    pixels : float64 [K, T, 2]
-        (x, y); NaN where nothing is said.
-    hidden : bool [K, T]
-        Said not to be seen.
-    """
-
-    pixels: np.ndarray
-    hidden: np.ndarray
+    pixels: np.ndarray  # float64 [K, T, 2]; (x, y); NaN where nothing is said
+    hidden: np.ndarray  # bool [K, T]; said not to be seen
 
     @property
     def queries(self) -> np.ndarray:

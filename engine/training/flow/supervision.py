@@ -56,14 +56,9 @@ class FlowSupervision:
     Neighbours are matched directly, which is exact for small motion; the way to the first frame is followed from frame to frame, since a
     direct match of far frames passes the forward-backward check while being wrong by many pixels.
 
-    Parameters
-    ----------
-    frames : TrainingFrames
-    progress : Progress
-    tools : callable, optional
-        The pixels of a training frame that a teacher calls an instrument, bool [H, W] at the working size, None where it does not say:
-        they are no tissue. Without it only what the clip itself masks is left out, and that flow forwards and backwards must agree is all
-        that keeps the motion of an instrument from the tissue beside it.
+    `tools` are the pixels of a training frame that a teacher calls an instrument, bool [H, W] at the working size, None where it does not
+    say: they are no tissue. Without it only what the clip itself masks is left out, and that flow forwards and backwards must agree is all
+    that keeps the motion of an instrument from the tissue beside it.
     """
 
     #: What measures the flow; research shares it between trainings.
@@ -157,15 +152,8 @@ class FlowSupervision:
     def warped(self, values: np.ndarray, source: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Values of one training frame, warped to where its tissue is in another, by way of the first training frame.
 
-        Parameters
-        ----------
-        values : [H, W] or [H, W, C]
-            At the working size.
-
-        Returns
-        -------
-        values, known
-            Nearest pixels of the source, and bool [H, W] where flow could say which; elsewhere as the nearest pixel where it could.
+        The nearest pixels of the source, [H, W] or [H, W, C] at the working size, and bool [H, W] where flow could say which; elsewhere as
+        the nearest pixel where it could.
         """
         first = self.frames.clip.train_frames[0]
         known = np.ones(values.shape[:2], bool)
@@ -185,19 +173,10 @@ class FlowSupervision:
         return values, known
 
     def velocity(self, frame: int, pixels: np.ndarray) -> np.ndarray:
-        """How fast what is seen at `pixels` of a training frame moves, instruments included, scene units in a unit of the clip's time.
+        """How fast what is seen at `pixels` [n, 2] of a training frame moves, instruments included, float64 [n, 3].
 
-        The mean over the neighbouring training frames to which the flow is consistent and the depth steady; 0 where there is none. A depth
-        that was not measured is taken to stay as it is.
-
-        Parameters
-        ----------
-        pixels : float [n, 2]
-            (x, y) at the working size.
-
-        Returns
-        -------
-        float64 [n, 3]
+        In scene units in a unit of the clip's time, of pixels (x, y) at the working size: the mean over the neighbouring training frames to
+        which the flow is consistent and the depth steady; 0 where there is none. A depth that was not measured is taken to stay as it is.
         """
         train, clip = self.frames.clip.train_frames, self.frames.clip
         size, (rows, columns) = np.array(self.frames.size), pixels[:, ::-1].astype(int).T

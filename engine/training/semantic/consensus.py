@@ -33,14 +33,7 @@ PIXELS = 400_000  # of all frames, that the appearance is learned from
 
 
 class Votes:
-    """What each frame calls the Gaussians.
-
-    Parameters
-    ----------
-    model : SceneModel
-        With a finished geometry.
-    frames : TrainingFrames
-    """
+    """What each frame calls the Gaussians of a model whose geometry is finished."""
 
     def __init__(self, model: SceneModel, frames: TrainingFrames):
         self._model, self._frames = model, frames
@@ -83,15 +76,7 @@ class Consensus:
     The third term takes back half of the clip's frequencies of words, which both before it contain. λ ≥ 0 is `own_weight`: a teacher that
     does not err is right where the scene is blurred.
 
-    Parameters
-    ----------
-    model : SceneModel
-        With a finished geometry.
-    targets : SemanticTargets
-        The teacher's answers.
-        It is told its `disagreement`.
-    frames : TrainingFrames
-    seed : int
+    The model's geometry is finished. The targets, which are the teacher's answers, are told their `disagreement`.
     """
 
     def __init__(self, model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, seed: int, progress: Progress = silent):

@@ -70,12 +70,7 @@ def backproject_features(
 
     with means and covariances weighted by its share in each frame, scaled so that v̄_i has unit length.
 
-    Returns
-    -------
-    latents : float [N, d]
-        f_i; zero for Gaussians never seen at a labelled pixel.
-    semantic_coefficients : float [N, 3, d]
-        R_i.
+    Returns f [N, d], zero for Gaussians never seen at a labelled pixel, and R [N, 3, d].
     """
     count, rank = model.canonical["semantics"].shape
     moments = model.bounds.new_zeros(count, 4, rank + 4)  # Σ weight (1, c)ᵀ (v, 1, c): all sums of the line at once
@@ -108,12 +103,8 @@ def distill(
 ) -> bool:
     """Train everything semantic of `model` in place, nothing else; False when `stop()` asked to leave.
 
-    Parameters
-    ----------
-    config : TrainConfig
-        `consensus`, `lift`, `semantic_steps`, `angular`, `region`, `delta_semantics` and the learning rates.
-    report : Report
-        Called every `REPORT_EVERY` steps and at the end.
+    Of the config it reads `consensus`, `lift`, `semantic_steps`, `angular`, `region`, `delta_semantics` and the learning rates. `report` is
+    called every `REPORT_EVERY` steps and at the end.
     """
     random = np.random.default_rng(config.seed)
     if config.consensus and not targets.sparse:
