@@ -46,7 +46,8 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Colle
     dict
         `poses` (where the cameras come from, in words), image scores, `miou` {decoder: value}, `masks` {decoder: all scores}, motion
         scores, `train_seconds`, `gaussians`, `render_fps` (baked states, colour only, this machine), `query_ms` (warm frame, prompt to
-        mask) and `query_new_frame_ms`; `moving`, how many Gaussians the field changes (None for runs of earlier versions).
+        mask) and `query_new_frame_ms`; `moving`, how many Gaussians the field changes (None for runs of earlier versions);
+        `teacher_disagreement`, the share of pixels that the teacher calls otherwise than the consensus of its frames (None without one).
 
     Raises
     ------
@@ -57,18 +58,18 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Colle
         raise ClipError(
             f"{clip.path} has {len(clip)} frames of {clip.size}, but {scene.name} was trained on {scene.frames} of {scene.clip_size}"
         )
-    held_out = bool(clip.test_frames)
     frames = clip.test_frames or list(range(len(clip)))
     result: dict[str, Any] = {
         "run": scene.name,
         "clip": clip.name,
         "frames": frames,
-        "held_out": held_out,
+        "held_out": bool(clip.test_frames),
         "routing": scene.run.info["config"]["routing"],
         "preset": scene.run.info["config"]["preset"],
         "unit": scene.unit,
         "poses": scene.run.info.get("provenance", {}).get("poses"),
         "moving": scene.run.info.get("moving"),
+        "teacher_disagreement": scene.run.info.get("teacher", {}).get("disagreement"),
     }
     images = ImageScores()
     for done, i in enumerate(frames):

@@ -228,7 +228,7 @@ class TrainingRun:
         run.info["moving"] = exclude_static(trainer)
         if self.inputs.semantics is not None and (share := self.inputs.semantics.disagreement) is not None:
             words = f"this teacher calls the same place differently in {share:.0%} of the frames"
-            run.info["teacher"]["provenance"] += f"; {words}"
+            run.info["teacher"] |= {"disagreement": share, "provenance": f"{run.info['teacher']['provenance']}; {words}"}
             self.events(Reliability(words))
         run.save_model(trainer.model)
         if trainer.flow is not None:

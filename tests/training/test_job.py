@@ -7,7 +7,7 @@ import torch
 
 import degense.engine.training.job as training
 from degense.engine.errors import DegenseError, RunError
-from degense.engine.events import Done, Rollback, Stage, Stopped, TrainingProgress, read_progress
+from degense.engine.events import Done, Reliability, Rollback, Stage, Stopped, TrainingProgress, read_progress
 from degense.engine.scene import Scene
 from degense.engine.store import Run
 from degense.engine.store.files import read_json, read_tensors, write_json, write_tensors
@@ -44,6 +44,10 @@ def test_it_learns_and_leaves_a_run(tmp_path, routing):
     stages = [e.stage for e in events if isinstance(e, Stage)]
     assert stages == ["load", "teacher", "flow", "coarse", "joint", *(["semantics"] if routing == "isolated" else [])]
     assert events[-1] == Done(str(tmp_path / "run"))
+    told = [e.words for e in events if isinstance(e, Reliability)]
+    assert told == ["this teacher calls the same place differently in 0% of the frames"]
+    assert run.info["teacher"]["disagreement"] < 0.005
+    assert run.info["teacher"]["provenance"].endswith(told[0])
     assert (tmp_path / "run" / "previews" / "last.png").stat().st_size > 100
     log = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     assert [line["losses"] for line in log] == [e.losses for e in reports]

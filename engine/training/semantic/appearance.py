@@ -16,6 +16,7 @@ from torch import Tensor, nn
 SCALES = (1, 2, 4, 8)  # pixels: σ of the neighbourhoods that are looked at
 WIDTH = 64  # units of a hidden layer
 STEPS, BATCH, RATE = 400, 4096, 3e-3
+EPOCHS = 20  # at most
 
 
 def look(image: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "height width features"]:
@@ -48,8 +49,9 @@ class Appearance:
             layers += [layer, nn.SiLU()]
         self._network = nn.Sequential(*layers[:-1]).to(features.device)
         optimizer = torch.optim.AdamW(self._network.parameters(), RATE, weight_decay=1e-4)
-        for step in range(STEPS):
-            optimizer.param_groups[0]["lr"] = RATE * (1 - step / STEPS)
+        steps = min(STEPS, EPOCHS * len(features) // BATCH + 1)
+        for step in range(steps):
+            optimizer.param_groups[0]["lr"] = RATE * (1 - step / steps)
             rows = torch.randint(len(features), (BATCH,), generator=random).to(features.device)
             loss = nn.functional.cross_entropy(self._network(self._scaled(features[rows])), shares[rows])
             optimizer.zero_grad(set_to_none=True)
