@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import Any, TextIO
+from typing import Any
 
 from degense.engine.progress import Result, Steps
 
@@ -12,14 +12,12 @@ from degense.engine.progress import Result, Steps
 class Bar:
     """A progress bar on one line of a terminal; silent when the stream is no terminal. It is a `Progress`."""
 
-    def __init__(self, stream: TextIO | None = None, every: float = 0.1) -> None:
-        self._stream = stream or sys.stderr
-        self._shows = self._stream.isatty()
-        self._every, self._last = every, float("-inf")
+    def __init__(self) -> None:
+        self._stream, self._shows, self._last = sys.stderr, sys.stderr.isatty(), float("-inf")
 
     def __call__(self, fraction: float, message: str) -> None:
         now = time.monotonic()
-        if self._shows and (now - self._last >= self._every or fraction >= 1.0):
+        if self._shows and (now - self._last >= 0.1 or fraction >= 1.0):
             self._last = now
             filled = round(24 * min(1.0, max(0.0, fraction)))
             self._stream.write(f"\r\x1b[K[{'#' * filled}{'.' * (24 - filled)}] {fraction:4.0%}  {message}"[:160])

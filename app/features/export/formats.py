@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 class ExportOptions:
     """What to export; None leaves the choice to the format or to the layers."""
 
-    #: What is asked; without prompts, masks are of the classes of the scene. None for no prompts and the defaults.
-    prompt_set: PromptSet | None = None
+    prompt_set: PromptSet  # what is asked; without prompts, masks are of the classes of the scene
     frame: float | None = None  # instant of a single PLY; None for the reference frame
     layer: str = "rgb"  # layer of a movie
     #: Values of the first and the last colour of a movie of a scalar layer; None for the range of the whole sequence.
@@ -40,14 +39,7 @@ class ExportOptions:
         """The request for a layer at a frame with these settings."""
         from degense.engine.layers import LayerRequest
 
-        return LayerRequest(frame, prompt_set=self.asked)
-
-    @property
-    def asked(self) -> PromptSet:
-        """`prompt_set`, or one that asks nothing."""
-        from degense.engine.semantics.prompts import NO_PROMPTS
-
-        return self.prompt_set or NO_PROMPTS
+        return LayerRequest(frame, prompt_set=self.prompt_set)
 
 
 def export_ply(scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
@@ -73,7 +65,7 @@ def export_ply_sequence(scene: Scene, out: Path, options: ExportOptions) -> Step
 
 def export_labels(name: str, scene: Scene, out: Path, options: ExportOptions) -> Steps[str]:
     """Label maps in one of the formats of `engine.annotation.formats`."""
-    maps = label_source(scene, options.source, options.asked)
+    maps = label_source(scene, options.source, options.prompt_set)
     return (yield from write_labels(name, maps, out))
 
 

@@ -27,7 +27,6 @@ class RunSummary:
     teacher: str = ""
     created: str = ""
     iteration: int | None = None
-    iterations: int | None = None
     gaussians: int | None = None
     train_seconds: float | None = None
     training_psnr: float | None = None  # of the training frames, at the last report
@@ -72,7 +71,6 @@ def summary(path: Path) -> RunSummary:
         teacher=str(teacher.get("name") or ""),
         created=str(info.get("created", "")),
         iteration=_whole(last.get("iteration")),
-        iterations=_whole(config.get("iterations")),
         gaussians=_whole(info.get("gaussians")) or _whole(last.get("gaussians")),
         train_seconds=_number(info.get("train_seconds")),
         training_psnr=_number(last.get("psnr")),

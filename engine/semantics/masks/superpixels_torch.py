@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from degense.engine.semantics.masks.superpixels import COMPACTNESS, LINEAR, REGION_SIZE, ROUNDS
 
@@ -25,7 +26,6 @@ class Grid(NamedTuple):
     start: Tensor  # int64 [K]; pixels at which the centres begin
     place: Tensor  # float32 [H · W, 2]; (x, y) in units that compare with CIELAB
     candidates: Tensor  # int64 [9, H, W]; the centres that a pixel looks at: the nine nearest; beyond the border the same ones again
-    mirrored: list[tuple[Tensor, Tensor]]  # rows before and after each row, then columns; at the border the ones inside
     linear: Tensor  # float32 [256]
     xyz: Tensor  # float32 [3, 3]
 
@@ -44,7 +44,6 @@ def _grid(height: int, width: int, device: torch.device) -> Grid:
         (middle_y[:, None] * width + middle_x).flatten(),
         torch.stack([x.repeat(height), y.repeat_interleave(width)], 1) * (COMPACTNESS / REGION_SIZE),
         (near_rows[:, None, :, None] * columns + near_columns[None, :, None, :]).reshape(9, height, width),
-        [(_mirrored(place - 1, len(place)), _mirrored(place + 1, len(place))) for place in (y, x)],
         torch.from_numpy(LINEAR).to(device),
         torch.tensor(XYZ, device=device),
     )
@@ -54,7 +53,7 @@ def superpixels_on_device(rgb: Tensor) -> tuple[Tensor, int]:
     """Regions of an RGB image uint8 [H, W, 3]: int64 [H, W], and their number K. Not every number need occur."""
     height, width = rgb.shape[:2]
     grid = _grid(height, width, rgb.device)
-    points = torch.cat([_lab(_smooth(rgb, grid), grid).reshape(-1, 3), grid.place], 1)  # [H · W, 5]
+    points = torch.cat([_lab(_smooth(rgb), grid).reshape(-1, 3), grid.place], 1)  # [H · W, 5]
     centres = points[grid.start]
     half, coarse = points.view(height, width, 5)[::2, ::2].reshape(-1, 5), grid.candidates[:, ::2, ::2].reshape(9, -1)
     # in float64: a mean must not depend on the order in which threads add
@@ -72,17 +71,13 @@ def _nearest(points: Tensor, centres: Tensor, candidates: Tensor) -> Tensor:
     return candidates.gather(0, distance.argmin(0, keepdim=True))[0]
 
 
-def _smooth(rgb: Tensor, grid: Grid) -> Tensor:
+def _smooth(rgb: Tensor) -> Tensor:
     """The 3 × 3 binomial mean, rounded to whole grey levels as OpenCV does, int64 [H, W, 3]."""
-    image = rgb.float()
-    for axis, (before, after) in enumerate(grid.mirrored):
-        image = 2 * image + image.index_select(axis, before) + image.index_select(axis, after)
-    return (image / 16 + 0.5).long()
-
-
-def _mirrored(place: Tensor, size: int) -> Tensor:
-    """Places −1 and `size` mirrored at the border pixel."""
-    return torch.zeros_like(place) if size == 1 else torch.where(place >= size, 2 * size - 2 - place, place.abs())
+    image = rgb.permute(2, 0, 1).float()
+    for _ in range(2):  # along the rows, then along the columns
+        wide = pad(image, (1, 1), "reflect" if image.shape[2] > 1 else "replicate")
+        image = (2 * image + wide[..., :-2] + wide[..., 2:]).transpose(1, 2)
+    return (image / 16 + 0.5).long().permute(1, 2, 0)
 
 
 def _lab(image: Tensor, grid: Grid) -> Tensor:

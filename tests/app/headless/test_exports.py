@@ -14,12 +14,12 @@ from degense.app.features.export.formats import FORMATS, ExportOptions, get_form
 from degense.engine.annotation.formats.map_set import mask_of_runs
 from degense.engine.errors import DegenseError
 from degense.engine.scene.clip_query import decode_frame
-from degense.engine.semantics.prompts import PromptSet
+from degense.engine.semantics.prompts import NO_PROMPTS, PromptSet
 from tests.fakes import ply_columns
 
 
 def export(name, scene, out, **options):
-    return run_steps(get_format(name).export(scene, out, ExportOptions(**options)), Bar())
+    return run_steps(get_format(name).export(scene, out, ExportOptions(**{"prompt_set": NO_PROMPTS} | options)), Bar())
 
 
 def test_ply_comes_back(scene, tmp_path):
@@ -64,7 +64,7 @@ def test_movie_has_every_frame(scene, tmp_path):
 @pytest.mark.parametrize("name", [name for name in FORMATS if name not in ("ply", "cholecseg8k", "endovis18")])  # classes of their own
 def test_a_stopped_export_leaves_no_half_file(scene, tmp_path, name):
     out = tmp_path / f"x{FORMATS[name].suffix}"
-    steps = get_format(name).export(scene, out, ExportOptions())
+    steps = get_format(name).export(scene, out, ExportOptions(NO_PROMPTS))
     next(steps)
     next(steps)
     steps.close()
