@@ -40,7 +40,7 @@ def add_actions(viewer: Viewer) -> None:
 
     def compare_action(name: Compare) -> Action:
         run, menu = partial(view.set_compare, name), ("View", "Compare")
-        title, chosen = f"Compare: {name}", lambda: state().compare == name
+        title, chosen = name.capitalize(), lambda: state().compare == name
         return Action(f"compare.{name}", title, run, menu, (), can_compare, chosen, help="recorded frame")
 
     viewer.shell.add_actions(
