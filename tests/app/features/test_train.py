@@ -116,18 +116,18 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     dialog.accept()
     training, monitor = on.training(with_clip), on.training(with_clip).monitor
     assert monitor.state == "running"
-    waiting = ask(with_clip)
-    assert waiting.start.text() == "Add to queue"
-    waiting.out.setText(str(tmp_path / "second"))
-    waiting.accept()
+    second = ask(with_clip)
+    assert second.start.text() == "Add to queue"
+    second.out.setText(str(tmp_path / "second"))
+    second.accept()
     assert [job.out.name for job in training.queue.waiting] == ["second"]
     assert waiting(monitor) == ["second (quick)"]
-    training.start(waiting.job())
+    training.start(second.job())
     box = with_clip.findChild(QMessageBox, "error")
     assert "in the queue already" in box.text()
     box.close()
     qtbot.waitUntil(lambda: monitor._preview._frame is not None and monitor._preview.comparison.observed is not None)
-    assert list(len(monitor._plot.series)) == list(len(monitor._scores.series)) == 1
+    assert len(monitor._plot.series) == len(monitor._scores.series) == 1
     with_clip.session.go_to(5)  # the window goes on working
     screenshot(with_clip, "train")
     with_clip.menus.actions["train.pause"].trigger()
