@@ -23,8 +23,8 @@ from degense.widgets.theme import apply_theme
 #: What the window can do, each in a folder of `features`. A feature finds what earlier ones provide; without any one of them the others
 #: still work.
 NAMES = (
-    *("timeline", "viewer", "prompts", "inspect", "cameras", "documents", "history", "clip_check", "compare", "train", "runs", "annotate"),
-    *("export", "preferences", "help"),
+    *("timeline", "viewer", "prompts", "inspect", "tracks", "cameras", "documents", "history", "clip_check", "compare", "train", "runs"),
+    *("annotate", "export", "preferences", "help"),
 )
 FEATURES = tuple(importlib.import_module(f"degense.app.features.{name}.install").install for name in NAMES)
 

@@ -14,3 +14,14 @@ Steps = Generator[tuple[float, str], None, Result]
 
 def silent(fraction: float, message: str) -> None:
     """A `Progress` that ignores what it is told."""
+
+
+def finish(steps: Steps[Result], progress: Progress = silent) -> Result:
+    """Do all the steps at one go; their result."""
+    try:
+        while True:
+            progress(*next(steps))
+    except StopIteration as stop:
+        return stop.value
+    finally:
+        steps.close()

@@ -6,7 +6,7 @@ import sys
 import time
 from typing import Any
 
-from degense.engine.progress import Result, Steps
+from degense.engine.progress import Result, Steps, finish
 
 
 class Bar:
@@ -33,12 +33,8 @@ class Bar:
 def run_steps(steps: Steps[Result], bar: Bar) -> Result:
     """Do all the steps, showing them in `bar`; their result."""
     try:
-        while True:
-            bar(*next(steps))
-    except StopIteration as stop:
-        return stop.value
+        return finish(steps, bar)
     finally:
-        steps.close()
         bar.close()
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from degense.engine.progress import Progress, silent
+from degense.engine.progress import Steps, finish
 from degense.engine.scene.material import materials_at
 from degense.engine.scene.scene import Scene
 
@@ -23,7 +23,7 @@ class Tracks(NamedTuple):
     visible: np.ndarray  # bool [K, T]; within the frame, and no surface in front
 
 
-def follow_points(scene: Scene, queries: np.ndarray, progress: Progress = silent) -> Tracks:
+def follow_points(scene: Scene, queries: np.ndarray) -> Tracks:
     """Follow points from where they are seen, forwards and backwards through the whole clip.
 
     A point moves by the weighted mean of the displacements of its Gaussians (`materials_at`), from the frame where they were chosen on: it
@@ -34,6 +34,11 @@ def follow_points(scene: Scene, queries: np.ndarray, progress: Progress = silent
     queries : float [K, 3]
         Frame, x and y of each point, pixels.
     """
+    return finish(following(scene, queries))
+
+
+def following(scene: Scene, queries: np.ndarray) -> Steps[Tracks]:
+    """`follow_points`, step by step."""
     queries = np.asarray(queries, np.float64).reshape(-1, 3)
     starts = queries[:, 0].round().astype(int)
     positions = np.full((len(queries), scene.frames, 3), np.nan)
@@ -41,13 +46,13 @@ def follow_points(scene: Scene, queries: np.ndarray, progress: Progress = silent
     for number, (step, frames) in enumerate(moves):
         followed = _Followed(scene, len(queries))
         for done, frame in enumerate(frames):
-            progress((number + done / scene.frames) / 2, "following points")
+            yield (number + done / scene.frames) / 3, "following points"
             followed.advance(frame, frame - step)
             begun = np.flatnonzero(starts == frame)
             followed.begin(begun, frame, queries[begun, 1:])
             active = starts * step <= frame * step
             positions[active, frame] = followed.places[active]
-    return _seen(scene, positions)
+    return (yield from _seen(scene, positions))
 
 
 class _Followed:
@@ -97,10 +102,11 @@ class _Followed:
         self.places[points] = self._anchors[points] + np.einsum("kn,knd->kd", self._weights[points], moved[self._rows[points]])
 
 
-def _seen(scene: Scene, positions: np.ndarray) -> Tracks:
+def _seen(scene: Scene, positions: np.ndarray) -> Steps[Tracks]:
     """Where points [K, T, 3] are in the frames, and in which they are visible."""
     pixels, visible = np.full((*positions.shape[:2], 2), np.nan), np.zeros(positions.shape[:2], bool)
     for frame in range(scene.frames):
+        yield (2 + frame / scene.frames) / 3, "looking whether they are visible"
         known = np.isfinite(positions[:, frame, 0])
         camera = scene.camera(frame)
         found, z = camera.project(positions[known, frame])

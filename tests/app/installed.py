@@ -21,6 +21,7 @@ from degense.app.features.prompts.controller import PromptControls
 from degense.app.features.prompts.prompt_statistics import PromptStatistics
 from degense.app.features.runs.runs_dialog import Runs
 from degense.app.features.timeline.controller import TimeControl
+from degense.app.features.tracks.controller import PointTracking
 from degense.app.features.train.controller import Training
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_controls import LayerControls
@@ -62,6 +63,10 @@ def probe(window: Shell) -> Probe:
 
 def findings(window: Shell) -> Findings:
     return found(window, Findings)
+
+
+def tracking(window: Shell) -> PointTracking:
+    return found(window, PointTracking)
 
 
 def cameras(window: Shell) -> Cameras:

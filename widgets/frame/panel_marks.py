@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from PySide6.QtCore import QObject, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
@@ -22,6 +22,7 @@ class PanelMarks(QObject):
         self._title = ""
         self._marker: QPointF | None = None
         self._legend: list[tuple[str, QColor]] = []
+        self.painters: list[Callable[[QPainter, PanelZoom], None]] = []  # marks that features paint themselves
         self.outline = QPolygonF()  # of a region; empty for none. The panel paints it with its tool
 
     def set_title(self, text: str) -> None:
@@ -48,6 +49,8 @@ class PanelMarks(QObject):
 
     def paint(self, painter: QPainter, zoom: PanelZoom, note: str) -> None:
         """Paint all but the outline; `note` follows the title."""
+        for paint in self.painters:
+            paint(painter, zoom)
         if self._marker is not None:
             paint_cross(painter, zoom.to_widget(self._marker))
         if self._legend:

@@ -114,15 +114,8 @@ class Probe(QObject):
 
     # Choosing a place
 
-    def _surgeons(self) -> bool:
-        """Whether the frame is rendered from the surgeon's camera; places are chosen in no other."""
-        if self.viewer.free_camera() is not None:
-            self.shell.say("Go back to the surgeon's view (V) to choose a place.")
-            return False
-        return True
-
     def _clicked(self, x: int, y: int) -> None:
-        if self.session.scene is not None and self._surgeons():
+        if self.session.scene is not None and self.viewer.is_surgeons():
             self.session.probe = Spot(self.session.frame, x + 0.5, y + 0.5)
 
     def _picked(self, index: int) -> None:
@@ -147,7 +140,7 @@ class Probe(QObject):
 
     def _outlined(self, outline: list[tuple[float, float]]) -> None:
         self.take_tool(None)
-        if self.session.scene is not None and self._surgeons():
+        if self.session.scene is not None and self.viewer.is_surgeons():
             self.session.probe = Region(self.session.frame, tuple(outline))
 
     def follow_mask(self) -> None:

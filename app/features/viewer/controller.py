@@ -242,6 +242,13 @@ class Viewer(QObject):
             return None
         return filled(splats.camera.current(), *scene.clip_size)
 
+    def is_surgeons(self) -> bool:
+        """Whether the 2D view is rendered from the surgeon's camera, and a word where it is not; places are chosen in no other."""
+        if self.free_camera() is not None:
+            self.shell.say("Go back to the surgeon's view (V) to choose a place.")
+            return False
+        return True
+
     def _camera_moved(self, camera: Camera) -> None:
         if self.from_free_camera:
             self.request()

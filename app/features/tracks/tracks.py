@@ -1,0 +1,86 @@
+"""Points of a session and of a track file, followed through a scene, and what is written of them. No Qt."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from degense.app.features.inspect.curves import table_of
+from degense.app.features.tracks.state import Point
+from degense.engine.progress import Steps
+
+if TYPE_CHECKING:
+    from degense.engine.data.files.point_files import KnownPoints
+    from degense.engine.scene import Scene
+    from degense.engine.scene.tracks import Tracks
+
+
+def follow(scene: Scene, points: Sequence[Point]) -> Steps[dict[Point, Tracks]]:
+    """The way of each point: positions [T, 3], pixels [T, 2] and visible [T].
+
+    From the frame of each of its queries on it is followed from there; before the first one, backwards from there.
+    """
+    from degense.engine.scene.tracks import Tracks, following
+
+    found = yield from following(scene, np.array([query for point in points for query in point.queries]))
+    frames, ways, first = np.arange(scene.frames), {}, 0
+    for point in points:
+        rows = first + np.searchsorted([query[0] for query in point.queries[1:]], frames, side="right")
+        ways[point] = Tracks(*(values[rows, frames] for values in found))
+        first += len(point.queries)
+    return ways
+
+
+class TrackComparison(NamedTuple):
+    """What a file says of points, what following them from where it first sees them gives, and how near that is (`score_points`)."""
+
+    known: KnownPoints
+    found: Tracks
+    scores: dict[str, Any]
+
+    def __str__(self) -> str:
+        if not self.scores["pairs"]:
+            return f"{len(self.known.pixels)} points, each known in one frame only; there is nothing to score."
+        shares = {"δ": "delta", "Jaccard": "jaccard", "occlusion": "occlusion_accuracy"}
+        words = [f"{len(self.known.pixels)} points", *(f"{name} {self.scores[key]:.1%}" for name, key in shares.items())]
+        if self.scores["endpoint_error"] is not None:
+            words.append("endpoint error {endpoint_error:.1f} px, median {endpoint_error_median:.1f} px".format(**self.scores))
+        return " · ".join(words)
+
+
+def compare(scene: Scene, path: Path) -> Steps[TrackComparison]:
+    """Follow the points of a file. ClipError when it is none of this clip."""
+    from degense.engine.data.files.point_files import read_points
+    from degense.engine.metrics.tracks import score_points
+    from degense.engine.scene.tracks import following
+
+    known = read_points(path, scene.frames, scene.clip_size)
+    found = yield from following(scene, known.queries)
+    return TrackComparison(known, found, score_points(found.pixels, found.visible, known.pixels, known.hidden))
+
+
+def reach(way: np.ndarray, frame: int) -> float:
+    """How far a point whose way is known in some frames, [T, 2] or [T, 3], gets from where it is at a frame."""
+    return float(np.nanmax(np.linalg.norm(way - way[frame], axis=-1)))
+
+
+def tracks_json(unit: str, queries: np.ndarray, found: Tracks, scores: dict[str, Any]) -> str:
+    """For each point its query (frame, x, y) and, by frame, its pixels, its position in the clip's unit (null where it is unknown) and
+    whether it is visible."""
+    points = []
+    for query, pixels, positions, visible in zip(queries, *found[1::-1], found.visible, strict=True):
+        places = pixels.tolist() if np.isfinite(pixels).all() else None
+        points.append({"query": query.tolist(), "pixels": places, "positions": places and positions.tolist(), "visible": visible.tolist()})
+    return json.dumps({"unit": unit, "points": points, "scores": scores})
+
+
+def tracks_csv(numbers: Sequence[int], found: Tracks) -> str:
+    """A row for each frame and point, by their numbers, at which something is reconstructed; X, Y and Z in the clip's unit and world."""
+    frame, point = np.nonzero(np.isfinite(found.pixels).all(-1).T)
+    columns = {"frame": frame, "point": np.asarray(numbers)[point]} | dict(zip("xy", found.pixels[point, frame].T, strict=True))
+    columns |= {"visible": found.visible[point, frame].astype(int)} | dict(zip("XYZ", found.positions[point, frame].T, strict=True))
+    return table_of(columns)
