@@ -31,7 +31,7 @@ def material_at(scene: Scene, frame: int, x: float, y: float) -> Material:
 def materials_at(scene: Scene, frame: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices [K, n], weights [K, n] (sum 1, or 0 where nothing is reconstructed) and depth [K], as `material_at`, at pixels [K, 2]."""
     height, width = scene.camera(frame).height, scene.camera(frame).width
-    inside = ((pixels >= 0) & (pixels < (width, height))).all(1)
+    inside = np.all((pixels >= 0) & (pixels < (width, height)), axis=1)
     column, row = np.where(inside[:, None], pixels, 0).astype(np.int64).T
     positions, depth, opacities, surface = _seen(scene, frame)
     here = np.where(inside, surface[row, column], np.nan)
