@@ -17,8 +17,8 @@ from degense.engine.data.readers import open_clip
 from degense.engine.scene.clip_query import decode_frame
 from degense.engine.semantics.prompts import PromptSet
 from tests.app import installed as on
-from tests.app.features.test_nothing_lost import click
 from tests.app.painting import annotating as annotating_session
+from tests.app.shell.test_nothing_lost import click
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from degense.engine.annotation.edits import Proposal
 from degense.widgets.frame_track import LABEL_COLOURS
 from tests.app import installed as on
 from tests.app.features.test_annotate import drag, press
-from tests.app.features.test_nothing_lost import click
+from tests.app.shell.test_nothing_lost import click
 
 
 def test_labels_that_are_there_are_kept_and_the_timeline_tells_them_apart(qtbot, window, tiny_clip, tmp_path, idle, screenshot):

@@ -21,7 +21,7 @@ from degense.app.shell.settings import SettingsFile
 from degense.app.shell.shell import Shell
 from degense.engine.annotation.folder import INDEX, NAME
 from tests.app import installed as on
-from tests.app.features.test_nothing_lost import click
+from tests.app.shell.test_nothing_lost import click
 
 #: A folder in which not even the superuser can make anything.
 UNWRITABLE = Path("/sys/kernel")
