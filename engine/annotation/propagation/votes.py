@@ -145,7 +145,7 @@ SAMPLES = 1500
 KNOWN = 1000
 WIDTH, STEPS, BATCH, RATE, SMOOTHING = 32, 300, 2048, 1e-2, 0.1
 
-#: Logistic weights of `unknown_evidence`, the constant first; fitted to 24 surgeries of the family (seeds 0 to 31).
+#: Logistic weights of `unknown_evidence`, the constant first; fitted to 24 surgeries of the family, seeds 0 to 31.
 UNKNOWN = (-8.3, 1.7, 2.3, 1.6)
 BLUR = 2.0  # of it, pixels
 
