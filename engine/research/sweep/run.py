@@ -31,8 +31,9 @@ def train_all(plan: SweepPlan, progress: Progress) -> None:
     for folder in ("clips", "scores", "flow"):
         (plan.out / folder).mkdir(parents=True, exist_ok=True)
     with _pool(plan, cores(), 1) as helpers:
-        scenes = {scene: helpers.submit(prepare_scene, plan, scene) for scene in plan.scenes}
+        missing = {job.scene for job in plan.jobs if not plan.scores(job).exists()}
         late = [scene for scene in plan.scenes if plan.baselines and not all(path.exists() for path in baseline_files(plan, scene))]
+        scenes = {scene: helpers.submit(prepare_scene, plan, scene) for scene in plan.scenes if scene in missing.union(late)}
         queue = _Queue(plan, scenes, started)
         with ThreadPoolExecutor(plan.slots + len(late)) as threads:
             _after_warm_up(plan, bool(queue.waiting))

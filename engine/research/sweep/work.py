@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import shutil
 import time
 from pathlib import Path
@@ -60,6 +61,7 @@ def _score(plan: SweepPlan, job: SweepJob, folder: Path, run_folder: Path) -> di
         trained = time.perf_counter()
         scene = Scene.open(run_folder, device=config.device, clip=clip)
         scores = evaluate(scene, clip, parts=("masks", "motion"))
+        scores["psnr_ceiling"] = json.loads((folder / "surgery.json").read_text(encoding="utf-8"))["psnr_ceiling"]
         return scores | {"job_seconds": time.perf_counter() - started, "score_seconds": time.perf_counter() - trained}
     finally:
         shutil.rmtree(run_folder, ignore_errors=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import statistics
 from dataclasses import replace
 
@@ -152,11 +153,16 @@ def test_a_sweep_goes_on_and_one_failure_stops_nothing(tmp_path, capsys):
 
     gone, kept = (out / "scores" / f"014-exact-labels-{name}-0.json" for name in ("degense", "degensegs"))
     gone.unlink()
+    shutil.rmtree(out / "clips" / "003-64x48-8-exact")
     before = kept.stat().st_mtime_ns
     assert main([*command[:3], "14,", *command[4:]]) == 0
     assert "1 of 1 trained" in capsys.readouterr().err
     assert gone.exists()
     assert kept.stat().st_mtime_ns == before
+    shutil.rmtree(out / "clips")
+    shutil.rmtree(out / "flow")
+    assert main([*command[:3], "14,", *command[4:]]) == 0  # nothing to do, so nothing is drawn
+    assert not list((out / "clips").iterdir())
     tables = [json.loads(path.read_text()) for path in sorted(out.glob("*.json")) if path.name != "sweep.json"]
     assert [table["name"] for table in tables] == [f"surgeries-develop-64x48-exact-labels-{what}" for what in ("masks", "motion")]
     assert tables[0]["command"].startswith("degense bench surgeries --set develop --scenes 14, --size 64x48 --frames 8 --methods degense,")
@@ -167,10 +173,16 @@ def made_up(plan, job, value):
     decoders = {"rnse": value, "argmax": value + 0.05}
     masks = {decoder: {"miou": miou, "boundary_f": value} for decoder, miou in decoders.items()}
     scores = {"psnr_mask": 30 * value, "miou": decoders, "miou_closed": {"rnse+argmax": value, "argmax": value}, "masks": masks}
-    scores |= {"displacement_error": value, "true_displacement": 2.0, "displacement_scale": 100.0, "train_seconds": 10.0}
-    for path, written in ((plan.scores(job), scores), (plan.clip(job.scene, "exact") / "surgery.json", {"psnr_ceiling": 40.0})):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(written))
+    scores |= {
+        "displacement_error": value,
+        "true_displacement": 2.0,
+        "displacement_scale": 100.0,
+        "train_seconds": 10.0,
+        "psnr_ceiling": 40.0,
+    }
+    path = plan.scores(job)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(scores))
 
 
 def test_tables_are_of_the_scores(tmp_path):
