@@ -66,7 +66,7 @@ def test_every_action_is_found_and_does_something(opened, idle, monkeypatch):
         monkeypatch.setattr(QFileDialog, name, lambda *args, **more: ("", ""))
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *args, **more: "")
     monkeypatch.setattr("degense.app.diagnostics.report", lambda: ("all is well", True))
-    leaving = ("file.demo", "file.check", "file.quit")
+    leaving = ("file.demo", "file.check", "file.close", "file.quit")
     order = [action.id for action in opened.registry if action.id not in leaving]
     done = set()
     for layer, ids in (("mask", order), ("displacement", order), ("rgb", ["file.demo"])):

@@ -167,6 +167,8 @@ def test_a_full_disk_amid_painting(qtbot, window, clip, another):
     assert window.session.store.journaled
     window.registry.run("file.save")
     assert not window.docks.notice.isVisible()
+    window.registry.run("file.close")
+    assert window.session.clip is None
     window.close()
     again = another()
     annotate(qtbot, again, clip)
