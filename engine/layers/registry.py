@@ -187,7 +187,7 @@ LAYERS: dict[str, Layer] = {
             lambda scene: "px",
             "magma",
             guesses=_warp_guessed,
-            guess="hatched: measured against the motion around, since this place does not show its own",
+            guess="hatched: measured against the motion around it",
             from_zero=True,
             of_motion=True,
             needs_clip=True,
