@@ -11,18 +11,9 @@ from PySide6.QtWidgets import QSizePolicy, QSlider, QToolTip, QWidget
 
 from degense.widgets.forms import Painted
 from degense.widgets.keys import ARROWS, keep_keys
-from degense.widgets.theme import faded
+from degense.widgets.theme import LABEL_COLOURS, faded
 
 _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
-
-#: What frames with labels are marked with (Okabe and Ito, that colour-blind readers tell apart).
-LABEL_COLOURS = {
-    "labels of the clip": "#999999",
-    "painted": "#0072b2",
-    "accepted": "#009e73",
-    "proposed": "#56b4e9",
-    "doubtful": "#e69f00",
-}
 
 
 class FrameTrack(Painted, QSlider):

@@ -57,6 +57,18 @@ QFrame#chip { background: palette(button); border: 1px solid palette(mid); borde
 """
 
 
+#: What frames with labels are marked with (Okabe and Ito, that colour-blind readers tell apart).
+LABEL_COLOURS = {
+    "labels of the clip": "#999999",
+    "painted": "#0072b2",
+    "accepted": "#009e73",
+    "proposed": "#56b4e9",
+    "doubtful": "#e69f00",
+}
+#: What lies behind the 3D view, by the name of the preference: dark in every theme unless another is chosen.
+BACKGROUNDS = {"dark": "#0f1114", "black": "#000000", "grey": "#808080", "white": "#ffffff"}
+
+
 def class_colour(index: int) -> QColor:
     """The colour of a class or prompt; colours repeat after the last."""
     return QColor(CLASS_COLOURS[index % len(CLASS_COLOURS)])

@@ -21,7 +21,6 @@ RECENT_LIMIT = 10
 PATIENCE = 2.0  # seconds to wait for another window that writes
 Theme = Literal["dark", "light", "system"]
 Background = Literal["dark", "black", "grey", "white"]
-BACKGROUNDS: dict[Background, str] = {"dark": "#0f1114", "black": "#000000", "grey": "#808080", "white": "#ffffff"}
 
 
 def config_folder() -> Path:
@@ -117,7 +116,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "training": (lambda value: isinstance(value, dict), "a JSON object"),
     "trainings": (lambda value: isinstance(value, list) and all(isinstance(entry, dict) for entry in value), "a list of JSON objects"),
     "theme": (lambda value: value in get_args(Theme), f"one of {', '.join(get_args(Theme))}"),
-    "background": (lambda value: value in BACKGROUNDS, f"one of {', '.join(BACKGROUNDS)}"),
+    "background": (lambda value: value in get_args(Background), f"one of {', '.join(get_args(Background))}"),
 }
 
 

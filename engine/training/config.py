@@ -92,7 +92,7 @@ class TrainConfig:
     )
     flow_precision: bool = setting(True, "Whether flow counts less where noise makes it uncertain on the texture that is there.")
 
-    displacement: float = setting(0.01, "Weight of |Δμ|.", "Weights of the regularizers")
+    displacement: float = setting(0.01, "Weight of |Δμ|, the size of displacements.", "Weights of the regularizers")
     rigidity: float = setting(1.0, "Weight of the difference of Δμ between neighbours.")
     shape: float = setting(0.002, "Weight of Δ log-scale, Δ quaternion and Δ opacity.")
     delta_color: float = setting(0.001, "Weight of |Δcolour| of Ψ_app.")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
+from typing import Any, get_args
 
 from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import QApplication, QFormLayout, QLabel, QWidget
 
 from degense.app.features.preferences.shortcut_table import ShortcutTable
 from degense.app.features.viewer.controller import Viewer
-from degense.app.shell.settings import BACKGROUNDS, LIMITS, Theme, log_file
+from degense.app.shell.settings import LIMITS, Background, Theme, log_file
 from degense.app.shell.shell import Shell
 from degense.widgets import forms
 from degense.widgets.theme import apply_theme
@@ -79,7 +79,7 @@ class PreferencesDialog(forms.Dialog):
         super().__init__(parent, "preferences", "Preferences", 680, 560)
         settings = preferences.settings.value
         self.theme = forms.choice("Theme", THEME_WORDS)
-        self.background = forms.choice("3D background", [(name, name.capitalize()) for name in BACKGROUNDS])
+        self.background = forms.choice("3D background", [(name, name.capitalize()) for name in get_args(Background)])
         self.autosave = forms.decimal("Autosave", *LIMITS["autosave"], 0.5, " min", "only when asked")
         self.undo = forms.decimal("Undo memory", *LIMITS["undo_memory"], 64, " MB", decimals=0)
         self.shortcuts = ShortcutTable(preferences.registry)

@@ -22,11 +22,11 @@ from degense.app.features.viewer.view_rendering import (
     draw_snapshot,
     draw_view,
 )
-from degense.app.shell.settings import BACKGROUNDS
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN
 from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.splats.camera_moves import filled
+from degense.widgets.theme import BACKGROUNDS
 
 if TYPE_CHECKING:
     from degense.app.shell.shell import Shell

@@ -47,11 +47,13 @@ def test_coco_holds_the_masks(scene, tmp_path):
     labels = decode_frame(scene, PromptSet(scene.classes, decoder="argmax"), 6).labels
     found = [entry for entry in data["annotations"] if entry["image_id"] == 6]
     assert {entry["category_id"] - 1 for entry in found} == set(np.unique(labels)) - {255}
+    whole = np.zeros((len(scene.classes), *labels.shape), int)
     for entry in found:
-        mask = labels == entry["category_id"] - 1
-        assert np.array_equal(mask_of_runs(entry["segmentation"]["counts"], mask.shape), mask)
+        part = mask_of_runs(entry["segmentation"]["counts"], labels.shape)
+        whole[entry["category_id"] - 1] += part
         x, y, width, height = entry["bbox"]
-        assert mask[y : y + height, x : x + width].sum() == entry["area"] == mask.sum()
+        assert part[y : y + height, x : x + width].sum() == entry["area"] == part.sum()
+    assert np.array_equal(whole, labels == np.arange(len(whole))[:, None, None])
 
 
 def test_movie_has_every_frame(scene, tmp_path):

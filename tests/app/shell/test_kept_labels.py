@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QMessageBox
 
 from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.edits import Proposal
-from degense.widgets.frame_track import LABEL_COLOURS
+from degense.widgets.theme import LABEL_COLOURS
 from tests.app import installed as on
 from tests.app.features.test_annotate import drag, press
 from tests.app.shell.test_nothing_lost import click
