@@ -116,6 +116,7 @@ def test_points_are_removed_undone_and_saved(qtbot, tracked, idle):
     tracking, session = on.tracking(tracked), tracked.session
     points = tracking.state.points
     qtbot.mouseClick(tracking.table.viewport(), LEFT, pos=tracking.table.visualItemRect(tracking.table.item(0, 1)).center())
+    assert tracked.registry["tracks.remove"].enabled()
     qtbot.keyClick(tracking.table, Qt.Key.Key_Delete)
     assert tracking.state.points == points[1:]
     assert forms.texts(tracking.table)[0][0] == "2"
