@@ -2,6 +2,7 @@
 # make test    set everything up, then run every test and check, under a virtual display
 # make test-cuda    set everything up, then run the tests that need a GPU; fails where there is none
 # make demo-scene    make the embedded sample anew (two minutes)
+# make docs    set everything up, then write the user guide as web pages into build/guide
 # make lint    the checks of the project itself only: formatting, lint, types, structure, documents, the wheel
 #
 # PYTHON=python3.12       another interpreter for .venv
@@ -17,7 +18,7 @@ VENV := .venv/bin
 DISPLAY_KIND := $(if $(DISPLAY)$(WAYLAND_DISPLAY),window,headless)
 
 .NOTPARALLEL:
-.PHONY: demo test test-cuda lint demo-scene system-headless system-window system-test
+.PHONY: demo test test-cuda lint docs demo-scene system-headless system-window system-test
 
 demo: system-$(DISPLAY_KIND) .venv/installed
 	$(VENV)/degense demo $(if $(filter headless,$(DISPLAY_KIND)),--headless demo-out)
@@ -31,6 +32,10 @@ test-cuda: system-headless .venv/installed
 
 lint: system-headless .venv/installed
 	$(VENV)/python -m pytest -q tests/house
+
+docs: system-headless .venv/installed
+	$(VENV)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(VENV)/mkdocs build --strict
 
 demo-scene: .venv/installed
 	$(VENV)/python scripts/demo-scene

@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
 from PySide6.QtCore import QCoreApplication, Qt, QTimer
 from PySide6.QtWidgets import QApplication
 
+from degense.app import warm_up
 from degense.app.features.documents.controller import Documents
 from degense.app.session.state_folder import left_behind
 from degense.app.shell.logs import start_logging
@@ -18,14 +20,16 @@ from degense.app.shell.messages import show_error
 from degense.app.shell.settings import SettingsFile, log_file
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
-from degense.widgets.theme import apply_theme
+from degense.widgets.theme import apply_text_size, apply_theme
 
 #: What the window can do, each in a folder of `features`. A feature finds what earlier ones provide; without any one of them the others
 #: still work.
 NAMES = (
-    *("timeline", "viewer", "prompts", "inspect", "tracks", "cameras", "documents", "history", "clip_check", "compare", "train", "runs"),
-    *("annotate", "export", "preferences", "help"),
+    *("timeline", "viewer", "prompts", "inspect", "tracks", "measure", "events", "cameras", "documents", "history", "clip_check"),
+    *("compare", "train", "runs", "annotate", "export", "report", "movies", "share", "welcome", "preferences", "guide", "help"),
 )
+#: How long after the window has come the kernels are compiled.
+WARM_UP_MS = 500
 FEATURES = tuple(importlib.import_module(f"degense.app.features.{name}.install").install for name in NAMES)
 
 
@@ -39,6 +43,7 @@ def run_window(path: Path | None = None) -> int:
     app.setApplicationDisplayName("DeGense")
     settings = SettingsFile()
     apply_theme(app, settings.value.theme)
+    apply_text_size(app, settings.value.text_size)
     window = Shell(settings, FEATURES)
     start_logging(log_file(), window.complaint.emit)
     if settings.complaint:
@@ -48,4 +53,10 @@ def run_window(path: Path | None = None) -> int:
     opener = window.service(Documents)
     if opener is not None and (path := path or next(iter(left_behind()), None)) is not None:
         opener.open_path(path)
-    return app.exec()
+    compiling: list[subprocess.Popen[bytes]] = []
+    QTimer.singleShot(WARM_UP_MS, lambda: compiling.extend(filter(None, [warm_up.start()])))
+    code = app.exec()
+    for process in compiling:
+        process.terminate()
+        process.wait()
+    return code

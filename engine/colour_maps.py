@@ -47,9 +47,7 @@ def colour_table(name: str) -> np.ndarray:
         stops = np.frombuffer(_VIK, np.uint8).reshape(-1, 3)
         colours = np.stack([np.interp(np.linspace(0, 1, 256), np.linspace(0, 1, len(stops)), stops[:, c]) for c in range(3)], -1)
     else:
-        from matplotlib import colormaps
-
-        colours = colormaps[name](np.arange(256))[:, :3] * 255
+        colours = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], getattr(cv2, f"COLORMAP_{name.upper()}"))[:, 0, ::-1]
     table = colours.round().astype(np.uint8)
     table.flags.writeable = False
     return table

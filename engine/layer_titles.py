@@ -9,9 +9,11 @@ LAYER_TITLES = {
     "similarity": "Similarity",
     "mask": "Masks",
     "displacement": "Displacement",
+    "uncertainty": "Displacement uncertainty",
     "speed": "Speed",
     "rotation": "Rotation",
     "scale": "Scale change",
+    "appearance": "Change of appearance",
     "warp": "Spurious warp",
     "observability": "Motion observability",
 }

@@ -104,6 +104,12 @@ class CurvePlot(pg.GraphicsView):
         """Positions and values of a curve."""
         return self.series[name][0].getOriginalDataset()
 
+    def remove(self, name: str) -> None:
+        """Take a curve away; KeyError when there is none of that name."""
+        for item in self.series.pop(name):
+            self._box.removeItem(item)
+        self._show_legend()
+
     def clear(self) -> None:
         self._box.clear()
         self.series.clear()

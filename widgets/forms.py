@@ -154,6 +154,7 @@ def button(title: str, clicked: Callable[[], object], tip: str = "") -> QPushBut
     """A button that Space and Enter press."""
     made = QPushButton(title)
     made.setToolTip(tip)
+    made.setAutoDefault(True)  # Enter presses it outside of dialogs too
     made.clicked.connect(lambda checked: clicked())
     keep_keys(made, PRESS)
     return made

@@ -13,7 +13,7 @@ from degense.widgets.forms import Painted
 from degense.widgets.keys import ARROWS, keep_keys
 from degense.widgets.theme import LABEL_COLOURS, faded
 
-_MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 34
+_MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 24
 
 
 class FrameTrack(Painted, QSlider):
@@ -30,9 +30,10 @@ class FrameTrack(Painted, QSlider):
         self._labelled: dict[str, set[int]] = {}
         self._strips: dict[str, tuple[np.ndarray, QColor]] = {}
         self._played: tuple[int, int] | None = None
+        self._events: dict[int, str] = {}
 
     def set_frames(self, count: int) -> None:
-        self._test, self._labelled, self._played = set(), {}, None
+        self._test, self._labelled, self._played, self._events = set(), {}, None, {}
         with QSignalBlocker(self):
             self.setRange(0, max(count - 1, 0))
         self.show_frame(0)
@@ -46,6 +47,11 @@ class FrameTrack(Painted, QSlider):
     def set_marks(self, test: Iterable[int], labelled: Mapping[str, Iterable[int]]) -> None:
         """Mark held-out frames (below the line, hollow) and frames with labels (filled), in the colour of their kind in `LABEL_COLOURS`."""
         self._test, self._labelled = set(test), {kind: set(frames) for kind, frames in labelled.items()}
+        self.update()
+
+    def set_events(self, events: Mapping[int, str]) -> None:
+        """Mark frames with notes, as diamonds on the line; a tooltip shows the note."""
+        self._events = dict(events)
         self.update()
 
     def set_played(self, played: tuple[int, int] | None) -> None:
@@ -62,11 +68,10 @@ class FrameTrack(Painted, QSlider):
             if len(values) != self.maximum() + 1:
                 raise ValueError(f"the curve {name!r} has {len(values)} values for {self.maximum() + 1} frames")
         self._strips = dict(strips)
-        self.updateGeometry()
         self.update()
 
     def sizeHint(self) -> QSize:
-        return QSize(320, (_STRIP if self._strips else 0) + _LINE + _MARKS)
+        return QSize(320, _STRIP + _LINE + _MARKS)
 
     minimumSizeHint = sizeHint
 
@@ -99,6 +104,7 @@ class FrameTrack(Painted, QSlider):
         if self._played is not None:
             self._paint_played(painter, middle, text)
         self._paint_marks(painter, middle + _LINE / 2 + 1)
+        self._paint_events(painter, middle, text)
         if self._strips:
             painter.setPen(QPen(text, 1))
             painter.drawLine(QPointF(x, 0), QPointF(x, middle))
@@ -136,6 +142,13 @@ class FrameTrack(Painted, QSlider):
             area.lineTo(points[0].x(), height)
             painter.fillPath(area, faded(colour, 40))
             painter.strokePath(line, QPen(colour, 1.3))
+
+    def _paint_events(self, painter: QPainter, middle: float, ink: QColor) -> None:
+        painter.setPen(QPen(self.palette().color(QPalette.ColorRole.Window), 1))
+        painter.setBrush(ink)
+        for frame in self._events:
+            x = self._x(frame)
+            painter.drawPolygon([QPointF(x - 4, middle), QPointF(x, middle - 6), QPointF(x + 4, middle), QPointF(x, middle + 6)])
 
     def _paint_marks(self, painter: QPainter, y: float) -> None:
         quiet = self.palette().color(QPalette.ColorRole.PlaceholderText)
@@ -179,6 +192,7 @@ class FrameTrack(Painted, QSlider):
             frame = min(max(self._frame_at(event.pos().x()), 0), self.maximum())
             kinds = [kind for kind, frames in (("held out for testing", self._test), *self._labelled.items()) if frame in frames]
             lines = [f"Frame {frame}" + (f" ({', '.join(kinds)})" if kinds else "")]
+            lines += [self._events[frame] or "event"] if frame in self._events else []
             lines += [f"{name}: {values[frame]:.4g}" for name, (values, _) in self._strips.items() if frame < len(values)]
             QToolTip.showText(event.globalPos(), "\n".join(lines), self)
             return True

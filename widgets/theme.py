@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor, QPalette
+from PySide6.QtGui import QColor, QFontDatabase, QPalette
 from PySide6.QtWidgets import QApplication
 
 from degense.engine import colour_maps
@@ -25,8 +25,8 @@ _ROLES = {
     QPalette.ColorRole.BrightText: ("#ffffff", "#000000"),
     QPalette.ColorRole.ToolTipBase: ("#353a43", "#ffffff"),
     QPalette.ColorRole.ToolTipText: ("#e2e4e8", "#1d2127"),
-    QPalette.ColorRole.PlaceholderText: ("#8b929c", "#686f7a"),
-    QPalette.ColorRole.Highlight: ("#2f7fb8", "#1769a5"),
+    QPalette.ColorRole.PlaceholderText: ("#a9b0ba", "#5f6671"),
+    QPalette.ColorRole.Highlight: ("#2876ad", "#1769a5"),
     QPalette.ColorRole.HighlightedText: ("#ffffff", "#ffffff"),
     QPalette.ColorRole.Accent: ("#56b4e9", "#1769a5"),
     QPalette.ColorRole.Link: ("#56b4e9", "#1769a5"),
@@ -53,6 +53,8 @@ QToolButton:hover { background: palette(midlight); }
 QToolButton:checked { background: palette(mid); }
 QToolButton:focus { border: 1px solid palette(accent); }
 QMainWindow > QTabBar { qproperty-elideMode: ElideNone; }
+QFrame#tour { background: palette(button); border: 1px solid palette(accent); border-radius: 8px; }
+QFrame#tourFrame { border: 2px solid palette(accent); border-radius: 4px; }
 QFrame#chip { background: palette(button); border: 1px solid palette(mid); border-radius: 6px; }
 """
 
@@ -102,6 +104,14 @@ def _palette(name: str) -> QPalette:
         palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(_DISABLED[theme]))
     palette.setColor(QPalette.ColorGroup.Disabled, QPalette.ColorRole.Highlight, palette.color(QPalette.ColorRole.Mid))
     return palette
+
+
+def apply_text_size(app: QApplication, factor: float) -> None:
+    """Let all text be so many times as large as the desktop's."""
+    font = QFontDatabase.systemFont(QFontDatabase.SystemFont.GeneralFont)
+    font.setPointSizeF(factor * font.pointSizeF())
+    app.setFont(font)
+    app.setStyleSheet(app.styleSheet())  # widgets under a style sheet take another font only with it
 
 
 def apply_theme(app: QApplication, name: str) -> None:

@@ -14,7 +14,7 @@ from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.annotate.label_sets import label_format, names_of, open_annotations, write_labels
 from degense.app.session.session_file import clip_folder
 from degense.app.session.state_folder import held, saved_in
-from degense.engine.annotation.edits import LabelClass, merged, named_classes
+from degense.engine.annotation.edits import LabelClass, check_classes, merged, named_classes
 from degense.engine.annotation.folder import NAME, save
 from degense.engine.annotation.formats import MapSet
 from degense.engine.annotation.formats.pictures import read_label_png
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from degense.engine.annotation.edits import Proposal
     from degense.engine.clip import Clip
     from degense.engine.scene import Scene
+
+
+#: The class of what no labelled frame shows, where it is to have one.
+UNKNOWN = "unknown"
 
 
 class Subject:
@@ -70,7 +74,7 @@ def annotate(options: argparse.Namespace) -> None:
     sources = {frame: work.labels(frame) for frame in work.sources() or subject.clip.labelled_frames}
     proposals = run_steps(propagate(subject.clip, sources, subject.scene), Bar())
     if options.out is not None:
-        print(_write(subject, options.format, sources, proposals, options.out))
+        print(_write(subject, options.format, sources, proposals, options.out, options.unknown))
     if options.review:
         work.propose(proposals, options.replace)
         with held(subject.session):
@@ -84,12 +88,25 @@ def _enough_classes(classes: tuple[LabelClass, ...], maps: Iterable[np.ndarray])
     return (*classes, *named_classes(f"label {value}" for value in range(max(used, default=-1) + 1))[len(classes) :])
 
 
-def _write(subject: Subject, name: str, sources: dict[int, np.ndarray], proposals: dict[int, Proposal], out: Path) -> str:
-    def read(frame: int) -> np.ndarray:
-        return sources[frame] if frame in sources else proposals[frame].labels
+def _write(
+    subject: Subject, name: str, sources: dict[int, np.ndarray], proposals: dict[int, Proposal], out: Path, name_unknown: bool
+) -> str:
+    work, classes, unknown = subject.work, subject.work.classes, UNLABELLED
+    if name_unknown:
+        if any((labels == UNLABELLED).any() for labels in sources.values()):
+            raise DegenseError("What is unknown can be named where the labelled frames are labelled throughout; label all of their pixels.")
+        names = [kind.name for kind in classes]
+        if UNKNOWN not in names:
+            names.append(UNKNOWN)
+            classes = (*classes, named_classes(names)[-1])
+            check_classes(classes)
+        unknown = names.index(UNKNOWN)
 
-    work = subject.work
-    maps = MapSet(work.classes, work.shape, subject.names, tuple(sorted({*sources, *proposals})), read)
+    def read(frame: int) -> np.ndarray:
+        labels = sources[frame] if frame in sources else proposals[frame].labels
+        return np.where(labels == UNLABELLED, np.uint8(unknown), labels)
+
+    maps = MapSet(classes, work.shape, subject.names, tuple(sorted({*sources, *proposals})), read)
     words = run_steps(write_labels(name, maps, out), Bar())
     beside = out / "confidence.json" if out.is_dir() else out.with_name(f"{out.name}.confidence.json")
     confidence = {subject.names[frame]: round(found.confidence, 4) for frame, found in sorted(proposals.items())}

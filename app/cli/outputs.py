@@ -1,22 +1,25 @@
-"""`degense render`, `degense segment` and `degense export`."""
+"""`degense render`, `degense segment`, `degense export` and `degense share`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from degense.app.cli.movies import checked_path
 from degense.app.cli.options import asked_prompts, chosen_encoder
 from degense.app.cli.terminal import Bar, run_steps
-from degense.app.features.cameras.movie import camera_movie
-from degense.app.features.cameras.state import load_path
-from degense.app.features.export.formats import ExportOptions, draw_frames, get_format, write_movie
+from degense.app.features.annotate.label_sets import annotated, at_frames, label_source, write_labels
+from degense.app.features.export.formats import ExportOptions, draw_frames, export_movie, get_format
+from degense.app.features.movies.movie import MovieOptions, make_movie, view_of
 from degense.app.features.prompts.segment import write_clip_masks
+from degense.app.features.share.page import share as share_scene
 from degense.app.features.viewer.layer_images import check_frame, get_layer, layer_rgb, write_npy, write_png
-from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
+from degense.engine.annotation.formats import LABEL_FORMATS
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
 
@@ -35,10 +38,9 @@ def render(options: argparse.Namespace) -> None:
     wanted = ExportOptions(asked_prompts(options), layer=options.layer, span=options.range)
     scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
     if options.cameras is not None:
-        stops = load_path(options.cameras)
-        for stop in stops:
-            check_frame(scene, stop.frame)
-        print(run_steps(camera_movie(scene, stops, _look(options), options.out), Bar()))
+        view_state = view_of(wanted.prompt_set, layer.name, options.range)
+        path = MovieOptions(view_state, (layer.name,), stops=checked_path(scene, options.cameras))
+        print(run_steps(make_movie(scene, options.out, path), Bar()))
     elif options.frames is None:
         _render_frame(scene, layer, check_frame(scene, options.frame), options.out, wanted)
     else:
@@ -53,29 +55,15 @@ def _chosen_frames(scene: Scene, options: argparse.Namespace) -> range:
     return frames
 
 
-def _look(options: argparse.Namespace) -> ViewState:
-    """What the window would show with these options."""
-    plain = ViewState()
-    low, high = options.range or (0.0, 1.0)
-    return ViewState(
-        layer=options.layer,
-        prompts=tuple(Prompt(text, PROMPT_COLOURS[i % len(PROMPT_COLOURS)]) for i, text in enumerate(options.prompts)),
-        threshold=plain.threshold if options.threshold is None else options.threshold,
-        decoder=options.decoder or plain.decoder,
-        ranges=((options.layer, ColourRange("fixed", low, high)),) if options.range else (),
-    )
-
-
 def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: ExportOptions) -> None:
-    from degense.engine.scene import REVEALED
-
     request = options.layer_request(frame)
     if out.suffix == ".npy":
         image = layer.image(scene, request)
         write_npy(out, image.values)
         if image.uncertain is not None and image.uncertain.any():
             share = f"{image.uncertain.mean():.1%}"
-            print(f"{share} of the pixels hold a guess, kept as it is; where: --layer observability, below {REVEALED:g}")
+            most = f"{scene.states.doubtful:.3g} {scene.unit}"
+            print(f"{share} of the pixels hold a guess, kept as it is; where: --layer uncertainty, above {most}")
     elif out.suffix.lower() == ".png":
         write_png(out, layer_rgb(scene, layer, request, options.span))
     else:
@@ -85,7 +73,7 @@ def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: 
 def _render_frames(scene: Scene, layer: Layer, frames: Sequence[int], out: Path, options: ExportOptions) -> Steps[None]:
     suffix = out.suffix.lower()
     if suffix == ".mp4":
-        yield from write_movie(scene, out, frames, options)
+        yield from export_movie(scene, out, replace(options, frames=frames))
     elif suffix == ".npy":
         values = []
         for done, frame in enumerate(frames):
@@ -131,8 +119,36 @@ def _segment_clip(scene: Scene, prompts: PromptSet, options: argparse.Namespace)
 
 def export(options: argparse.Namespace) -> None:
     chosen, prompts = get_format(options.format), asked_prompts(options)
+    if not (options.path / "run.json").is_file():
+        print(run_steps(_annotations_of_clip(options), Bar()))
+        return
     from degense.engine.scene import Scene
 
-    scene = Scene.open(options.run_folder)
-    wanted = ExportOptions(prompts, options.frame, options.layer, source=options.source)
+    scene = Scene.open(options.path)
+    frames: Sequence[int] | None = None
+    if options.frames == "labelled":
+        frames = label_source(scene, "annotations", prompts).frames
+    elif options.frames is not None:
+        frames = _chosen_frames(scene, options)
+    wanted = ExportOptions(prompts, options.frame, options.layer, source=options.source, frames=frames)
     print(run_steps(chosen.export(scene, options.out, wanted), Bar()))
+
+
+def share(options: argparse.Namespace) -> None:
+    from degense.engine.scene import Scene
+
+    prompts = asked_prompts(options)
+    print(run_steps(share_scene(Scene.open(options.run_folder), options.out, prompts), Bar()))
+
+
+def _annotations_of_clip(options: argparse.Namespace) -> Steps[str]:
+    """What was annotated in a clip without a run, and the labels that it came with."""
+    from degense.app.cli.labels import Subject
+
+    if options.format not in LABEL_FORMATS or options.source == "masks":
+        raise DegenseError(f"{options.path} is no run, so only its annotations can be exported; train it first.")
+    subject = Subject(options.path)
+    maps = annotated(subject.work, subject.clip)
+    if options.frames not in (None, "labelled"):
+        maps = at_frames(maps, range(len(subject.clip))[slice(*options.frames)])
+    return write_labels(options.format, maps, options.out)

@@ -8,10 +8,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import get_args
 
-from degense.app.cli.sweep_options import add_sweep_options
+from degense.app.cli.arguments.argument_types import frame_range as _frame_range
+from degense.app.cli.arguments.argument_types import labelled_or_range as _labelled_or_range
+from degense.app.cli.arguments.argument_types import number_range as _range
+from degense.app.cli.arguments.argument_types import positive as _positive
+from degense.app.cli.arguments.argument_types import setting as _setting
+from degense.app.cli.arguments.argument_types import size as _size
+from degense.app.cli.arguments.movie_options import add_movie_options
+from degense.app.cli.arguments.sweep_options import add_sweep_options
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions, MaskMeans, PoseAxes, Poses
 
-LABEL_FORMATS = "masks-png, coco, cvat, yolo, nifti, cholecseg8k or endovis18"
+LABEL_FORMATS = "masks-png, coco, cvat, cvat-video, label-studio, yolo, nifti, seg-nrrd, dicom-seg, cholecseg8k or endovis18"
 SYSTEMS = "langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degensegs, degense"
 RUN_ENCODER = "answers prompts instead of what the run keeps of it: the model or file that made its text vectors, no other"
 CLASS_ENCODER = "gives a teacher's classes their vectors: a CLIP's or sentence model's folder, or a file of text vectors (.safetensors)"
@@ -33,7 +40,7 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
         sub.set_defaults(run=f"degense.app.cli.{run}", parser=sub)
         return sub
 
-    for group in (_window, _clips, _training, _scores, _outputs, _labels, _machine):
+    for group in (_window, _clips, _training, _scores, _outputs, _questions, _exports, _labels, _machine):
         group(command)
     return parser, set(commands.choices)
 
@@ -41,6 +48,11 @@ def build_parser() -> tuple[argparse.ArgumentParser, set[str]]:
 def _window(command: Command) -> None:
     sub = command("open", "window:window", "open the window (the default)")
     sub.add_argument("path", nargs="?", type=Path, metavar="PATH", help="a clip (folder or video file) or a run folder")
+
+    sub = command("view", "window:view", "show a run in the window, or in the viewer rerun")
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
+    sub.add_argument("--rerun", action="store_true", help="in rerun (extra rerun), which reports how its viewer is used unless told not to")
+    sub.add_argument("--save", type=Path, metavar="FILE", help="with --rerun: write a recording (.rrd) instead of opening its viewer")
 
     sub = command("demo", "window:demo", "show the embedded sample: no data, no GPU")
     sub.add_argument("--headless", type=Path, metavar="OUT", help="no window: write its pictures into the folder OUT")
@@ -64,7 +76,7 @@ def _clips(command: Command) -> None:
     _clip_options(sub)
 
     sub = command("datasets", "clips:datasets", "list the clips of a data set")
-    sub.add_argument("folder", type=Path, metavar="FOLDER", help="CholecSeg8k or EndoVis 2018 as downloaded, or any folder of clips")
+    sub.add_argument("folder", type=Path, metavar="FOLDER", help="a data set as downloaded, or any folder of clips")
     sub.add_argument("--json", type=Path, metavar="FILE", help="write the list there too")
 
 
@@ -161,22 +173,44 @@ def _outputs(command: Command) -> None:
     _prompts(sub, required=True)
     sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
 
-    sub = command("track", "tracks:track", "follow points through a run, in the picture and in space")
+
+def _questions(command: Command) -> None:
+    sub = command("query", "query:query", "say when, and with how large a mask, questions are answered in a run")
     sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
+    sub.add_argument("prompts", nargs="+", metavar="QUESTION", help='such as "grasper touching liver", "vessel left of gallbladder"')
+    sub.add_argument("--json", type=Path, metavar="FILE", help="write the moments and the areas of all frames there")
+    sub.add_argument("--out", type=Path, metavar="DIR", help="write there the masks of the frames that answer, a folder for each question")
+    _decoding(sub)
+    sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
+
+    sub = command("track", "tracks:track", "follow points through a run, in the picture and in space, or through a clip, in the picture")
+    sub.add_argument("path", type=Path, metavar="PATH", help="a run, or a clip: then along its optical flow alone")
     which = sub.add_mutually_exclusive_group(required=True)
     which.add_argument(
-        "--points", type=Path, metavar="FILE", help="from where it first knows them: .json as of VL-SurgPT, .csv, .npz as of TAP-Vid"
+        "--points",
+        type=Path,
+        metavar="FILE",
+        help="from where it first knows them: .json as of VL-SurgPT, .csv, .npz as of TAP-Vid, or the folder of a sequence of STIR, "
+        "VL-SurgPT or SurgT",
     )
     which.add_argument("--grid", type=_positive, metavar="N", help="N × N points all over a frame")
     sub.add_argument("--frame", type=int, default=0, metavar="I", help="frame of the grid (default 0)")
     sub.add_argument("--json", type=Path, metavar="FILE", help="write there where each point is in every frame")
 
-    sub = command("export", "outputs:export", "write a run in formats that other tools read")
-    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
-    sub.add_argument("--format", required=True, metavar="NAME", help=f"ply, ply-sequence, movie, {LABEL_FORMATS}")
+
+def _exports(command: Command) -> None:
+    sub = command("export", "outputs:export", "write a run, or the annotations of a clip, in formats that other tools read")
+    sub.add_argument("path", type=Path, metavar="PATH", help="run folder, or a clip: then its annotations")
+    sub.add_argument("--format", required=True, metavar="NAME", help=f"ply, spz, gltf, ply-sequence, movie, {LABEL_FORMATS}")
     sub.add_argument("--out", type=Path, required=True, metavar="PATH", help="file, or folder for ply-sequence and masks-png")
-    sub.add_argument("--frame", type=float, metavar="I", help="frame of a single ply (default: the reference frame)")
+    sub.add_argument("--frame", type=float, metavar="I", help="frame of a single ply, spz or gltf (default: the reference frame)")
     sub.add_argument("--layer", default="rgb", metavar="NAME", help="layer of a movie")
+    sub.add_argument(
+        "--frames",
+        type=_labelled_or_range,
+        metavar="A:B",
+        help="label maps of frames A up to but not including B, of the annotated frames (labelled), or of all (default)",
+    )
     sub.add_argument(
         "--source",
         choices=("masks", "annotations"),
@@ -184,22 +218,28 @@ def _outputs(command: Command) -> None:
     )
     _prompts(sub, required=False)
 
+    sub = command("movie", "movies:movie", "write a movie of layers, side by side, through time or along a camera path")
+    add_movie_options(sub)
+    _prompts(sub, required=False)
+
+    sub = command("share", "outputs:share", "write a run as one web page that turns and plays in any browser, from disk")
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
+    sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="page to write (.html)")
+    _prompts(sub, required=False)
+
 
 def _labels(command: Command) -> None:
     sub = command("annotate", "labels:annotate", "propagate label maps of some frames to all others")
     sub.add_argument("path", type=Path, metavar="PATH", help="a run, or a clip: then along its motion alone")
-    sub.add_argument(
-        "--labels",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="indexed or grey PNG with class numbers, 255 unlabelled; repeatable (default: what was annotated by hand, else the clip's)",
-    )
+    maps = "indexed or grey PNG with class numbers, 255 unlabelled; repeatable (default: what was annotated by hand, else the clip's)"
+    sub.add_argument("--labels", type=Path, action="append", default=[], metavar="FILE", help=maps)
     sub.add_argument("--frame", type=int, action="append", default=[], metavar="I", help="the frame of each --labels, from 0")
     sub.add_argument("--out", type=Path, metavar="PATH", help="folder or file to write")
     sub.add_argument("--format", default="masks-png", metavar="NAME", help=f"{LABEL_FORMATS} (default masks-png)")
     sub.add_argument("--review", action="store_true", help="keep them with the run or clip as proposals, to accept or reject in the window")
+    sub.add_argument(
+        "--unknown", action="store_true", help="with --out: call what no labelled frame shows unknown, for a training that keeps it apart"
+    )
     sub.add_argument("--replace", action="store_true", help="with --review: also for frames that have labels")
 
     sub = command("import", "labels:import_labels", "take label maps of another tool as annotations of a run or clip")
@@ -248,43 +288,9 @@ def _run_and_frames(sub: argparse.ArgumentParser) -> argparse._MutuallyExclusive
 
 def _prompts(sub: argparse.ArgumentParser, required: bool) -> None:
     sub.add_argument("--prompt", action="append", default=[], required=required, metavar="TEXT", dest="prompts", help="repeatable")
+    _decoding(sub)
+
+
+def _decoding(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--decoder", metavar="NAME", help="rnse (default), threshold, argmax, rnse+argmax or rnse-paper")
     sub.add_argument("--threshold", type=float, metavar="X", help="cosine from which a pixel belongs to a mask")
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be at least 1")
-    return value
-
-
-def _setting(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals and name != "help":
-        raise argparse.ArgumentTypeError(f"{text!r} is no setting such as flow=10")
-    return name, value
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, cross, height = text.lower().partition("x")
-    if not (cross and width.isdigit() and height.isdigit() and int(width) and int(height)):
-        raise argparse.ArgumentTypeError(f"{text!r} is no size such as 320x256")
-    return int(width), int(height)
-
-
-def _frame_range(text: str) -> tuple[int | None, int | None]:
-    if text == "all":
-        return None, None
-    first, colon, last = text.partition(":")
-    if not colon or not all(part == "" or part.isdigit() for part in (first, last)):
-        raise argparse.ArgumentTypeError(f"{text!r} is no range such as 0:40")
-    return (int(first) if first else None), (int(last) if last else None)
-
-
-def _range(text: str) -> tuple[float, float]:
-    low, _, high = text.partition(":")
-    try:
-        return float(low), float(high)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no range such as 0:2.5") from None

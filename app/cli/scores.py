@@ -10,8 +10,8 @@ from contextlib import closing
 from functools import partial
 from typing import Any
 
+from degense.app.cli.arguments.sweep_options import sweep_of
 from degense.app.cli.options import clip_options
-from degense.app.cli.sweep_options import sweep_of
 from degense.app.cli.terminal import Bar, table
 from degense.app.cli.training import StopFlag
 from degense.engine.errors import Cancelled, ClipError

@@ -9,37 +9,56 @@ import numpy as np
 
 from degense.app.cli.terminal import Bar, run_steps, table
 from degense.app.features.tracks.tracks import reach, tracks_json
-from degense.app.features.viewer.layer_images import check_frame
+from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 
 if TYPE_CHECKING:
+    from degense.engine.data.files.point_files import KnownPoints
     from degense.engine.scene.tracks import Tracks
 
 MOST_SAID = 20  # points that are told one by one
 
 
 def track(options: argparse.Namespace) -> None:
-    """Follow points through a run: say where they go, and how near that is to what a file knows of them."""
-    from degense.engine.data.files.point_files import read_points
-    from degense.engine.metrics.tracks import score_points
+    """Follow points through a run or a clip: say where they go, and how near that is to what a file knows of them."""
+    from degense.engine.metrics.tracks import score_followed, score_known_points
     from degense.engine.scene import Scene
-    from degense.engine.scene.tracks import following
+    from degense.engine.scene.tracks import Tracks, following
 
-    scene = Scene.open(options.run_folder)
-    known = None
-    if options.points is not None:
-        known = read_points(options.points, scene.frames, scene.clip_size)
-        queries = known.queries
+    if (options.path / "run.json").is_file():
+        scene = Scene.open(options.path)
+        unit = scene.unit
+        queries, known = _wanted(options, scene.frames, scene.clip_size)
+        found = run_steps(following(scene, queries), Bar())
+        scores: dict[str, Any] = score_known_points(scene, found, known) if known else {}
     else:
-        x, y = np.meshgrid(*((np.arange(options.grid) + 0.5) / options.grid * side for side in scene.clip_size))
-        queries = np.c_[np.full(x.size, check_frame(scene, options.frame)), x.ravel(), y.ravel()]
-    found = run_steps(following(scene, queries), Bar())
-    scores: dict[str, Any] = score_points(found.pixels, found.visible, known.pixels, known.hidden) if known else {}
+        from degense.engine.data.readers import open_clip
+        from degense.engine.motion.points import following_pixels
+
+        clip = open_clip(options.path)
+        unit = clip.unit
+        queries, known = _wanted(options, len(clip), clip.size)
+        pixels, seen = run_steps(following_pixels(clip.frame, len(clip), queries), Bar())
+        found = Tracks(np.full((*seen.shape, 3), np.nan), pixels, seen)
+        scores = score_followed(pixels, seen, known, clip.size[0]) if known else {}
     if options.json is not None:
-        write_text(options.json, tracks_json(scene.unit, queries, found, scores))
+        write_text(options.json, tracks_json(unit, queries, found, scores))
     _say(queries, found)
     if scores.get("pairs"):
         print(table(scores))
+
+
+def _wanted(options: argparse.Namespace, frames: int, size: tuple[int, int]) -> tuple[np.ndarray, KnownPoints | None]:
+    """The queries of the file or grid that was asked for, float64 [K, 3], and what the file knows."""
+    from degense.engine.data.files.point_files import read_points
+
+    if options.points is not None:
+        known = read_points(options.points, frames, size)
+        return known.queries, known
+    if not 0 <= options.frame < frames:
+        raise DegenseError(f"There is no frame {options.frame}; the frames are 0 to {frames - 1}.")
+    x, y = np.meshgrid(*((np.arange(options.grid) + 0.5) / options.grid * side for side in size))
+    return np.c_[np.full(x.size, options.frame), x.ravel(), y.ravel()], None
 
 
 def _say(queries: np.ndarray, found: Tracks) -> None:

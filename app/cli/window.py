@@ -1,4 +1,4 @@
-"""`degense`, `degense PATH` and `degense demo`."""
+"""`degense`, `degense PATH`, `degense view` and `degense demo`."""
 
 from __future__ import annotations
 
@@ -22,6 +22,18 @@ def window(options: argparse.Namespace) -> int:
     from degense.app.application import run_window
 
     return run_window(options.path)
+
+
+def view(options: argparse.Namespace) -> int:
+    if not options.rerun:
+        from degense.app.application import run_window
+
+        return run_window(options.run_folder)
+    from degense.app.interop.rerun_recording import send_run
+    from degense.engine.scene import Scene
+
+    print(run_steps(send_run(Scene.open(options.run_folder), options.save), Bar()))
+    return 0
 
 
 def demo(options: argparse.Namespace) -> int:

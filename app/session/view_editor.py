@@ -1,4 +1,4 @@
-"""Edits of the view state: each is one undoable step, but for the layer that is looked at. No Qt."""
+"""Edits of the view state: each is one undoable step, but for the layers that are looked at. No Qt."""
 
 from __future__ import annotations
 
@@ -39,8 +39,40 @@ class ViewEditor(PersistentState):
         self._undo.do(name, self._put, self.state, state, key)
 
     def set_layer(self, layer: str) -> None:
-        if layer != self.state.layer:
-            self._set(replace(self.state, layer=layer))
+        """Show one layer alone."""
+        alone = tuple(replace(blend, visible=False) for blend in self.state.blend)
+        if (layer, alone) != (self.state.layer, self.state.blend):
+            self._set(replace(self.state, layer=layer, blend=alone))
+
+    def choose_layer(self, layer: str) -> None:
+        """Choose one of the layers that are drawn, beside the others; one that is not drawn is shown alone."""
+        if all(blend.name != layer for blend in self.state.drawn):
+            self.set_layer(layer)
+        elif layer != self.state.layer:
+            self._set(replace(self._with_blend(self.state.layer, visible=True), layer=layer))
+
+    def set_layer_visible(self, layer: str, visible: bool) -> None:
+        """Draw a layer besides the others, and choose it, or no longer; the last one that is drawn stays."""
+        if visible:
+            self._set(replace(self._with_blend(self.state.layer, visible=True), layer=layer))
+            return
+        others = [blend.name for blend in self.state.drawn if blend.name != layer]
+        if others:
+            self._set(replace(self._with_blend(layer, visible=False), layer=others[-1] if layer == self.state.layer else self.state.layer))
+
+    def set_layer_opacity(self, layer: str, opacity: float) -> None:
+        self._set(self._with_blend(layer, opacity=min(1.0, max(0.0, opacity))))
+
+    def move_layer(self, layer: str, place: int) -> None:
+        """Put a layer at a place of the order, 0 the lowest."""
+        [moved] = [blend for blend in self.state.blend if blend.name == layer]
+        blend = [blend for blend in self.state.blend if blend is not moved]
+        blend.insert(place, moved)
+        self._set(replace(self.state, blend=tuple(blend)))
+
+    def _with_blend(self, layer: str, **changes: bool | float) -> ViewState:
+        blend = tuple(replace(blend, **changes) if blend.name == layer else blend for blend in self.state.blend)  # type: ignore[arg-type]
+        return replace(self.state, blend=blend)
 
     def set_decoder(self, decoder: str) -> None:
         self.edit(f"Decode masks with {decoder}", replace(self.state, decoder=decoder))
@@ -78,10 +110,25 @@ class ViewEditor(PersistentState):
             raise PromptError("Type what to look for, such as gallbladder.")
         if any(prompt.text.casefold() == text.casefold() for prompt in self.state.prompts):
             raise PromptError(f"“{text}” is already in the list.")
-        scene.included(text)
+        scene.question(text)
         prompt = Prompt(text, colour or self.state.next_colour(), negative=negative)
         self.edit(f"Prompt {text}", replace(self.state, prompts=(*self.state.prompts, prompt)))
         return prompt
+
+    def add_example(self, frame: int, x: int, y: int) -> Prompt:
+        """Let the last visible prompt also find what looks like a pixel of a frame, or make it a prompt when there is none."""
+        from degense.engine.semantics.examples import Example
+
+        place = str(Example(frame, x, y))
+        if not self.state.visible_prompts:
+            return self.add_prompt(place)
+        last = self.state.visible_prompts[-1]
+        scene = self._scene()
+        assert scene is not None
+        scene.question(f"{last.text} {place}")
+        prompts = tuple(replace(p, text=f"{p.text} {place}") if p is last else p for p in self.state.prompts)
+        self.edit(f"Example for {last.text}", replace(self.state, prompts=prompts))
+        return self.state.prompt(f"{last.text} {place}")
 
     def remove_prompt(self, text: str) -> None:
         gone = self.state.prompt(text)
@@ -109,8 +156,8 @@ class ViewEditor(PersistentState):
         self.edit(name, replace(self.state, prompts=prompts))
 
     def _put(self, state: ViewState) -> None:
-        """A step of the history, under the layer that is shown now."""
-        self._set(replace(state, layer=self.state.layer))
+        """A step of the history, under the layers that are shown now."""
+        self._set(replace(state, layer=self.state.layer, blend=self.state.blend))
 
     def _set(self, state: ViewState) -> None:
         before, self.state = self.state, state

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from degense.engine.colour_maps import CLASS_COLOURS
 from degense.engine.errors import RunError
+from degense.engine.layer_titles import LAYER_TITLES
 
 if TYPE_CHECKING:
     from degense.engine.semantics.prompts import PromptSet
@@ -54,10 +55,24 @@ class ColourRange:
 
 
 @dataclass(frozen=True)
-class ViewState:
-    """Layer, prompts and colours of the view. Change it with `dataclasses.replace` through `Session.edit`."""
+class LayerBlend:
+    """How a layer takes part in the frame."""
 
-    layer: str = "rgb"
+    name: str
+    visible: bool = False  # drawn besides the chosen layer
+    opacity: float = 0.6  # over what lies below it; the lowest layer that is drawn covers everything
+
+
+#: All layers from the bottom up, as they lie before anybody moves them.
+LAYER_ORDER = tuple(LayerBlend(name) for name in LAYER_TITLES)
+
+
+@dataclass(frozen=True)
+class ViewState:
+    """Layers, prompts and colours of the view. Change it with `dataclasses.replace` through `Session.edit`."""
+
+    layer: str = "rgb"  # the chosen one: always drawn, its numbers are shown and its worst places listed
+    blend: tuple[LayerBlend, ...] = LAYER_ORDER  # all layers from the bottom up
     prompts: tuple[Prompt, ...] = ()
     threshold: float = 0.5  # cosine from which a pixel belongs to a mask
     decoder: str = "rnse"
@@ -65,6 +80,11 @@ class ViewState:
     overlay_opacity: float = 0.75
     compare: Compare = "off"
     ranges: tuple[tuple[str, ColourRange], ...] = field(default=())
+
+    @property
+    def drawn(self) -> tuple[LayerBlend, ...]:
+        """The layers that make up the frame, from the bottom up."""
+        return tuple(blend for blend in self.blend if blend.visible or blend.name == self.layer)
 
     def range(self, layer: str) -> ColourRange:
         return dict(self.ranges).get(layer, ColourRange())
@@ -113,6 +133,7 @@ class ViewState:
             _only_known(data, ViewState)
             return ViewState(
                 layer=current_layer(str(data["layer"])),
+                blend=_blend(data.get("blend", ())),
                 prompts=tuple(_prompt(item) for item in data["prompts"]),
                 threshold=float(data["threshold"]),
                 decoder=str(data["decoder"]),
@@ -129,6 +150,19 @@ def _prompt(data: dict[str, Any]) -> Prompt:
     _only_known(data, Prompt)
     red, green, blue = (min(255, max(0, int(channel))) for channel in data["colour"])
     return Prompt(str(data["text"])[:200], (red, green, blue), bool(data["visible"]), bool(data.get("negative", False)))
+
+
+def _blend(data: Any) -> tuple[LayerBlend, ...]:
+    """The layers from the bottom up: those of `data` that there still are, and on top of them those that it does not know."""
+    from degense.engine.store.migrations import current_layer
+
+    for item in data:
+        _only_known(item, LayerBlend)
+    known = [
+        LayerBlend(current_layer(str(item["name"])), bool(item["visible"]), min(1.0, max(0.0, float(item["opacity"])))) for item in data
+    ]
+    kept = {blend.name: blend for blend in known if blend.name in LAYER_TITLES}
+    return (*kept.values(), *(blend for blend in LAYER_ORDER if blend.name not in kept))
 
 
 def _colour_range(data: dict[str, Any]) -> ColourRange:

@@ -1,89 +1,120 @@
-"""Where panels sit: the right column, its tabs, the bottom, the views in the middle, and the status bar."""
+"""Where panels sit: beside the views, in the drawer below everything, and the views in the middle."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from html import escape
-from types import MappingProxyType
+from collections.abc import Sequence
+from functools import partial
 from typing import Literal
 
-from PySide6.QtCore import QByteArray, QObject, Qt
+from PySide6.QtCore import QByteArray, QEvent, QObject, QSize, Qt, QTimer
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QAbstractButton,
+    QAbstractScrollArea,
     QAbstractSlider,
     QDockWidget,
-    QLabel,
     QMainWindow,
-    QProgressBar,
-    QSizePolicy,
+    QScrollArea,
     QSplitter,
+    QStyle,
     QWidget,
 )
 
 from degense.widgets import forms
 
 Area = Qt.DockWidgetArea
-WIDTH, SMALL = 436, 130  # of the right column; height of the panels above one that needs room; pixels
+#: Width of the column beside the views in widths of a character, and height of the drawer in lines of text.
+WIDTH, DRAWER = 54, 15
+#: Height that each panel of the right column has at least, pixels; beyond it, what it has no room for is scrolled.
+LEAST = 186
+#: Of the arrangement that `state` writes; another version's is left aside.
+VERSION = 2
 
 
 class Docks(QObject):
-    """The panels of a window."""
+    """The panels of a window.
+
+    The column at the right holds what is used all the time. The drawer spans the window's whole width and shows one of its panels at a
+    time; it is closed at first. Both are dock widgets, which can be dragged out of the window.
+    """
 
     def __init__(self, window: QMainWindow) -> None:
         super().__init__(window)
         self.window = window
         self.all: list[QDockWidget] = []  # in the order they were added
-        self._tabs: list[QDockWidget] = []
+        self.switches: dict[QDockWidget, QAction] = {}  # each opens and closes a panel
+        self._drawer: list[QDockWidget] = []
+        self._last: QDockWidget | None = None  # panel of the drawer that was open last
+        self._drawer_height = 0
         self._below: list[QWidget] = []
         self._heights: dict[QDockWidget, int] = {}
-        self._links: dict[str, Callable[[], object]] = {}
+        self._hidden: list[QWidget] = []  # by `isolate` and `show_page`
+        self._alone: QWidget | None = None  # what these showed, and whether it was open before
+        self._was_open = False
+        self._open_sizes: dict[QDockWidget, QSize] = {}  # of the right column before them
+        self._column: dict[QDockWidget, QSize] = {}  # of the right column before the drawer was opened
+        self._whole: tuple[str, list[int]] | None = None  # the arrangement before them
         #: In the middle of the window; features put their views there.
         self.views = QSplitter(Qt.Orientation.Horizontal, childrenCollapsible=False)
         self.views.setObjectName("views")
         centre = QWidget()
         self._centre = forms.column((self.views, 1), margin=0, spacing=0, parent=centre)
         window.setCentralWidget(centre)
-        window.setDockOptions(QMainWindow.DockOption.AllowTabbedDocks | QMainWindow.DockOption.AnimatedDocks)
+        window.setDockOptions(QMainWindow.DockOption.AllowTabbedDocks)
+        window.setCorner(Qt.Corner.BottomRightCorner, Area.BottomDockWidgetArea)
         window.setTabPosition(Area.AllDockWidgetAreas, window.tabPosition(Area.TopDockWidgetArea))
-        self._add_status_bar()
 
     def add(
-        self, title: str, widget: QWidget, place: Literal["right", "tab", "bottom"] = "tab", *, height: int = 0, hidden: bool = False
+        self, title: str, widget: QWidget, place: Literal["right", "drawer"] = "drawer", *, height: int = 0, hidden: bool = False
     ) -> QDockWidget:
-        """Add a panel, by whose title saved layouts know it: in the right column, as one of the tabs in its lower part, or at the bottom.
+        """Add a panel, by whose title saved layouts know it. `height` is its share of the right column; a `hidden` one is closed at first.
 
-        Tabs scroll, so that no panel can push the window beyond the screen. `height` is a share of the right column, pixels; of tabs the
-        first one's counts. A `hidden` one is closed at first; the bottom ones always are.
+        Panels scroll where they have no room, so that none can push the window beyond the screen.
         """
         dock = QDockWidget(title, self.window)
         dock.setObjectName(title)
-        if place == "tab":
+        if not isinstance(widget, QAbstractScrollArea):
             widget = forms.scrolled(widget, title)
             widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         dock.setWidget(widget)
-        self.window.addDockWidget(Area.BottomDockWidgetArea if place == "bottom" else Area.RightDockWidgetArea, dock)
-        if place == "tab":
-            if self._tabs:
-                self.window.tabifyDockWidget(self._tabs[-1], dock)
-            self._tabs.append(dock)
+        self.window.addDockWidget(Area.RightDockWidgetArea if place == "right" else Area.BottomDockWidgetArea, dock)
+        if place == "right":
+            widget.setMinimumHeight(LEAST)
+            self.switches[dock] = dock.toggleViewAction()
+        else:
+            if self._drawer:
+                self.window.tabifyDockWidget(self._drawer[-1], dock)
+            self._drawer.append(dock)
+            dock.installEventFilter(self)
+            switch = QAction(title, self, checkable=True)
+            switch.triggered.connect(partial(self._switch, dock))
+            dock.visibilityChanged.connect(lambda seen: switch.setChecked(dock.isVisibleTo(self.window)))
+            self.switches[dock] = switch
         if height:
             self._heights[dock] = height
-        if hidden or place == "bottom":
+        if hidden or place == "drawer":
             dock.hide()
         self.all.append(dock)
         return dock
 
     def add_below(self, widget: QWidget) -> None:
+        """Add what stands under the views, between the left edge and the right column."""
         self._centre.addWidget(widget)
         self._below.append(widget)
 
+    @property
+    def drawer(self) -> tuple[QDockWidget, ...]:
+        """The panels of the drawer."""
+        return tuple(self._drawer)
+
     def arrange(self) -> None:
         """Give the docks their sizes, once all are there."""
+        metrics = self.window.fontMetrics()
+        self._drawer_height = DRAWER * metrics.height()
         if self._heights:
             self.window.resizeDocks(list(self._heights), list(self._heights.values()), Qt.Orientation.Vertical)
-            self.window.resizeDocks([next(iter(self._heights))], [WIDTH], Qt.Orientation.Horizontal)
-        if self._tabs:
-            self._tabs[0].raise_()
+            width = WIDTH * metrics.averageCharWidth()
+            self.window.resizeDocks([next(iter(self._heights))], [width], Qt.Orientation.Horizontal)
         # Clicked buttons and sliders leave the keyboard to the window, whose Space and arrows move time. Tab still reaches everything.
         for owner in (*self.all, *self._below):
             for kind in (QAbstractButton, QAbstractSlider):
@@ -91,57 +122,145 @@ class Docks(QObject):
                     if widget.focusPolicy() != Qt.FocusPolicy.NoFocus:
                         widget.setFocusPolicy(Qt.FocusPolicy.TabFocus)
 
-    def bring(self, dock: QDockWidget, height: int = 0) -> None:
-        """Show a dock in front of its tabs; with a height, at the cost of the panels above it."""
+    # The drawer
+
+    def bring(self, dock: QDockWidget) -> None:
+        """Show a panel; one of the drawer takes the place of the one that is open there, at the same height."""
+        if dock in self._drawer and not dock.isFloating():
+            if not self.drawer_is_open():
+                self._column = self._sizes()
+            others = [other for other in self._drawer if other is not dock and not other.isHidden() and not other.isFloating()]
+            self._measure()
+            dock.show()
+            for other in others:
+                other.hide()
+            self.window.resizeDocks([dock], [self._drawer_height], Qt.Orientation.Vertical)
+            self._last = dock
         dock.show()
         dock.raise_()
-        if height:
-            above = [other for other in self._heights if other not in self._tabs] if dock in self._tabs else []
-            self.window.resizeDocks([*above, dock], [*[SMALL] * len(above), height], Qt.Orientation.Vertical)
+
+    def is_open(self, dock: QDockWidget) -> bool:
+        """Whether a panel is shown, in the window or out of it."""
+        return not dock.isHidden()
+
+    def toggle_drawer(self) -> None:
+        """Close the drawer, or open it at the panel that was open last."""
+        shown = [dock for dock in self._drawer if not dock.isHidden() and not dock.isFloating()]
+        self._measure()
+        for dock in shown:
+            self._close(dock)
+        if not shown and self._drawer:
+            self.bring(self._last or self._drawer[0])
+
+    def drawer_is_open(self) -> bool:
+        return any(not dock.isHidden() and not dock.isFloating() for dock in self._drawer)
+
+    def _switch(self, dock: QDockWidget) -> None:
+        if dock.isHidden():
+            self.bring(dock)
+        else:
+            self._measure()
+            self._close(dock)
+
+    def _close(self, dock: QDockWidget) -> None:
+        """Close a panel of the drawer; the right column is as it was before."""
+        dock.hide()
+        QTimer.singleShot(0, self, self._drawer_closed)
+
+    def _drawer_closed(self) -> None:
+        if not self.drawer_is_open() and self._whole is None:
+            self._resize(self._column)
+
+    def _sizes(self) -> dict[QDockWidget, QSize]:
+        """Of the right column's open panels."""
+        return {dock: dock.size() for dock in self._beside() if dock.isVisible()}
+
+    def _resize(self, sizes: dict[QDockWidget, QSize]) -> None:
+        if sizes:
+            self.window.resizeDocks(list(sizes), [size.height() for size in sizes.values()], Qt.Orientation.Vertical)
+            self.window.resizeDocks(list(sizes), [size.width() for size in sizes.values()], Qt.Orientation.Horizontal)
+
+    def _measure(self) -> None:
+        """Remember how high the drawer is, before its panel changes or closes."""
+        for dock in self._drawer:
+            if dock.isVisible() and not dock.isFloating():
+                self._last, self._drawer_height = dock, dock.height()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        if event.type() == QEvent.Type.Close:  # by the cross in its title
+            self._measure()
+            QTimer.singleShot(0, self, self._drawer_closed)
+        return False
+
+    # One task at a time
+
+    def isolate(self, dock: QDockWidget, view: QWidget) -> None:
+        """Show one panel of the right column and one view, without the others, until `rejoin`."""
+        self.rejoin()
+        width = max((other.width() for other in self._beside() if other.isVisible()), default=0)
+        views = [shown for index in range(self.views.count()) if (shown := self.views.widget(index)) is not None]
+        self._stand_alone(dock, [*self._beside(), *views], but=(dock, view))
+        panel = area.widget() if isinstance(area := dock.widget(), QScrollArea) else None
+        needed = panel.minimumSizeHint().width() if panel is not None else 0
+        bar = self.window.style().pixelMetric(QStyle.PixelMetric.PM_ScrollBarExtent)
+        self.window.resizeDocks([dock], [max(width, needed + bar)], Qt.Orientation.Horizontal)
+
+    def add_page(self, page: QWidget) -> None:
+        """Add what `show_page` shows."""
+        page.hide()
+        self._centre.addWidget(page, 1)
+
+    def show_page(self, page: QWidget) -> None:
+        """Show a page in place of the views and the panels beside them, until `rejoin`."""
+        self.rejoin()
+        self._stand_alone(page, [*self._beside(), self.views, *self._below])
+
+    def _beside(self) -> list[QDockWidget]:
+        """The panels of the right column."""
+        return [dock for dock in self.all if dock not in self._drawer and not dock.isFloating()]
+
+    def _stand_alone(self, shown: QWidget, others: list[QWidget], but: Sequence[QWidget] = ()) -> None:
+        self._whole = self.state(), self.views.sizes()
+        self._open_sizes = self._sizes()
+        self._alone, self._was_open = shown, not shown.isHidden()
+        self._hidden = [other for other in others if other not in but and not other.isHidden()]
+        shown.show()
+        for other in self._hidden:
+            other.hide()
+
+    def rejoin(self, alone: QWidget | None = None) -> None:
+        """Show again what `isolate` or `show_page` hid; nothing when something else than `alone` stands alone."""
+        if self._whole is None or self._alone is None or alone not in (None, self._alone):
+            return
+        (_, sizes), self._whole = self._whole, None
+        self._alone.setVisible(self._was_open)
+        for other in self._hidden:
+            other.show()
+        self._hidden = []
+        self._resize(self._open_sizes)
+        self.views.setSizes(sizes)
+
+    # Kept between starts
 
     def state(self) -> str:
-        """The arrangement of the docks as Qt saves it, base64."""
-        return bytes(self.window.saveState().toBase64().data()).decode("ascii")
+        """The arrangement of the docks as Qt saves it, base64, and after a bar the panel that is open in the drawer."""
+        whole = self._whole[0] if self._whole else bytes(self.window.saveState(VERSION).toBase64().data()).decode("ascii")
+        opened = next((dock.objectName() for dock in self._drawer if not dock.isHidden() and not dock.isFloating()), "")
+        return f"{whole.partition('|')[0]}|{opened}"
+
+    def view_sizes(self) -> list[int]:
+        """Widths of the views, pixels."""
+        return self._whole[1] if self._whole else self.views.sizes()
 
     def restore(self, state: str) -> None:
-        self.window.restoreState(QByteArray.fromBase64(state.encode("ascii", "ignore")))
-
-    def set_busy(self, text: str = "", fraction: float | None = None) -> None:
-        """Show that something is being done; an empty text hides it. Without a fraction the bar only moves."""
-        self.busy_text.setText(text)
-        self.busy_text.setVisible(bool(text))
-        self.busy_bar.setVisible(bool(text))
-        self.busy_bar.setRange(0, 0 if fraction is None else 100)
-        if fraction is not None:
-            self.busy_bar.setValue(round(100 * fraction))
-
-    def set_notice(self, text: str = "", links: Mapping[str, Callable[[], object]] = MappingProxyType({})) -> None:
-        """Keep a sentence in the status bar, with what can be done about it, until another takes its place; no text hides it."""
-        self._links = dict(links)
-        self.notice.setText(f"{' '.join(f'<a href={title!r}>{escape(title)}</a>' for title in links)} &nbsp;⚠ {escape(text)}")
-        self.notice.setToolTip(text)
-        self.notice.setVisible(bool(text))
-
-    def _add_status_bar(self) -> None:
-        bar = self.window.statusBar()
-        self.hint = forms.label(secondary=True, wrap=False)
-        self.hint.setAccessibleName("What the mouse does here")
-        self.hint.setMinimumWidth(1)
-        bar.addWidget(self.hint, 1)
-        self.notice = forms.complaint()
-        self.notice.setAccessibleName("What needs attention")
-        self.notice.setTextFormat(Qt.TextFormat.RichText)
-        self.notice.setWordWrap(False)
-        self.notice.setMinimumWidth(1)  # a long sentence is cut at its end, never the window widened
-        self.notice.setTextInteractionFlags(
-            Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.LinksAccessibleByKeyboard
-        )
-        self.notice.linkActivated.connect(lambda title: self._links[title]())
-        bar.addPermanentWidget(self.notice)
-        self.busy_text, self.busy_bar = QLabel(), forms.named(QProgressBar(textVisible=False), "What is being done")
-        self.busy_bar.setFixedWidth(140)
-        self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        bar.addPermanentWidget(self.busy_text)
-        bar.addPermanentWidget(self.busy_bar)
-        self.set_busy()
-        self.set_notice()
+        """Arrange the docks as `state` says; another version's arrangement changes nothing."""
+        self.rejoin()
+        whole, _, opened = state.partition("|")
+        if not self.window.restoreState(QByteArray.fromBase64(whole.encode("ascii", "ignore")), VERSION):
+            return
+        self._measure()
+        for dock in self._drawer:
+            if dock.objectName() == opened:
+                self.bring(dock)
+            elif not dock.isFloating():
+                dock.hide()

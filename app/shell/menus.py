@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 
 from PySide6.QtCore import QObject
 from PySide6.QtGui import QAction, QKeySequence
-from PySide6.QtWidgets import QDockWidget, QMainWindow, QMenu
+from PySide6.QtWidgets import QMainWindow, QMenu
 
 from degense.app.shell.actions import Action, ActionRegistry
 from degense.engine.errors import DegenseError
@@ -46,11 +46,11 @@ class Menus(QObject):
         for action_id, action in self.actions.items():
             action.setShortcuts([QKeySequence(key) for key in self._registry.keys(action_id)])
 
-    def list_docks(self, docks: Sequence[QDockWidget]) -> None:
+    def list_panels(self, switches: Iterable[QAction]) -> None:
         """View ▸ Panels: each opens and closes one."""
         panels = self.menu(("View", "Panels"))
-        for dock in docks:
-            panels.addAction(dock.toggleViewAction())
+        for switch in switches:
+            panels.addAction(switch)
 
     def name_undo(self, undo: str | None, redo: str | None) -> None:
         """Say what would be undone and redone."""

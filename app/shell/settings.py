@@ -37,6 +37,7 @@ class Settings:
 
     theme: Theme = "dark"
     background: Background = "dark"  # of the 3D view, whatever the theme
+    text_size: float = 1.0  # times that of the desktop
     recent: tuple[str, ...] = field(default=())  # clips and runs opened last, newest first
     last_folder: str = ""
     speed: float = 1.0  # playback speed, 1 = as recorded
@@ -47,6 +48,7 @@ class Settings:
     training: dict[str, Any] = field(default_factory=dict)  # what the training dialog was last started with
     #: Trainings that run, are paused or wait, the first first (`TrainingJob.to_json`); offered again at the next start.
     trainings: tuple[dict[str, Any], ...] = ()
+    toured: bool = False  # whether the tour was shown, which comes by itself once
     geometry: str = ""  # the window's size and docks, as Qt saves them, base64
     state: str = ""
 
@@ -102,7 +104,7 @@ class SettingsFile:
 
 
 #: What numbers may be.
-LIMITS = {"speed": (0.05, 16.0), "autosave": (0.0, 60.0), "undo_memory": (16.0, 8192.0)}
+LIMITS = {"text_size": (0.8, 2.0), "speed": (0.05, 16.0), "autosave": (0.0, 60.0), "undo_memory": (16.0, 8192.0)}
 
 
 def _texts(value: Any) -> bool:
@@ -115,6 +117,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "shortcuts": (lambda value: isinstance(value, dict) and all(map(_texts, value.values())), "lists of keys by action"),
     "training": (lambda value: isinstance(value, dict), "a JSON object"),
     "trainings": (lambda value: isinstance(value, list) and all(isinstance(entry, dict) for entry in value), "a list of JSON objects"),
+    "toured": (lambda value: isinstance(value, bool), "true or false"),
     "theme": (lambda value: value in get_args(Theme), f"one of {', '.join(get_args(Theme))}"),
     "background": (lambda value: value in get_args(Background), f"one of {', '.join(get_args(Background))}"),
 }

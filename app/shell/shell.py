@@ -11,11 +11,12 @@ from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QStatusTipEv
 from PySide6.QtWidgets import QFileDialog, QMainWindow, QMessageBox
 
 from degense.app.session.session import Session
-from degense.app.shell.actions import ActionRegistry
+from degense.app.shell.actions import Action, ActionRegistry
 from degense.app.shell.docks import Docks
 from degense.app.shell.menus import Menus
 from degense.app.shell.messages import Choice, ask, show_error
 from degense.app.shell.settings import SettingsFile
+from degense.app.shell.status_bar import StatusBar
 from degense.app.shell.worker import Job, Worker
 from degense.engine.errors import DegenseError
 
@@ -39,8 +40,8 @@ class Shell(QMainWindow):
         self.session = Session()
         self.worker = Worker(self)
         self.registry = ActionRegistry()
-        self.docks = Docks(self)
-        self.add_dock, self.add_actions, self.set_busy = self.docks.add, self.registry.add, self.docks.set_busy
+        self.docks, self.status = Docks(self), StatusBar(self)
+        self.add_dock, self.add_actions, self.set_busy = self.docks.add, self.registry.add, self.status.set_busy
         self.worker.add_channel("export", 70)  # of all features that read or write files
         self.may_close: list[Callable[[Callable[[], object]], bool]] = []
         self._services: list[object] = []
@@ -50,10 +51,11 @@ class Shell(QMainWindow):
         self._timer.start(TICK_MS)
         for install in features:
             install(self)
+        self._add_drawer()
         self.menus = Menus(self.registry, self, self.complaint.emit)
         self._follow_session()
         self.docks.arrange()
-        self.menus.list_docks(self.docks.all)
+        self.menus.list_panels(self.docks.switches.values())
         self.setAcceptDrops(True)
         self.resize(1440, 900)
         self._restore()
@@ -155,6 +157,15 @@ class Shell(QMainWindow):
 
     # The window itself
 
+    def _add_drawer(self) -> None:
+        """A button for each panel of the drawer, and the action that opens and closes it."""
+        docks, menu = self.docks, ("View",)
+        for dock in docks.drawer:
+            self.status.add_button(docks.switches[dock])
+        if docks.drawer:
+            toggle, shown = docks.toggle_drawer, docks.drawer_is_open
+            self.add_actions(Action("view.drawer", "Drawer", toggle, menu, ("Ctrl+J",), checked=shown, group=1, help="panels bottom"))
+
     def _follow_session(self) -> None:
         session = self.session
         for signal in (session.opened, session.undo.changed):
@@ -180,7 +191,7 @@ class Shell(QMainWindow):
     def event(self, event: QEvent) -> bool:
         """What the mouse does where it is stands in the status bar, under messages."""
         if isinstance(event, QStatusTipEvent):
-            self.docks.hint.setText(event.tip())
+            self.status.hint.setText(event.tip())
             return True
         return super().event(event)
 

@@ -65,6 +65,13 @@ class Annotations:
         proposal = self.record(frame).proposal
         return self.labels(frame) if proposal is None else proposal.labels
 
+    def reader(self, frame: int) -> Callable[[], np.ndarray]:
+        """Reads the frame's map as it is now, uint8 [H, W], also in another thread while the frame is changed."""
+        labels, original, shape = self.record(frame).labels, self.original, self.shape
+        if isinstance(labels, bytes):
+            return lambda: unpack(labels, shape)
+        return labels or (lambda: _or_nothing(original(frame), shape))
+
     def is_labelled(self, frame: int) -> bool:
         """Whether the frame has a map, its own or one that it came with."""
         return self.record(frame).labels is not None or self.original(frame) is not None
@@ -101,15 +108,26 @@ class Annotations:
             found.setdefault(kind, []).append(frame)
         return found
 
-    def next_flagged(self, frame: int) -> int | None:
-        """The next frame to look at after this one, then from the start: flagged, or with a doubtful proposal; None when there is none."""
-        found = self.kinds().get("doubtful", [])
-        return min(found, key=lambda index: (index <= frame, index), default=None)
+    def doubt(self, frame: int) -> float:
+        """How much a frame asks to be looked at, in [0, 1]: 1 where it is flagged, else by its proposal's confidence; 0 without one."""
+        record = self.record(frame)
+        if record.status == "flagged":
+            return 1.0
+        return 0.0 if record.proposal is None else record.proposal.doubt
+
+    def review_queue(self) -> list[int]:
+        """Frames to look at, the most doubtful first: flagged, or with a doubtful proposal."""
+        return sorted(self.kinds().get("doubtful", []), key=lambda frame: (-self.doubt(frame), frame))
+
+    def next_in_queue(self, frame: int, step: int = 1) -> int | None:
+        """The frame of the review queue `step` after this one, round and round; the first or last from elsewhere. None when it is empty."""
+        queue = self.review_queue()
+        if not queue:
+            return None
+        return queue[(queue.index(frame) + step) % len(queue)] if frame in queue else queue[0 if step > 0 else -1]
 
     def _read(self, frame: int) -> np.ndarray:
-        labels = self.record(frame).labels
-        found = unpack(labels, self.shape) if isinstance(labels, bytes) else labels() if labels is not None else self.original(frame)
-        found = np.full(self.shape, UNLABELLED, np.uint8) if found is None else found
+        found = self.reader(frame)()
         found.flags.writeable = False
         return found
 
@@ -200,6 +218,10 @@ class Annotations:
             if pixels:
                 self._decoded.forget(frame)
         return LabelEdit(name, before, tuple(self.piece(frame, whole) for frame in news))
+
+
+def _or_nothing(labels: np.ndarray | None, shape: tuple[int, int]) -> np.ndarray:
+    return np.full(shape, UNLABELLED, np.uint8) if labels is None else labels
 
 
 class Stroke:

@@ -20,10 +20,19 @@ LONGEST_NAME = 200
 
 @dataclass(frozen=True)
 class LabelClass:
-    """What a value of a label map means; its index in the list of classes is the value."""
+    """What a value of a label map means; its index in the list of classes is the value.
+
+    Two graspers are two values of one class: their names are the same, their numbers are 1 and 2.
+    """
 
     name: str
     colour: Colour
+    number: int = 1  # which object of its class
+
+    @property
+    def title(self) -> str:
+        """What the user reads: the name, with the number of a second or further object."""
+        return self.name if self.number == 1 else f"{self.name} {self.number}"
 
 
 def default_colour(index: int) -> Colour:
@@ -40,28 +49,30 @@ def check_classes(classes: Sequence[LabelClass]) -> None:
     """DegenseError when there are too many classes, or a name is empty, too long or twice there."""
     if len(classes) > UNLABELLED:
         raise DegenseError(f"There are {len(classes)} classes, but a label map holds at most {UNLABELLED}.")
-    names = [kind.name.casefold() for kind in classes]
-    for kind, name in zip(classes, names, strict=True):
-        if not name.strip() or len(name) > LONGEST_NAME or not kind.name.isprintable():
+    titles = [kind.title.casefold() for kind in classes]
+    for kind, title in zip(classes, titles, strict=True):
+        if not kind.name.strip() or len(kind.name) > LONGEST_NAME or not kind.name.isprintable():
             raise DegenseError(f"A class needs a name of 1 to {LONGEST_NAME} letters.")
-        if names.count(name) > 1:
-            raise DegenseError(f"There is a class “{kind.name}” already.")
+        if not 1 <= kind.number <= UNLABELLED:
+            raise DegenseError(f"The number of an object is 1 to {UNLABELLED}, not {kind.number}.")
+        if titles.count(title) > 1:
+            raise DegenseError(f"There is a class “{kind.title}” already.")
 
 
 def merged(own: Sequence[LabelClass], others: Sequence[LabelClass]) -> tuple[tuple[LabelClass, ...], np.ndarray]:
     """All classes, `own` first; and what each value of the others' label maps is among them, uint8 [256].
 
-    Classes of the same name, whatever its case, are the same. DegenseError when there are more than a label map holds.
+    Classes of the same title, whatever its case, are the same. DegenseError when there are more than a label map holds.
     """
     classes = list(own)
-    index = {kind.name.casefold(): number for number, kind in enumerate(classes)}
+    index = {kind.title.casefold(): number for number, kind in enumerate(classes)}
     table = np.full(256, UNLABELLED, np.uint8)
     for value, kind in enumerate(others):
-        if kind.name.casefold() not in index:
-            index[kind.name.casefold()] = len(classes)
+        if kind.title.casefold() not in index:
+            index[kind.title.casefold()] = len(classes)
             classes.append(kind)
             check_classes(classes)
-        table[value] = index[kind.name.casefold()]
+        table[value] = index[kind.title.casefold()]
     return tuple(classes), table
 
 
@@ -108,6 +119,11 @@ class Proposal:
     @property
     def doubtful(self) -> bool:
         return self.confidence < DOUBTFUL or self.unknown > 0
+
+    @property
+    def doubt(self) -> float:
+        """The expected error, in [0, 1]; what is unknown counts as wrong."""
+        return max(1 - self.confidence, self.unknown)
 
     def numbers(self) -> dict[str, float]:
         """What is written of it beside its labels."""

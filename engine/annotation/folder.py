@@ -74,7 +74,7 @@ def save(annotations: Annotations, folder: Path) -> None:
         name = labels.path.name if isinstance(labels, StoredMap) else None
         entries[str(frame)] = {"labels": name, "by_hand": record.by_hand, "status": record.status, "carried": proposal}
     height, width = annotations.shape
-    classes = [{"name": kind.name, "colour": kind.colour} for kind in annotations.classes]
+    classes = [{"name": kind.name, "colour": kind.colour, "number": kind.number} for kind in annotations.classes]
     index = {"format": FORMAT, "size": [width, height], "count": annotations.count, "classes": classes, "frames": entries}
     write_text(folder / INDEX, json.dumps(index, indent=1))
     _remove_others(folder, entries)
@@ -105,7 +105,7 @@ def _annotations(data: Any, folder: Path, shape: tuple[int, int], count: int, or
         raise ValueError("it was written by a newer degense; update to open it")
     if (data["size"][1], data["size"][0], data["count"]) != (*shape, count):
         raise ValueError(f"it is for {data['count']} frames of {data['size'][0]} × {data['size'][1]}")
-    classes = tuple(LabelClass(str(item["name"]), _colour(item["colour"])) for item in data["classes"])
+    classes = tuple(LabelClass(str(item["name"]), _colour(item["colour"]), int(item.get("number", 1))) for item in data["classes"])
     check_classes(classes)
     annotations = Annotations(classes, shape, count, original)
     for key, entry in data["frames"].items():

@@ -12,7 +12,7 @@ MaskMeans = Literal["tool", "keep"]
 PoseAxes = Literal["llff", "opencv"]
 Poses = Literal["auto", "still", "estimate"]
 
-LAYOUTS = ("endonerf", "cholecseg8k", "endovis18", "frames", "video")
+LAYOUTS = ("endonerf", "cholecseg8k", "endovis18", "stir", "surgt", "servct", "c3vd", "nerfstudio", "colmap", "frames", "video")
 
 
 @dataclass(frozen=True)

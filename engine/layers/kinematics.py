@@ -80,21 +80,21 @@ def moving(name: str, description: str, measure: Measure, unit: Callable[[Scene]
 SPEED = moving(
     "speed",
     "How fast tissue moves: ‖μ(t + 1) − μ(t − 1)‖ over the time between the two neighbouring frames, blended over a pixel's Gaussians. "
-    "Hatched where the recording does not reveal the motion: a guess.",
+    "Hatched where the displacement is a guess.",
     speed_of,
     lambda scene: f"{scene.unit}/s",
 )
 ROTATION = moving(
     "rotation",
     "Angle by which Gaussians have turned since the reference frame: 2·acos|⟨q(t), q(reference)⟩|, blended over the Gaussians of a pixel. "
-    "A turn of a round Gaussian cannot be seen. Hatched where the recording does not reveal the motion: a guess.",
+    "A turn of a round Gaussian cannot be seen. Hatched where the displacement is a guess.",
     turn_of,
     lambda scene: "°",
 )
 SCALE = moving(
     "scale",
     "How Gaussians have grown or shrunk since the reference frame: log₂ of the ratio of their volumes, Σ log₂(s(t) / s(reference)); "
-    "+1 has doubled, −1 has halved. Hatched where the recording does not reveal the motion: a guess.",
+    "+1 has doubled, −1 has halved. Hatched where the displacement is a guess.",
     growth_of,
     lambda scene: "log₂ volume",
     signed=True,

@@ -12,13 +12,13 @@ from degense.engine.camera import Camera
 from degense.engine.colour_maps import CLASS_COLOURS, hatched
 from degense.engine.colour_maps import colourise as colourise_values
 from degense.engine.layer_titles import LAYER_TITLES
-from degense.engine.scene import NO_OBSERVABILITY, REVEALED, Scene
+from degense.engine.scene import NO_OBSERVABILITY, Scene
 from degense.engine.semantics.prompts import NO_PROMPTS, PromptSet
 
 Kind = Literal["colour", "scalar", "mask"]
 RangeMode = Literal["frame", "sequence"]
-#: Channels of displacement: its values, and where they are guesses. Frames of the surgeon's camera are cached: one drawing for both.
-MOVED = ("displacement", "observability")
+#: Channels of displacement: its values, and how far off they may be. Frames of the surgeon's camera are cached: one drawing for both.
+MOVED = ("displacement", "uncertainty")
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Layer:
     from_zero: bool = False  # its range starts at zero
     fixed_range: tuple[float, float] | None = None  # the range that it always has; None where the values decide
     of_motion: bool = False  # large values are findings about motion, whose worst frames and places are worth a list
-    guess: str = ""  # what is hatched where the recording does not reveal the motion, for legends; empty where no value is a guess
+    guess: str = ""  # what is hatched where the displacement is a guess, for legends; empty where no value is a guess
     guesses: Callable[[Scene, LayerRequest], np.ndarray] | None = (
         None  # which pixels these are, bool [H, W], where the layer has its own rule
     )
@@ -77,19 +77,20 @@ class Layer:
         return LayerImage(self.pixels(scene, request), self.unit(scene), self.kind, self.uncertain(scene, request))
 
     def uncertain(self, scene: Scene, request: LayerRequest) -> np.ndarray | None:
-        """Pixels whose motion the recording does not reveal, bool [H, W]; None where none is a guess, or the scene cannot tell."""
+        """Pixels whose displacement may be farther off than `States.doubtful`, bool [H, W]; None where none is a guess, or the scene cannot
+        tell."""
         if self.guesses is not None:
             return self.guesses(scene, request)
         if not self._revealable(scene, request):
             return None
-        drawn = MOVED if self.name == MOVED[0] and request.camera is None else MOVED[1:]
-        return scene.render(request.frame, request.camera, drawn)["observability"] < REVEALED
+        drawn = MOVED if self.name in MOVED and request.camera is None else MOVED[1:]
+        return scene.render(_measured_at(scene, request), request.camera, drawn)["uncertainty"] > scene.states.doubtful
 
     def uncertain_splats(self, scene: Scene, request: LayerRequest) -> np.ndarray | None:
         """As `uncertain`, bool [N] of the Gaussians."""
         if self.guesses is not None or not self._revealable(scene, request) or scene.observability is None:
             return None
-        return scene.observability.cpu().numpy() < REVEALED
+        return (scene.states.uncertainty(_measured_at(scene, request)) > scene.states.doubtful).cpu().numpy()
 
     def _revealable(self, scene: Scene, request: LayerRequest) -> bool:
         measured = self.since_reference and request.frame == scene.reference_frame
@@ -106,6 +107,13 @@ class Layer:
         if self.needs_prompt and not prompts:
             return "type a prompt first"
         return ""
+
+
+def _measured_at(scene: Scene, request: LayerRequest) -> float:
+    """The frame whose displacement is in question: at the reference frame, where it is 0, the one beside it."""
+    if request.frame != scene.reference_frame:
+        return request.frame
+    return request.frame + 1 if request.frame + 1 < scene.frames else max(0.0, request.frame - 1)
 
 
 #: Frames, spread over the sequence, whose values make up the range of the whole sequence.

@@ -7,11 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from degense.engine.errors import DegenseError
+from degense.engine.layers.appearance import APPEARANCE
 from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED
 from degense.engine.layers.layer import MOVED, Layer, LayerRequest
 from degense.engine.motion import spurious
-from degense.engine.scene import NO_OBSERVABILITY, REVEALED, Scene
+from degense.engine.scene import NO_OBSERVABILITY, Scene
 from degense.engine.scene.clip_query import decode_frame, decode_splats, splat_semantics
+from degense.engine.scene.uncertainty import DOUBTFUL, NEIGHBOURS, SPREADS, SURE
 from degense.engine.semantics.prompts import PromptSet
 
 
@@ -83,6 +85,12 @@ def _observability_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     if scene.observability is None:
         raise DegenseError(f"{scene.name} {NO_OBSERVABILITY}")
     return scene.observability.cpu().numpy()
+
+
+def _uncertainty_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
+    if scene.observability is None:
+        raise DegenseError(f"{scene.name} {NO_OBSERVABILITY}")
+    return scene.states.uncertainty(request.frame).cpu().numpy()
 
 
 def _displacement_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
@@ -164,17 +172,33 @@ LAYERS: dict[str, Layer] = {
             "scalar",
             "How far tissue has moved since the reference frame: ‖μ(t) − μ(reference)‖, blended over the Gaussians of a pixel. "
             "Instruments, blood and char that come and go are looked through: what counts is the tissue behind them. "
-            f"Hatched where the recording reveals it in less than {REVEALED:.0%} of the frames: a guess, however small it is.",
+            f"Hatched where it may be off by more than {DOUBTFUL:.0%} of the scene's depth (layer Displacement uncertainty): a guess. "
+            f"Elsewhere nine of ten places are within {SURE:.1%} of it.",
             _displacement,
             _displacement_splats,
             lambda scene: scene.unit,
-            guess="hatched: a guess, the recording does not show how far this moved",
+            guess="hatched: a guess, motion differs here and the recording does not show it well",
             from_zero=True,
             of_motion=True,
+        ),
+        Layer(
+            "uncertainty",
+            "scalar",
+            "How far off the displacement may be; in nine of ten places it is nearer. "
+            f"{SPREADS:g}·√mean‖u − uᵢ‖² over the nearest {NEIGHBOURS} Gaussians whose motion the recording reveals, u the displacements: "
+            "a place without evidence shows what its neighbours say, and is as uncertain as they differ from it.",
+            _channel("uncertainty"),
+            _uncertainty_splats,
+            lambda scene: scene.unit,
+            "magma",
+            guess="hatched: displacement here counts as a guess",
+            from_zero=True,
+            needs_observability=True,
         ),
         SPEED,
         ROTATION,
         SCALE,
+        APPEARANCE,
         Layer(
             "warp",
             "scalar",

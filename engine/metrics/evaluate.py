@@ -13,7 +13,6 @@ import torch
 from degense.engine.clip import Clip
 from degense.engine.errors import ClipError
 from degense.engine.layers import LAYERS, LayerRequest
-from degense.engine.layers.layer import MOVED
 from degense.engine.metrics.averages import Mean
 from degense.engine.metrics.image import ImageScores
 from degense.engine.metrics.motion import MotionScores, scene_depth
@@ -39,7 +38,7 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Colle
     prompts; `miou_closed` of closed-set label maps, as in `score_masks`; `calibration` as in `Calibration`; `flicker` as in `Flicker`,
     between held-out frames and the frame before each. Motion: every frame and every displayed pixel, where the clip brings exact truth,
     in the clip's unit, as in `MotionScores`; point tracks, where it brings any, as in `score_tracks`. `uncertain_share`: share of valid
-    pixels, all frames but the reference, whose displacement is marked as a guess; None for a run without support.
+    pixels, all frames but the reference, whose displacement is marked as a guess; None for a run without observability.
 
     Returns
     -------
@@ -100,7 +99,7 @@ def _score_motion(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any
         if uncertain is not None and (valid := clip.valid(i)).any():
             share.add(float(uncertain[valid].mean()), float(valid.sum()))
         if truth is not None:
-            observability = scene.render(i, None, MOVED)["observability"] if uncertain is not None else None
+            observability = scene.render(i, None, ("observability",))["observability"] if uncertain is not None else None
             motion.add(displacement.pixels(scene, request), truth.displacement[i], truth.cautery[i], uncertain, observability)
     found = {"uncertain_share": share.value} | (motion.result() if truth is not None else {})
     if truth is None or truth.tracks is None or truth.visible is None:

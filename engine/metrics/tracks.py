@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 
 from degense.engine.camera import Camera
+from degense.engine.clip import Clip
+from degense.engine.data.files.point_files import KnownPoints
 from degense.engine.scene import Scene
-from degense.engine.scene.tracks import follow_points
+from degense.engine.scene.tracks import Tracks, follow_points
 
 WITHIN = (4, 8, 16, 32, 64)  # pixels: thresholds of `score_points`, as STIR and SurgT have them
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}  # metric units of clips
 NEAR = 0.01  # of the picture's width: a point farther from its true pixel position is lost (3.2 pixels of 320)
 
 
@@ -86,6 +89,59 @@ def score_points(pixels: np.ndarray, visible: np.ndarray, labels: np.ndarray, hi
         "endpoint_error": _mean(apart[np.isfinite(apart)]),
         "endpoint_error_median": _median(apart[np.isfinite(apart)]),
     }
+
+
+def score_followed(pixels: np.ndarray, visible: np.ndarray, known: KnownPoints, width: int) -> dict[str, Any]:
+    """`score_points` of pixels [K, T, 2] that were followed from where a file first knows the points (`KnownPoints.queries`).
+
+    Points of which only the ends are known are paired with the nearest. `delta_nothing_moves` is the δ of points that stay where they are;
+    `endpoint_error_relative` is the median endpoint error as a share of the picture's `width`.
+    """
+    paired = known.paired(pixels)
+    scores: dict[str, Any] = score_points(pixels, visible, paired.pixels, paired.hidden)
+    if not scores["pairs"]:
+        return scores
+    still = np.repeat(known.queries[:, None, 1:], pixels.shape[1], axis=1)
+    resting = known.paired(still)
+    scores["delta_nothing_moves"] = score_points(still, np.ones_like(visible), resting.pixels, resting.hidden)["delta"]
+    median = scores["endpoint_error_median"]
+    scores["endpoint_error_relative"] = median / width if median is not None else None
+    return scores
+
+
+def score_known_points(scene: Scene, found: Tracks, known: KnownPoints) -> dict[str, Any]:
+    """`score_points` of points that were followed through a scene from where a file first knows them (`KnownPoints.queries`).
+
+    Beside the scores of `score_followed`: where the clip's depth was measured in a metric unit, `endpoint_error_mm` and
+    `endpoint_error_mm_median` are distances in space, of labelled pairs whose depth is known.
+    """
+    scores, clip, millimetres = (
+        score_followed(found.pixels, found.visible, known, scene.clip_size[0]),
+        scene.clip,
+        MILLIMETRES.get(scene.unit),
+    )
+    if not scores["pairs"] or clip is None or not clip.depth_measured or millimetres is None:
+        return scores
+    known = known.paired(found.pixels)
+    apart = []
+    for frame in range(scene.frames):
+        counted = np.isfinite(known.pixels[:, frame]).all(-1) & np.isfinite(known.pixels[:, :frame, 0]).any(1)
+        counted &= np.isfinite(found.positions[:, frame]).all(-1)
+        depth = depth_at(clip, frame, known.pixels[counted, frame])
+        places = scene.camera(frame).unproject(known.pixels[counted, frame], depth)
+        apart.append(np.linalg.norm(found.positions[counted, frame] - places, axis=-1)[depth > 0] * millimetres)
+    errors = np.concatenate(apart)
+    return scores | {"endpoint_error_mm": _mean(errors), "endpoint_error_mm_median": _median(errors)}
+
+
+def depth_at(clip: Clip, frame: int, places: np.ndarray) -> np.ndarray:
+    """Measured depth at pixel positions [..., 2] (of the nearest pixel), clip units; 0 outside and where none is measured."""
+    if not clip.depth_measured:
+        return np.zeros(places.shape[:-1])
+    width, height = clip.size
+    column, row = np.moveaxis(np.floor(np.nan_to_num(places, nan=-1.0)).astype(int), -1, 0)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    return np.where(inside, clip.depth(frame)[np.where(inside, row, 0), np.where(inside, column, 0)], 0.0)
 
 
 def still_tracks(tracks: np.ndarray) -> np.ndarray:

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import torch
 
 from degense.engine.camera import Camera
+from degense.engine.clip import UNLABELLED
 from degense.engine.errors import PromptError
 from degense.engine.scene.scene import Scene
 from degense.engine.semantics.masks import Decoded, FrameSemantics
 from degense.engine.semantics.prompts import PromptSet, PromptVectors
+from degense.engine.vocabulary.questions import AnyOf, ButNot, Expression, Noun, heads, nouns
 
 #: Similarities of frames whose masks are being decoded while the next is drawn: what bounds the memory of a clip of any length.
 IN_FLIGHT_BYTES = 512 << 20
@@ -33,11 +36,27 @@ def encode_prompts(scene: Scene, prompts: PromptSet) -> PromptVectors:
     """
     if not prompts.prompts:
         raise PromptError("There is nothing to look for; give at least one prompt.")
-    included = tuple(scene.included(text) for text in prompts.prompts)
-    negatives = [scene.included(text) for text in prompts.negatives]
-    excluded = tuple(np.concatenate([scene.excluded(text), *negatives]) for text in prompts.prompts)
+    return encode_expressions(scene, [scene.question(text).what for text in prompts.prompts], prompts)
+
+
+def encode_expressions(scene: Scene, expressions: Sequence[Expression], prompts: PromptSet) -> PromptVectors:
+    """Questions of a frame in the nouns that answer them, with the negatives, decoder and threshold of a prompt set.
+
+    A negative that is a question takes its own mask from the others, a plain one competes in similarity. Raises as `Scene.question` does.
+    """
+    asked = [scene.question(text).what for text in prompts.negatives]
+    for other in asked:
+        if not isinstance(other, Noun):
+            expressions = [ButNot(expression, other) for expression in expressions]
+    texts = [expression.text for expression in expressions if isinstance(expression, Noun)]
+    plain = len(texts) == len(expressions)
+    if not plain:
+        texts = list(dict.fromkeys(text for expression in expressions for text in nouns(expression)))
+    negatives = [scene.included(other.text) for other in asked if isinstance(other, Noun)]
+    excluded = tuple(np.concatenate([scene.excluded(text), *negatives]) for text in texts)
     classes = scene.vectors(scene.classes) if scene.classes else None
-    return PromptVectors(included, excluded, classes, prompts.decoder, prompts.threshold)
+    found = PromptVectors(tuple(map(scene.included, texts)), excluded, classes, prompts.decoder, prompts.threshold)
+    return found if plain else replace(found, nouns=tuple(texts), questions=tuple(expressions))
 
 
 def decode_frame(scene: Scene, prompts: PromptSet, frame: float, camera: Camera | None = None, pixelwise: bool = False) -> Decoded:
@@ -51,11 +70,26 @@ def decode_frame(scene: Scene, prompts: PromptSet, frame: float, camera: Camera 
 def decode_splats(scene: Scene, prompts: PromptSet, frame: float) -> Decoded:
     """Masks bool [n, N] and labels [N] of the Gaussians at one instant: the decoder without regions, on each Gaussian's own latent.
 
-    Raises as `encode_prompts` does.
+    Relations are those that the surgeon sees: a Gaussian answers a question when its mask there holds it. Raises as `encode_prompts` does.
     """
     asked = encode_prompts(scene, prompts)
-    found = splat_semantics(scene, frame).decode(asked)
-    return Decoded(found.masks[:, 0], found.labels[0])
+    of_nouns = replace(asked, questions=tuple(AnyOf(tuple(map(Noun, heads(question)))) for question in asked.questions))
+    found = splat_semantics(scene, frame).decode(of_nouns)
+    masks, labels = found.masks[:, 0], found.labels[0]
+    if asked.questions:
+        plain = np.array([isinstance(question, Noun) for question in asked.questions])
+        masks = masks & (plain[:, None] | _seen(scene, decode_frame(scene, prompts, frame).masks, frame))
+        lost = (labels != UNLABELLED) & ~masks[np.minimum(labels, len(masks) - 1), np.arange(len(labels))]
+        labels = np.where(lost, np.where(masks.any(0), masks.argmax(0), UNLABELLED), labels).astype(np.uint8)
+    return Decoded(masks, labels)
+
+
+def _seen(scene: Scene, masks: np.ndarray, frame: float) -> np.ndarray:
+    """Which Gaussians the surgeon's masks [n, H, W] hold, bool [n, N]."""
+    position, depth = scene.camera(frame).project(scene.splats(frame).means.cpu().numpy())
+    column, row = np.floor(position).astype(np.int64).T
+    inside = (depth > 0) & (column >= 0) & (column < masks.shape[2]) & (row >= 0) & (row < masks.shape[1])
+    return inside & masks[:, np.where(inside, row, 0), np.where(inside, column, 0)]
 
 
 def splat_semantics(scene: Scene, frame: float) -> FrameSemantics:
@@ -72,13 +106,17 @@ def query_clip(scene: Scene, prompts: PromptSet, frames: Sequence[int] | None = 
     masks decoded in threads beside that. Each mask is exactly what `decode_frame` finds for its prompt alone.
     No more than `IN_FLIGHT_BYTES` wait there. Raises as `encode_prompts` does.
     """
-    asked = encode_prompts(scene, prompts)
+    yield from decode_frames(scene, encode_prompts(scene, prompts), range(scene.frames) if frames is None else frames)
+
+
+def decode_frames(scene: Scene, asked: PromptVectors, frames: Sequence[int]) -> Iterator[tuple[int, Decoded]]:
+    """`query_clip` of what is encoded already."""
     width, height = scene.clip_size
     most = max(1, IN_FLIGHT_BYTES // (width * height * 4 * 3 * len(asked.included)))
     waiting: deque[tuple[int, Future[Decoded]]] = deque()
     with ThreadPoolExecutor(max_workers=min(READERS, torch.get_num_threads()), thread_name_prefix="decode") as pool:
         try:
-            for frame in range(scene.frames) if frames is None else frames:
+            for frame in frames:
                 waiting.append((frame, pool.submit(scene.query(frame).pending(asked).read)))
                 while len(waiting) >= most or (waiting and waiting[0][1].done()):
                     done, decoded = waiting.popleft()

@@ -17,7 +17,8 @@ from degense.engine.semantics import Basis
 from degense.engine.semantics.masks import FrameSemantics, query_of
 from degense.engine.splats import Splats
 
-CHANNELS = ("rgb", "depth", "latent", "displacement", "motion", "observability")
+CHANNELS = ("rgb", "depth", "latent", "displacement", "uncertainty", "motion", "observability", "before")
+OF_TISSUE = ("displacement", "uncertainty", "before")  # drawn of the persistent Gaussians where there are any
 FRAME_BYTES = 256 << 20
 COVERED = 0.5  # alpha below which a pixel shows nothing
 NEEDS_TEACHER = "train it from a clip with label maps, or with another teacher"
@@ -38,9 +39,10 @@ class Renderer:
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
         """Draw one instant, all wanted channels and `alpha` [H, W] in one pass; without a camera by the surgeon's, whose frames are kept.
 
-        Of `CHANNELS`, float32: `rgb` [H, W, 3] in [0, 1]; `depth` [H, W], clip units; `latent` [H, W, d]; `displacement` [H, W], clip
-        units, of the persistent Gaussians where there are any; `motion` [H, W, 2], pixels from here to the same point at the reference
-        frame; `observability` [H, W] in [0, 1]. All but the colours and latents are NaN where nothing is.
+        Of `CHANNELS`, float32: `rgb` [H, W, 3] in [0, 1]; `depth` [H, W], clip units; `latent` [H, W, d]; `displacement` [H, W] and
+        `uncertainty` [H, W], how far off it may be, clip units, of the persistent Gaussians where there are any; `motion` [H, W, 2], pixels
+        from here to the same point at the reference frame; `observability` [H, W] in [0, 1]; `before` [H, W, 3], the colours that the
+        persistent Gaussians had at the reference frame. All but the colours and latents are NaN where nothing is.
         """
         if unknown := set(what) - set(CHANNELS):
             raise ValueError(f"nothing is called {sorted(unknown)}; choose from {CHANNELS}")
@@ -68,11 +70,11 @@ class Renderer:
                 value = np.clip(value, 0, 1)
             elif name != "latent":
                 value = np.where(alpha[..., None] >= COVERED, value / np.maximum(alpha[..., None], COVERED), np.nan)
-            if name == "displacement" and len(rows := self.states.persistent) < len(splats):
+            if name in OF_TISSUE and len(rows := self.states.persistent) < len(splats):
                 # blood or char hides tissue that goes on moving, and has no place of its own at the reference frame
-                tissue = _blended(splats.map(lambda part: part[rows]), column[rows, 0], camera)[..., None]
+                tissue = _blended(splats.map(lambda part: part[rows]), column[rows], camera)
                 value = np.where(np.isfinite(tissue), tissue, value)
-            out[name] = np.ascontiguousarray(value[..., 0] if name in ("depth", "displacement", "observability") else value)
+            out[name] = np.ascontiguousarray(value[..., 0] if value.shape[-1] == 1 else value)
         return out
 
     def _column(self, name: str, splats: Splats, frame: float, camera: Camera) -> Tensor:
@@ -82,16 +84,18 @@ class Renderer:
             return splats.colors
         if name == "depth":
             return camera_depths(splats.means, camera)[:, None]
+        if name == "before":
+            return states.splats(states.reference_frame).colors
         if name == "displacement":
             return states.displacement(frame)[:, None]
         if name == "latent":
             if self.basis is None:
                 raise DegenseError(f"{self.name} was trained without semantics, so it has no latent features to show")
             return splats.semantics
-        if name == "observability":
+        if name in ("observability", "uncertainty"):
             if states.observability is None:
                 raise DegenseError(f"{self.name} {NO_OBSERVABILITY}")
-            return states.observability[:, None]
+            return (states.observability if name == "observability" else states.uncertainty(frame))[:, None]
         moves_with_the_clip = camera is self.camera_at(frame)
         return states.screen_motion(frame, camera, self.camera_at(states.reference_frame) if moves_with_the_clip else camera)
 
@@ -103,7 +107,7 @@ class Renderer:
 
         @torch.no_grad()
         def drawn(view: Camera) -> np.ndarray:
-            return _blended(self.states.splats(frame), values(), view)
+            return _blended(self.states.splats(frame), values()[:, None], view)[..., 0]
 
         if camera is not None:
             return drawn(camera)
@@ -127,7 +131,7 @@ class Renderer:
 
 
 def _blended(splats: Splats, values: Tensor, camera: Camera) -> np.ndarray:
-    """One number a Gaussian, [N], blended over those of each pixel: Σ v·w / Σ w, float32 [H, W], NaN where nothing is."""
-    drawn = rasterize(splats, values[:, None], camera, clean=True)
-    image, alpha = drawn.image[..., 0].cpu().numpy(), drawn.alpha.cpu().numpy()
+    """Numbers [N, c] blended over the Gaussians of each pixel: Σ v·w / Σ w, float32 [H, W, c], NaN where nothing is."""
+    drawn = rasterize(splats, values, camera, clean=True)
+    image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()[..., None]
     return np.where(alpha >= COVERED, image / np.maximum(alpha, COVERED), np.nan).astype(np.float32)

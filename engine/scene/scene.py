@@ -11,17 +11,18 @@ from torch import Tensor
 
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
-from degense.engine.errors import DegenseError, RunError
+from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.field import SceneModel
 from degense.engine.motion.observed import ObservedMotion
-from degense.engine.scene.renderer import NEEDS_TEACHER, Renderer
+from degense.engine.scene.renderer import COVERED, NEEDS_TEACHER, Renderer
 from degense.engine.scene.states import States
 from degense.engine.semantics import Basis, TextEncoder, open_encoder
+from degense.engine.semantics.examples import Example, split_examples
 from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.store import Run
+from degense.engine.vocabulary.questions import Question, heads, nouns_of, read_question
 
 KEPT_PROMPTS = 1000
-REVEALED = 0.5  # observability below which a displacement is uncertain: the recording showed it in less than half of the frames
 
 
 class Scene:
@@ -125,23 +126,57 @@ class Scene:
             self._vectors = {prompts: self.encoder.encode(list(prompts))}
         return self._vectors[prompts]
 
+    def question(self, prompt: str) -> Question:
+        """What a prompt asks; nothing is drawn. Raises as `vectors` does, and where a question or an example cannot be read."""
+        self.vectors(())
+        question = read_question(prompt, self.classes)
+        for text in nouns_of(question):
+            self._read(text)
+        return question
+
     def included(self, prompt: str) -> np.ndarray:
-        """Unit vectors [m, D] of what a prompt includes: one row, or one for each class of a kind ("tool"). Raises as `vectors` does."""
-        return self._read(prompt)[0]
+        """Unit vectors [m, D] of what a prompt includes: one row, or one for each class of a kind ("tool"). Raises as `question` does.
+
+        Of a question those of the nouns whose pixels its masks hold. A visual example adds the feature that is drawn at its place;
+        PromptError where nothing is reconstructed there.
+        """
+        rows: list[np.ndarray] = []
+        for text in heads(self.question(prompt).what):
+            rows += self._read(text)[0], *map(self._seen, split_examples(text)[1])
+        return np.concatenate(rows)
 
     def excluded(self, prompt: str) -> np.ndarray:
-        """Unit vectors [k, D], k ≥ 0, of what a prompt excludes ("tool, not grasper"). Raises as `vectors` does."""
+        """Unit vectors [k, D], k ≥ 0, of what a plain prompt excludes ("tool, not grasper"). Raises as `vectors` does."""
+        self.vectors(())
         return self._read(prompt)[1]
 
     def _read(self, prompt: str) -> tuple[np.ndarray, np.ndarray]:
-        """What a prompt includes and excludes; cached."""
+        """What a plain prompt includes and excludes; cached."""
         if prompt not in self._asked:
-            self.vectors(())
             assert self.encoder is not None
-            self._asked[prompt] = self.encoder.expand(prompt), self.encoder.exclude(prompt)
+            words, examples = split_examples(prompt)
+            width, height = self.clip_size
+            for example in examples:
+                if example.frame >= self.frames or example.x >= width or example.y >= height:
+                    raise PromptError(
+                        f"There is no place {example}: frames go from 0 to {self.frames - 1}, pixels to {width - 1},{height - 1}."
+                    )
+            none = np.zeros((0, self.encoder.dimension), np.float32)
+            only_seen = examples and not words
+            self._asked[prompt] = (none, none) if only_seen else (self.encoder.expand(words), self.encoder.exclude(words))
             while len(self._asked) > KEPT_PROMPTS:
                 del self._asked[next(iter(self._asked))]
         return self._asked[prompt]
+
+    def _seen(self, example: Example) -> np.ndarray:
+        """The feature that is drawn at a place, as a unit vector [1, D]."""
+        assert self.basis is not None
+        drawn = self.render(example.frame, None, ("latent",))
+        latent = drawn["latent"][example.y, example.x].astype(np.float64)
+        length = float(np.linalg.norm(latent))
+        if drawn["alpha"][example.y, example.x] < COVERED or not (np.isfinite(length) and length > 0):
+            raise PromptError(f"Nothing is reconstructed at {example}, so it is no example; choose a place inside of the scene.")
+        return (self.basis.matrix @ (latent / length))[None].astype(np.float32)
 
     @cached_property
     def observed_motion(self) -> ObservedMotion:

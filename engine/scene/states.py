@@ -13,6 +13,7 @@ from degense.engine.field import SceneModel
 from degense.engine.field.live import LiveField
 from degense.engine.latest import Latest
 from degense.engine.motion import displacement
+from degense.engine.scene.uncertainty import DOUBTFUL, error_bound, revealed_around
 from degense.engine.splats import Splats
 
 STATE_BYTES = 1 << 30
@@ -58,6 +59,25 @@ class States:
     def displacement(self, frame: float) -> Tensor:
         """‖μ(t) − μ(reference)‖ of every Gaussian [N], by `advected_means`."""
         return displacement(self.advected_means(frame), self.advected_means(self.reference_frame))
+
+    @property
+    def doubtful(self) -> float:
+        """The error bound from which a displacement is a guess, clip units: `DOUBTFUL` of the scene's depth, which is 1 to the model."""
+        return DOUBTFUL / self.unit
+
+    def uncertainty(self, frame: float) -> Tensor:
+        """How far off the displacement of each Gaussian [N] may be, clip units: kept in nine of ten places. See `error_bound`.
+
+        ValueError for a run that does not say what its recording reveals.
+        """
+        moved = self.advected_means(frame) - self.advected_means(self.reference_frame)
+        return error_bound(moved, self._revealed_around, 1 / self.unit)
+
+    @cached_property
+    def _revealed_around(self) -> Tensor:
+        if self.observability is None:
+            raise ValueError("the run kept no motion observability")
+        return revealed_around(self.advected_means(self.reference_frame), self.observability * self.model.persistent)
 
     @cached_property
     def persistent(self) -> Tensor:

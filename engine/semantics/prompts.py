@@ -11,6 +11,7 @@ import numpy as np
 
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import PromptError
+from degense.engine.vocabulary.questions import Expression
 
 #: threshold: similarity above the threshold. argmax: also at least as high as that of every class that the prompt does not include.
 #: rnse: on region-aggregated, guided similarities; above the threshold, and above threshold / EVEN times the best other class.
@@ -58,15 +59,17 @@ NO_PROMPTS = PromptSet()
 
 @dataclass(frozen=True)
 class PromptVectors:
-    """A `PromptSet` in text vectors of length D."""
+    """A `PromptSet` in text vectors of length D: of its prompts, or of the nouns of its questions."""
 
-    #: For each prompt the classes that it covers, float [m, D] or [D]; the most similar one counts in each pixel.
+    #: For each prompt or noun the classes that it covers, float [m, D] or [D]; the most similar one counts in each pixel.
     included: tuple[np.ndarray, ...]
-    #: For each prompt what it excludes, negatives among them, float [k, D]; empty when none excludes anything.
+    #: For each what it excludes, negatives among them, float [k, D]; empty when none excludes anything.
     excluded: tuple[np.ndarray, ...] = ()
     classes: np.ndarray | None = None  # float [n, D]; the session's. Those that a prompt includes do not compete with it
     decoder: str = DEFAULT_DECODER
     threshold: float = DEFAULT_THRESHOLD
+    nouns: tuple[str, ...] = ()  # where prompts are questions, the texts of `included`
+    questions: tuple[Expression, ...] = ()  # and the prompts, which masks of nouns answer
 
 
 def kind_of(decoder: str) -> Kind:

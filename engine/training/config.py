@@ -91,6 +91,14 @@ class TrainConfig:
         "Whether flow is dropped where tissue changes its look, since it takes a change of colour for motion (`engine.motion.constancy`).",
     )
     flow_precision: bool = setting(True, "Whether flow counts less where noise makes it uncertain on the texture that is there.")
+    depth_precision: bool = setting(
+        True, "Whether measured depth counts less the more it errs from frame to frame (`engine.motion.depth_noise`); needs flow."
+    )
+    flow_inference: bool = setting(
+        True,
+        "Whether tissue that changes its look moves by the share of the motion around it that it had before "
+        "(`engine.training.flow.inferred`).",
+    )
 
     displacement: float = setting(0.01, "Weight of |Δμ|, the size of displacements.", "Weights of the regularizers")
     rigidity: float = setting(1.0, "Weight of the difference of Δμ between neighbours.")

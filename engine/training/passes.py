@@ -90,9 +90,9 @@ class SmoothnessPass:
 
 
 class FrameLoss:
-    """How far a drawn frame is from the recorded one."""
+    """How far a drawn frame is from the recorded one; `depth` is the weight of its depth."""
 
-    def __init__(self, config: TrainConfig, *, depth: bool):
+    def __init__(self, config: TrainConfig, *, depth: float):
         self.config, self.depth = config, depth
 
     def __call__(self, image: Tensor, alpha: Tensor, recorded: Tensor, visible: Tensor, known: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -102,8 +102,8 @@ class FrameLoss:
         """
         color, target, valid = image[..., :3], recorded.float() / 255, visible.float()
         terms = dict(zip(("l1", "ssim"), photometric(color, target, valid, self.config.ssim), strict=True))
-        if self.depth:
-            terms["depth"] = self.config.depth * inverse_depth(image[..., 3], alpha, known, valid)
+        if self.depth > 0:
+            terms["depth"] = self.depth * inverse_depth(image[..., 3], alpha, known, valid)
         error = ((color.detach() - target).square() * valid[..., None]).sum() / (3 * valid.sum().clamp_min(1))
         return *Loss.of("frame", terms, alpha.new_zeros(())), error
 
@@ -141,7 +141,7 @@ class SemanticPass:
 class Passes:
     """The passes of a trainer, as CUDA graphs where there is a GPU. `forget` them when the Gaussians or the stage have changed."""
 
-    def __init__(self, model: SceneModel, config: TrainConfig, *, depth: bool, semantics: bool):
+    def __init__(self, model: SceneModel, config: TrainConfig, *, depth: float, semantics: bool):
         self.model, self.config, self.semantics = model, config, semantics
         #: Index and weight of the canonical centres, for local rigidity; found again when it is None.
         self.neighbours: Neighbours | None = None

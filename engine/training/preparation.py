@@ -19,6 +19,7 @@ from degense.engine.semantics import TextEncoder
 from degense.engine.semantics.teachers import CostlyTeacher, Teacher, default_teacher, teacher_by_name, with_cached_targets
 from degense.engine.store import Run
 from degense.engine.training.config import TrainConfig
+from degense.engine.training.flow.inferred import inferred_pairs
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians, persistent_only
@@ -91,8 +92,10 @@ def prepare(
     if config.flow > 0 and len(clip.train_frames) > 1:
         tell = begin_stage("flow", events, stop)
         tools = semantics.tools if semantics is not None else None
-        kinds = {"constancy": config.flow_constancy, "precision": config.flow_precision}
-        flow = FlowSupervision(frames, lambda f, text: tell(0.9 * f, text), tools, **kinds)
+        kinds = {"constancy": config.flow_constancy, "precision": config.flow_precision, "depth_precision": config.depth_precision}
+        flow = FlowSupervision(frames, lambda f, text: tell(0.7 * f, text), tools, **kinds)
+        if config.flow_inference:
+            flow.completed = inferred_pairs(flow, lambda f, text: tell(0.7 + 0.2 * f, text))
         if semantics is not None:
             semantics.propagate(flow, lambda f, text: tell(0.9 + 0.1 * f, text))
     return Inputs(clip, frames, flow, name, chosen, semantics)

@@ -60,8 +60,8 @@ class Trainer:
         self.sums = LossSums(self.device)
         self.times = torch.tensor([frames.clip.time(i) for i in range(len(frames.clip))], device=self.device)
         self.unseen = set(frames.clip.train_frames)  # since the last pruning
-        measured = frames.clip.depth_measured and config.depth > 0
-        self.passes = Passes(model, config, depth=measured, semantics=semantics is not None)
+        depth = config.depth * (1.0 if flow is None else flow.depth_precision) if frames.clip.depth_measured else 0.0
+        self.passes = Passes(model, config, depth=depth, semantics=semantics is not None)
         self._regularizes = max(config.plane_space, config.plane_time, config.plane_static) > 0 or model.config.color_knots > 1
         self._smoothness_weight = torch.full((), float(SMOOTHNESS_EVERY), device=self.device)
         self._told, self._consensus = semantics, dict[str, Tensor]()

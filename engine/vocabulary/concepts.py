@@ -136,6 +136,16 @@ class Vocabulary:
             scores[name] = max(scores.get(name, 0.0), SequenceMatcher(None, wanted, key(wording)).ratio())
         return sorted(scores, key=scores.__getitem__, reverse=True)[:count]
 
+    def corrections(self, text: str) -> list[tuple[str, str]]:
+        """What was misspelt in a prompt and is understood all the same: as typed, and the name of the concept that it is taken for."""
+        tokens, found, at = words(text[:MAX_PROMPT]), [], 0
+        while at < len(tokens):
+            name, used = self._name_at(tokens, at)
+            if name is not None and "".join(map(american, tokens[at : at + used])) not in self._by_key:
+                found.append((" ".join(tokens[at : at + used]), name))
+            at += used
+        return found
+
     def _read(self, tokens: list[str]) -> tuple[list[str], list[str]]:
         """Concepts named in the tokens, longest names first at each place, and the words that were not understood."""
         named: list[str] = []
@@ -189,7 +199,7 @@ def _short(text: str) -> str:
 @lru_cache(maxsize=1)
 def surgical_vocabulary() -> Vocabulary:
     """The vocabulary that comes with the project, read once."""
-    fixed, added = (_read_json(name) for name in ("vocabulary.json", "names.json"))
+    fixed, added = (read_json(name) for name in ("vocabulary.json", "names.json"))
     names: dict[str, dict[str, Any]] = added["names"]
     entries = fixed["concepts"] + [{"name": name, "of": by["of"], "later": True} for name, by in names.items() if "of" in by]
     concepts = []
@@ -224,16 +234,17 @@ def split_negatives(text: str) -> tuple[str, tuple[str, ...]]:
 
 @lru_cache(maxsize=1)
 def _patterns() -> tuple[re.Pattern[str], re.Pattern[str]]:
-    data = _read_json("names.json")
+    data = read_json("names.json")
     negations = [word for of_language in data["negations"].values() for word in of_language]
-    return re.compile(_any_of(negations), re.IGNORECASE), re.compile(f"[,;，、；]|{_any_of(data['separators'])}", re.IGNORECASE)
+    return re.compile(any_of(negations), re.IGNORECASE), re.compile(f"[,;，、；]|{any_of(data['separators'])}", re.IGNORECASE)
 
 
-def _any_of(wordings: list[str]) -> str:
+def any_of(wordings: list[str]) -> str:
     """A pattern for any of them, the longest first; a Chinese one may stand inside of a word."""
     longest = sorted(wordings, key=len, reverse=True)
     return "|".join(re.escape(word) if re.match(f"[{HAN}]", word) else rf"(?<!\w){re.escape(word)}(?!\w)" for word in longest)
 
 
-def _read_json(name: str) -> Any:
+def read_json(name: str) -> Any:
+    """A file of words beside this one."""
     return json.loads(files("degense.engine.vocabulary").joinpath(name).read_text(encoding="utf-8"))

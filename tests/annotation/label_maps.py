@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from degense.engine.annotation.edits import LabelClass, named_classes
-from degense.engine.annotation.formats import MapSet
+from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
 from degense.engine.clip import UNLABELLED
 
 SHAPE, NAMES = (48, 64), tuple(f"frame_{i:03d}" for i in range(4))
@@ -37,3 +39,10 @@ def maps_of(classes: tuple[LabelClass, ...]) -> MapSet:
 
 def three_classes() -> MapSet:
     return maps_of(named_classes(("Grasper", "gallbladder, 'inner' \"wall\"", "Fett: weiß & <gelb>")))
+
+
+def read_all(name: str, path: Path) -> None:
+    """Read every label map of a file."""
+    found = LABEL_FORMATS[name].read(path, SHAPE, NAMES)
+    for frame in found.frames:
+        found.read(frame)

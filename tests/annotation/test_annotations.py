@@ -10,6 +10,7 @@ import pytest
 from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.edits import LabelClass, Piece, Proposal, check_classes, named_classes, pack, unpack
 from degense.engine.annotation.painting import brush, region_of
+from degense.engine.annotation.statistics import ClassCount, class_counts, pixel_counts
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 
@@ -79,7 +80,7 @@ def test_proposals_wait_and_are_accepted_or_rejected(annotations):
     annotations.paint(2, "dab", brush((5, 5), (5, 5), 3, SHAPE), 1)
     propose = annotations.propose({1: carried(1), 2: carried(0), 3: carried(2, 0.4)})
     assert annotations.waiting() == [1, 3]  # a hand has worked on 2
-    assert annotations.next_flagged(0) == 3
+    assert annotations.review_queue() == [3]
     assert (annotations.shown(3) == 2).all()
     assert (annotations.labels(3) == UNLABELLED).all()
     accept = annotations.accept([1])
@@ -112,10 +113,10 @@ def test_painting_on_a_proposal_accepts_it(annotations):
 def test_flags_are_found_in_a_round(annotations):
     for frame in (1, 3):
         annotations.set_status(frame, "flagged")
-    assert [annotations.next_flagged(frame) for frame in (0, 1, 3)] == [1, 3, 1]
+    assert [annotations.next_in_queue(frame) for frame in (0, 1, 3)] == [1, 3, 1]
     annotations.set_status(1, "done")
     annotations.set_status(3, "open")
-    assert annotations.next_flagged(0) is None
+    assert annotations.next_in_queue(0) is None
 
 
 def test_pieces_survive_json(annotations):
@@ -162,3 +163,34 @@ def test_classes_are_checked():
         check_classes(named_classes(str(i) for i in range(256)))
     with pytest.raises(DegenseError, match="name of 1"):
         check_classes(named_classes((" ",)))
+
+
+def test_the_most_doubtful_frame_comes_first(annotations):
+    for frame, confidence, unknown in ((0, 0.6, 0.0), (1, 0.9, 0.0), (2, 0.3, 0.0), (3, 0.95, 0.2)):
+        annotations.propose({frame: Proposal(carried(1).packed, SHAPE, confidence, unknown)}, replacing=True)
+    assert annotations.review_queue() == [2, 0, 3]  # 1 is sure
+    annotations.set_status(1, "flagged")
+    assert annotations.review_queue() == [1, 2, 0, 3]
+    assert [annotations.next_in_queue(frame, 1) for frame in (1, 3)] == [2, 1]
+    assert [annotations.next_in_queue(frame, -1) for frame in (1, 2)] == [3, 1]
+
+
+def test_two_objects_of_one_class_are_kept_in_the_folder(annotations, tmp_path):
+    from degense.engine.annotation.folder import load, save
+
+    annotations.classes = (LabelClass("grasper", (1, 2, 3)), LabelClass("liver", (4, 5, 6)), LabelClass("grasper", (7, 8, 9), 2))
+    annotations.paint(1, "dab", brush((5, 5), (5, 5), 3, SHAPE), 2)
+    save(annotations, tmp_path)
+    again = load(tmp_path, SHAPE, annotations.count, lambda frame: None)
+    assert again.classes == annotations.classes
+    assert np.array_equal(again.labels(1), annotations.labels(1))
+
+
+def test_class_counts():
+    maps = {0: np.full(SHAPE, 1, np.uint8), 4: np.full(SHAPE, UNLABELLED, np.uint8)}
+    maps[4][:2] = 0
+    size = SHAPE[0] * SHAPE[1]
+    found = class_counts({frame: pixel_counts(labels) for frame, labels in maps.items()}, 3)
+    some = 2 * SHAPE[1]
+    assert found == [ClassCount(1, some, some / (size + some)), ClassCount(1, size, size / (size + some)), ClassCount(0, 0, 0.0)]
+    assert class_counts({}, 1) == [ClassCount(0, 0, 0.0)]

@@ -13,18 +13,12 @@ import pytest
 from degense.engine.annotation.edits import named_classes
 from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
 from degense.engine.errors import ClipError
-from tests.annotation.label_maps import COCO_ONE, NAMES, SHAPE, maps_of, three_classes
+from tests.annotation.label_maps import COCO_ONE, NAMES, SHAPE, maps_of, read_all, three_classes
 
 
 @pytest.fixture
 def maps() -> MapSet:
     return three_classes()
-
-
-def read_all(name: str, path: Path) -> None:
-    found = LABEL_FORMATS[name].read(path, SHAPE, NAMES)
-    for frame in found.frames:
-        found.read(frame)
 
 
 def text(name: str, content: str):

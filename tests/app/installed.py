@@ -13,12 +13,17 @@ from degense.app.features.cameras.controller import Cameras
 from degense.app.features.compare.controller import RunComparison
 from degense.app.features.documents.autosave import Autosave
 from degense.app.features.documents.controller import Documents
+from degense.app.features.events.controller import EventMarks
 from degense.app.features.export.controller import Exporter
 from degense.app.features.inspect.findings import Findings
 from degense.app.features.inspect.probe import Probe
+from degense.app.features.measure.controller import Measuring
+from degense.app.features.movies.install import Movies
 from degense.app.features.preferences.controller import Preferences
 from degense.app.features.prompts.controller import PromptControls
+from degense.app.features.prompts.moments import MomentList
 from degense.app.features.prompts.prompt_statistics import PromptStatistics
+from degense.app.features.report.controller import Reporter
 from degense.app.features.runs.runs_dialog import Runs
 from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.tracks.controller import PointTracking
@@ -57,6 +62,10 @@ def statistics(window: Shell) -> PromptStatistics:
     return found(window, PromptStatistics)
 
 
+def moments(window: Shell) -> MomentList:
+    return found(window, MomentList)
+
+
 def probe(window: Shell) -> Probe:
     return found(window, Probe)
 
@@ -69,8 +78,24 @@ def tracking(window: Shell) -> PointTracking:
     return found(window, PointTracking)
 
 
+def measuring(window: Shell) -> Measuring:
+    return found(window, Measuring)
+
+
+def events(window: Shell) -> EventMarks:
+    return found(window, EventMarks)
+
+
+def reporter(window: Shell) -> Reporter:
+    return found(window, Reporter)
+
+
 def cameras(window: Shell) -> Cameras:
     return found(window, Cameras)
+
+
+def movies(window: Shell) -> Movies:
+    return found(window, Movies)
 
 
 def comparison(window: Shell) -> RunComparison:

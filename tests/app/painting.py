@@ -31,7 +31,7 @@ class FakeScene:
     def labels(self, frame: int) -> None:
         return None
 
-    def included(self, prompt: str) -> None:
+    def question(self, prompt: str) -> None:
         if prompt == "xyzzy":
             raise PromptError("'xyzzy' is not in the vocabulary.")
 

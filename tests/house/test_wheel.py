@@ -15,7 +15,7 @@ import pytest
 
 from tests.house.source import ROOT
 
-FOLDERS = ("app", "engine", "widgets", "assets")
+FOLDERS = ("app", "engine", "widgets", "assets", "docs/guide")
 FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE", "NOTICE")
 
 

@@ -8,7 +8,6 @@ from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.layers import LAYERS, LayerImage, LayerRequest, layer_range
 from degense.engine.layers.layer import MASK_COLOURS, colourise
-from degense.engine.scene import REVEALED
 from degense.engine.semantics.prompts import DECODERS, PromptSet
 
 PROMPTS = ("gallbladder", "liver")
@@ -91,9 +90,11 @@ def test_units_and_what_they_measure(scene, clip):
         "similarity": "cosine",
         "mask": "",
         "displacement": "mm",
+        "uncertainty": "mm",
         "speed": "mm/s",
         "rotation": "°",
         "scale": "log₂ volume",
+        "appearance": "ΔE",
         "warp": "px",
         "observability": "",
     }
@@ -115,13 +116,14 @@ def test_displacement_is_zero_at_the_reference_frame_and_not_later(scene):
 
 
 def test_a_displacement_that_nothing_reveals_is_marked_as_a_guess(scene):
-    """Nothing but observability decides, pixel by pixel and Gaussian by Gaussian; the value itself stays."""
+    """Nothing but the uncertainty decides, pixel by pixel and Gaussian by Gaussian; the value itself stays."""
     layer, observability = LAYERS["displacement"], LAYERS["observability"]
-    image, share = layer.image(scene, request()), observability.image(scene, request()).values
-    assert np.array_equal(image.uncertain, share < 0.5)
+    image, bound = layer.image(scene, request()), LAYERS["uncertainty"].image(scene, request()).values
+    limit = scene.states.doubtful
+    assert np.array_equal(image.uncertain, bound > limit)
     assert 0 < image.uncertain.mean() < 1
     assert np.isfinite(image.values[image.uncertain]).all()
-    assert np.array_equal(layer.uncertain_splats(scene, request()), scene.observability.numpy() < 0.5)
+    assert np.array_equal(layer.uncertain_splats(scene, request()), LAYERS["uncertainty"].splats(scene, request()) > limit)
     np.testing.assert_array_equal(observability.splats(scene, request()), scene.observability.numpy())
     assert layer_range(scene, observability, request(), "frame") == (0.0, 1.0)
 
@@ -132,9 +134,9 @@ def test_displacement_and_where_it_is_a_guess_take_one_drawing(scene, monkeypatc
     monkeypatch.setattr(scene.renderer, "draw", lambda frame, camera, what: drawn.append(what) or draw(frame, camera, what))
     scene.renderer.forget()
     image = LAYERS["displacement"].image(scene, request(7))
-    assert drawn == [("displacement", "observability")]
+    assert drawn == [("displacement", "uncertainty")]
     assert np.array_equal(image.values, scene.render(7, None, ("displacement",))["displacement"], equal_nan=True)
-    assert np.array_equal(image.uncertain, scene.render(7, None, ("observability",))["observability"] < REVEALED)
+    assert np.array_equal(image.uncertain, scene.render(7, None, ("uncertainty",))["uncertainty"] > scene.states.doubtful)
 
 
 def test_at_the_reference_frame_nothing_is_a_guess(scene):
@@ -146,7 +148,7 @@ def test_at_the_reference_frame_nothing_is_a_guess(scene):
 def test_runs_without_observability_still_open_and_mark_nothing(unobserved):
     assert unobserved.observability is None
     assert LAYERS["displacement"].image(unobserved, request()).uncertain is None
-    for draw in (LAYERS["observability"].image, LAYERS["observability"].splats):
+    for draw in [draw for name in ("observability", "uncertainty") for draw in (LAYERS[name].image, LAYERS[name].splats)]:
         with pytest.raises(DegenseError, match="older version"):
             draw(unobserved, request())
 
@@ -239,7 +241,7 @@ def test_what_is_missing_is_said_in_one_sentence(scene, speechless, lonely, unob
         assert bool(reasons["semantics"]) == (name in ("features", "similarity", "mask"))
         assert bool(reasons["clip"]) == (name == "warp")
         assert bool(reasons["prompt"]) == (name in ("similarity", "mask"))
-        assert bool(layer.missing(unobserved, PROMPTS)) == (name == "observability")
+        assert bool(layer.missing(unobserved, PROMPTS)) == (name in ("observability", "uncertainty"))
         assert layer.missing(scene, PROMPTS) == ""
         for cause, (shown, prompts) in {"semantics": (speechless, PROMPTS), "clip": (lonely, PROMPTS), "prompt": (scene, ())}.items():
             for draw in (layer.image, layer.splats):

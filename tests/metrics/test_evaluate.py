@@ -77,9 +77,7 @@ def test_guesses_are_scored_both_ways_and_by_the_observability_beside_them(score
     assert scores["displacement_coverage_revealed"] < scores["displacement_coverage"]
     bins = scores["displacement_error_by_observability"]
     assert sum(found["share"] for found in bins.values()) == pytest.approx(1)
-    low = [found for name, found in bins.items() if name in ("0-0.25", "0.25-0.5") and found["error"] is not None]
-    guessed = sum(found["error"] * found["share"] for found in low) / sum(found["share"] for found in low)
-    assert scores["displacement_error_uncertain"] == pytest.approx(guessed)
+    assert scores["displacement_error_uncertain"] > scores["displacement_error_revealed"]
 
 
 def test_closed_set_maps_give_every_drawn_pixel_its_likeliest_class():

@@ -5,8 +5,10 @@ import pytest
 
 from degense.engine.camera import Camera
 from degense.engine.clip import Truth
+from degense.engine.data.files.point_files import KnownPoints
 from degense.engine.metrics.evaluate import evaluate
-from degense.engine.metrics.tracks import scene_tracks, score_points, score_tracks, still_tracks
+from degense.engine.metrics.tracks import scene_tracks, score_known_points, score_points, score_tracks, still_tracks
+from degense.engine.scene.tracks import Tracks
 from tests.metrics.test_evaluate import without
 
 CAMERA = Camera(100, 80, 100.0, 100.0, 50.0, 40.0)  # at depth 10 a unit is 10 pixels
@@ -99,3 +101,51 @@ def test_points_are_scored_by_the_rules_of_the_field():
     assert scores["occlusion_accuracy"] == pytest.approx(3 / 5)
     assert (scores["endpoint_error"], scores["endpoint_error_median"]) == (38.25, 25)
     assert score_points(pixels, visible, np.full_like(labels, np.nan), hidden) == {"pairs": 0}
+
+
+class MetricScene:
+    """A scene of a clip with measured depth, whose camera stands still."""
+
+    def __init__(self, clip, unit="mm"):
+        self.clip, self.unit, self.frames, self.clip_size, self.camera = clip, unit, 3, (100, 80), lambda frame: CAMERA
+
+
+class Wall:
+    """A wall at depth 10 that is not measured in its left column."""
+
+    depth_measured, size = True, (100, 80)
+
+    def depth(self, frame):
+        depth = np.full((80, 100), 10.0, np.float32)
+        depth[:, 0] = 0
+        return depth
+
+
+def test_points_of_a_metric_clip_are_scored_in_millimetres_too():
+    pixels = np.full((2, 3, 2), np.nan)
+    pixels[0], pixels[1, 0], pixels[1, 2] = (60.5, 40.5), (20.5, 20.5), (0.5, 20.5)
+    known = KnownPoints(pixels, np.zeros((2, 3), bool))
+    followed = np.nan_to_num(pixels)
+    followed[0, 1:, 0] += [3, 30]
+    positions = CAMERA.unproject(followed, np.full((2, 3), 10.0))
+    found = Tracks(positions, followed, np.ones((2, 3), bool))
+    scores = score_known_points(MetricScene(Wall()), found, known)
+    assert scores["endpoint_error"] == pytest.approx(33 / 3)
+    assert scores["endpoint_error_relative"] == pytest.approx(0.03)
+    assert scores["endpoint_error_mm"] == pytest.approx((0.3 + 3) / 2)  # the last label has no depth
+    assert scores["endpoint_error_mm_median"] == pytest.approx(1.65)
+    assert scores["delta_4"] == pytest.approx(2 / 3)
+    centimetres = score_known_points(MetricScene(Wall(), "cm"), found, known)
+    assert centimetres["endpoint_error_mm"] == pytest.approx(16.5)
+    for scene in (MetricScene(None), MetricScene(Wall(), "scene units")):
+        assert "endpoint_error_mm" not in score_known_points(scene, found, known)
+
+
+def test_ends_that_nobody_paired_are_scored_by_the_nearest():
+    pixels = np.full((1, 3, 2), np.nan)
+    pixels[0, 0] = 5, 5
+    known = KnownPoints(pixels, np.zeros((1, 3), bool), np.array([[50.0, 5.0], [12.0, 5.0]]))
+    followed = np.full((1, 3, 2), 7.0)
+    followed[0, 2] = 10, 5
+    scores = score_known_points(MetricScene(None), Tracks(np.zeros((1, 3, 3)), followed, np.ones((1, 3), bool)), known)
+    assert (scores["pairs"], scores["endpoint_error"]) == (1, 2)

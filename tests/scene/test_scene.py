@@ -123,7 +123,7 @@ def test_one_pass_draws_what_single_passes_draw(fresh):
     together = fresh.render(5, what=CHANNELS)
     assert set(together) == {"alpha", *CHANNELS}
     shapes = {"rgb": (48, 64, 3), "depth": (48, 64), "displacement": (48, 64), "motion": (48, 64, 2), "alpha": (48, 64)}
-    shapes["observability"] = (48, 64)
+    shapes |= {"observability": (48, 64), "uncertainty": (48, 64), "before": (48, 64, 3)}
     shapes["latent"] = (48, 64, fresh.basis.rank)
     for name in CHANNELS:
         alone = fresh.renderer.draw(5, fresh.camera(5), (name,))[name]

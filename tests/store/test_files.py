@@ -7,9 +7,7 @@ import torch
 
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import replacing
-from degense.engine.splats import Splats
-from degense.engine.store.files import PROPERTIES, SH0, finite, read_json, read_tensors, save_ply, write_json, write_tensors
-from tests.fakes import ply_columns
+from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
 
 
 def test_a_failed_write_leaves_the_old_file_and_no_litter(tmp_path):
@@ -57,28 +55,3 @@ def test_numbers_that_are_not_numbers(tmp_path):
     write_tensors(path, {"a": torch.tensor([1.0, float("nan")])})
     with pytest.raises(RunError, match="not numbers"):
         finite(read_tensors(path), path)
-
-
-def some_splats(count=7):
-    torch.manual_seed(0)
-    quats = torch.nn.functional.normalize(torch.randn(count, 4), dim=1)
-    return Splats(
-        torch.randn(count, 3),
-        quats,
-        torch.rand(count, 3) + 0.01,
-        torch.rand(count) * 0.9 + 0.05,
-        torch.rand(count, 3),
-        torch.zeros(count, 0),
-    )
-
-
-def test_ply_comes_back_as_it_went(tmp_path):
-    splats = some_splats()
-    save_ply(tmp_path / "a.ply", splats)
-    table = torch.from_numpy(ply_columns(tmp_path / "a.ply"))
-    assert table.shape == (7, len(PROPERTIES))
-    assert torch.allclose(table[:, :3], splats.means)
-    assert torch.allclose(table[:, 3:6] * SH0 + 0.5, splats.colors, atol=1e-5)
-    assert torch.allclose(table[:, 6].sigmoid(), splats.opacities, atol=1e-5)
-    assert torch.allclose(table[:, 7:10].exp(), splats.scales, atol=1e-5)
-    assert torch.allclose(table[:, 10:], splats.quats)

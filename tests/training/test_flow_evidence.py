@@ -55,3 +55,33 @@ def test_flow_on_plain_tissue_counts_less():
         for side, factor in ((right, 0.1), (~right, 1.0)):
             error, trusting = (still_error(weighed, here[side], p) for p in (pair, other))
             assert error <= factor * trusting
+
+
+class NoisyDepthWall(MovingWall):
+    """A wall whose depth is measured with an error of 2 %."""
+
+    def depth(self, index):
+        depth = super().depth(index)
+        return depth * (1 + 0.02 * np.random.default_rng(index).standard_normal(depth.shape)).astype(np.float32)
+
+
+def test_depth_counts_by_its_precision():
+    walls = [wall(velocity=(0.06, 0.03, 0.0)) for wall in (MovingWall, NoisyDepthWall)]
+    exact, noisy = (FlowSupervision(TrainingFrames(wall, 1 << 20, CPU)) for wall in walls)
+    assert exact.depth_precision > 0.95
+    assert noisy.depth_precision < 0.1
+    assert FlowSupervision(TrainingFrames(walls[1], 1 << 20, CPU), depth_precision=False).depth_precision == 1
+    assert FlowSupervision(TrainingFrames(MovingWall(velocity=(0.06, 0.03, 0.0), measured=False), 1 << 20, CPU)).depth_precision == 0
+
+
+def test_what_noisy_depth_seems_to_do_is_hardly_believed():
+    """The true motion costs a fifth of what it costs where the noise is believed, or less."""
+    frames = TrainingFrames(NoisyDepthWall(velocity=(0.06, 0.03, 0.0)), 1 << 20, CPU)
+    weighed, believing = FlowSupervision(frames), FlowSupervision(frames, depth_precision=False)
+    inside = np.random.default_rng(6).uniform(-0.6, 0.6, (300, 2))
+    here, there = (torch.from_numpy((np.c_[inside, np.full(300, 3.0)] + i * frames.clip.velocity) * frames.unit).float() for i in (2, 3))
+    costs = []
+    for flow in (weighed, believing):
+        pair = flow.pair(2, 3)
+        costs.append(float(motion_error(here, there, torch.ones(300), *flow.inputs(2, pair))))
+    assert costs[0] < 0.2 * costs[1]

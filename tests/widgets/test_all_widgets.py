@@ -29,7 +29,7 @@ def prompts():
 
 def layers():
     list_ = LayerList()
-    list_.set_layers([("rgb", "Colour", "", "x"), ("depth", "Depth", "mm", "z")])
+    list_.set_titles([("rgb", "Colour", "", "x"), ("depth", "Depth", "mm", "z")])
     return list_
 
 

@@ -10,13 +10,13 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit
 
 from degense.engine.colour_maps import colour_table
-from degense.widgets.colour_bar import ColourBar
+from degense.widgets.colour_bar import ColourBar, Gradient
 from degense.widgets.qt_images import to_array
 
 
 @pytest.fixture
 def bar(show):
-    bar = show(ColourBar(), 140, 420)
+    bar = show(ColourBar(), 300, 120)
     bar.set_range(0.0, 10.0)
     return bar
 
@@ -50,17 +50,18 @@ def test_programs_are_silent(bar, heard):
     assert heard == []
 
 
-def test_ends_say_what_lies_beyond(bar, monkeypatch):
+def test_ends_say_what_lies_beyond():
     drawn: list[str] = []
 
     class Painter(QPainter):
         def drawText(self, *args) -> None:
             drawn.append(args[-1])
 
-    bar.set_range(2.0, 9.06, (False, True))
+    gradient = Gradient()
+    gradient.low, gradient.high, gradient.beyond = 2.0, 9.06, (False, True)
     canvas = QImage(140, 300, QImage.Format.Format_RGB32)
     with Painter(canvas) as painter:
-        bar._gradient._paint(painter)
+        gradient._paint(painter)
     assert {"2", "≥ 9.06"} <= set(drawn)
     assert not any(text.startswith("≤") for text in drawn)
 
@@ -99,9 +100,9 @@ def test_choices(bar, heard):
     assert bar.cmap() == "cividis"
 
 
-def test_the_gradient_runs_upwards(bar):
-    bar.set_cmap("magma")
-    gradient = bar._gradient
+def test_the_gradient_runs_upwards(show):
+    gradient = show(Gradient(), 140, 300)
+    gradient.cmap = "magma"
     column = to_array(gradient.grab().toImage())[:, 12].astype(int)
     table = colour_table("magma").astype(int)
     inside = column[20:-20]
@@ -115,6 +116,9 @@ def test_the_gradient_runs_upwards(bar):
 def test_odd_ranges_are_painted(bar, span):
     bar.set_range(*span)
     bar.grab()
+    gradient = Gradient()
+    gradient.low, gradient.high = span
+    gradient.grab()
 
 
 def test_wrong_values_are_refused(bar):

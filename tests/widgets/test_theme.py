@@ -31,13 +31,15 @@ def test_text_stands_out(qapp, name):
     apply_theme(qapp, name)
     palette = qapp.palette()
     pairs = [(ROLE.WindowText, ROLE.Window), (ROLE.Text, ROLE.Base), (ROLE.Text, ROLE.AlternateBase), (ROLE.ButtonText, ROLE.Button)]
-    pairs += [(ROLE.ToolTipText, ROLE.ToolTipBase), (ROLE.Link, ROLE.Window)]
+    pairs += [(ROLE.ToolTipText, ROLE.ToolTipBase), (ROLE.Link, ROLE.Window), (ROLE.LinkVisited, ROLE.Window)]
+    pairs += [(ROLE.HighlightedText, ROLE.Highlight), (ROLE.ButtonText, ROLE.Mid), (ROLE.ButtonText, ROLE.Midlight)]
+    pairs += [(ROLE.PlaceholderText, ground) for ground in (ROLE.Window, ROLE.Base, ROLE.AlternateBase, ROLE.Button)]
     for text, ground in pairs:
         assert contrast(palette.color(text), palette.color(ground)) >= 4.5, (text, ground)
-    assert contrast(palette.color(ROLE.HighlightedText), palette.color(ROLE.Highlight)) >= 4.0
-    assert contrast(palette.color(ROLE.PlaceholderText), palette.color(ROLE.Window)) >= 4.0
-    assert contrast(error_colour(palette), palette.color(ROLE.Button)) >= 4.5
-    assert contrast(palette.color(ROLE.PlaceholderText), frame_background(palette)) >= 3.0
+    for ground in (ROLE.Window, ROLE.Button):
+        assert contrast(error_colour(palette), palette.color(ground)) >= 4.5
+    assert contrast(palette.color(ROLE.PlaceholderText), frame_background(palette)) >= (4.5 if is_dark(palette) else 3.9)
+    assert contrast(palette.color(ROLE.Accent), palette.color(ROLE.Window)) >= 3.0  # of what has the focus
 
 
 def test_dark_is_dark_and_can_be_left(qapp):

@@ -16,16 +16,17 @@ SWATCH = 22
 
 
 class ClassList(QListWidget):
-    """One row a class. A double click renames; the menu of the right button recolours."""
+    """One row a class, or an object of it. A double click renames; the menu of the right button recolours and adds objects."""
 
     chosen = Signal(int)  # (index) by the user
     renamed = Signal(int, str)  # (index, name)
     recoloured = Signal(int, tuple)  # (index, (red, green, blue))
+    multiplied = Signal(int)  # (index) another object of this class is wanted
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Label classes")
-        self.setToolTip("Keys 1 to 9 choose a class; a double click renames it, the right button changes its colour")
+        self.setToolTip("Keys 1 to 9 choose a class; a double click renames it, the right button recolours it or adds another object")
         self.setIconSize(QSize(SWATCH, SWATCH - 6))
         self.setEditTriggers(QAbstractItemView.EditTrigger.DoubleClicked | QAbstractItemView.EditTrigger.EditKeyPressed)
         self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
@@ -65,6 +66,7 @@ class ClassList(QListWidget):
         menu = colour_menu(self, lambda colour: self.recoloured.emit(row, rgb(colour)))
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.addAction("Rename", lambda: self.editItem(self.item(row)))
+        menu.addAction(f"Another {item.text()}, as an object of its own", lambda: self.multiplied.emit(row))
         menu.popup(self.viewport().mapToGlobal(position))
 
 

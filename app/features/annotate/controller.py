@@ -23,10 +23,10 @@ class Annotator(QObject):
         super().__init__(viewer)
         self.viewer, self.shell, self.session, self.state = viewer, viewer.shell, viewer.session, state
         self.panel = AnnotationPanel(self.shell, state)
-        self.dock = self.shell.add_dock("Annotation", self.panel)
+        self.dock = self.shell.add_dock("Annotation", self.panel, "right", hidden=True)
         self.painter = Painter(self.shell, state, viewer.panel)
         self.review = PropagationReview(self.shell, state)
-        AnnotationKeys(self.shell, state, self.painter, self.review.go_to_flagged)
+        AnnotationKeys(self.shell, state, self.painter, self.review.go_on)
         state.pixels_changed.connect(self._show_pixels)
         state.records_changed.connect(self._show_frame)
         state.classes_changed.connect(self.panel.show_classes)
@@ -45,10 +45,12 @@ class Annotator(QObject):
     def _active_changed(self, active: bool) -> None:
         if active:
             self.session.pause()
-            self.shell.docks.bring(self.dock, height=600)
+            self.shell.docks.isolate(self.dock, self.viewer.panel)
             self.viewer.panel.setFocus()
             if self.state.blocked:
                 self.shell.show_error(self.state.blocked)
+        else:
+            self.shell.docks.rejoin(self.dock)
         self.viewer.recorded = active
         self._show_tool()
         self._frame_changed()

@@ -8,11 +8,10 @@ from typing import Any
 
 from PySide6.QtCore import QObject
 
-from degense.app.features.annotate.label_sets import annotated, label_format, names_of, write_labels
+from degense.app.features.annotate.label_sets import label_format, names_of, write_labels
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.train.controller import Training
 from degense.app.shell.shell import Shell
-from degense.engine.annotation.formats import MapSet
 
 TEACHER = "teacher"
 
@@ -23,23 +22,6 @@ class LabelExchange(QObject):
     def __init__(self, shell: Shell, state: AnnotationState, training: Training | None) -> None:
         super().__init__(shell)
         self.shell, self.session, self.state, self.training = shell, shell.session, state, training
-
-    def ask_to_export(self, name: str) -> None:
-        chosen = label_format(name)
-        proposal = f"{self.session.name}-{name}{chosen.suffix}"
-        if (path := self.shell.ask_save(f"Export labels as {chosen.title}", proposal, f"*{chosen.suffix}")) is not None:
-            self.export(name, path)
-
-    def export(self, name: str, out: Path) -> None:
-        """Write what is annotated to `out`."""
-        maps = self._maps()
-        self.shell.run_task("export", f"Exporting {out.name}", lambda: write_labels(name, maps, out))
-
-    def _maps(self) -> MapSet:
-        """A copy of the labels as they are now: painting goes on while they are written."""
-        maps = annotated(self.state.ready(), self.session.clip)
-        labels = {frame: maps.read(frame) for frame in maps.frames}
-        return MapSet(maps.classes, maps.shape, maps.names, maps.frames, labels.__getitem__)
 
     def ask_to_import(self, name: str) -> None:
         chosen = label_format(name)
@@ -73,7 +55,7 @@ class LabelExchange(QObject):
 
     def teach(self) -> None:
         """Offer a training of which the teacher are the annotated labels."""
-        maps, training = self._maps(), self.training
+        maps, training = self.state.snapshot(), self.training
         assert self.state.folder is not None
         folder = self.state.folder / TEACHER
 

@@ -17,7 +17,7 @@ from degense.engine.annotation.formats import LABEL_FORMATS
 
 #: Whether something can be done now.
 Condition = Callable[[], bool]
-MENU, IMPORT, EXPORT = ("Annotate",), ("Annotate", "Import labels"), ("Annotate", "Export labels")
+MENU, IMPORT = ("Annotate",), ("Annotate", "Import labels")
 
 
 def install(shell: Shell) -> None:
@@ -87,7 +87,8 @@ def _review(annotator: Annotator, ready: Condition) -> list[Action]:
         Action("annotate.reject-all", "Reject all proposals", reject_all, MENU, (), any_proposed, group=4),
         Action("annotate.done", "This frame is done", done, MENU, ("D",), ready, group=5, help="review"),
         Action("annotate.flag", "Flag this frame", flag, MENU, ("Shift+F",), ready, group=5, help="review"),
-        Action("annotate.next", "Next flagged frame (Tab)", review.go_to_flagged, MENU, (), ready, group=5, help="doubtful review"),
+        Action("annotate.next", "Next doubtful frame (N)", partial(review.go_on, 1), MENU, (), ready, group=5, help="flagged review"),
+        Action("annotate.previous", "Previous doubtful frame (P)", partial(review.go_on, -1), MENU, (), ready, group=5, help="flagged"),
     ]
 
 
@@ -104,10 +105,6 @@ def _exchange(state: AnnotationState, exchange: LabelExchange, has_frames: Condi
         Action("annotate.teach", "Train with these labels…", exchange.teach, MENU, (), can_train, group=6, help="teacher"),
         *(
             Action(f"annotate.import-{name}", f"From {entry.title}…", partial(exchange.ask_to_import, name), IMPORT, (), has_frames)
-            for name, entry in LABEL_FORMATS.items()
-        ),
-        *(
-            Action(f"annotate.export-{name}", f"As {entry.title}…", partial(exchange.ask_to_export, name), EXPORT, (), has_labels)
             for name, entry in LABEL_FORMATS.items()
         ),
     ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from degense.engine.annotation.folder import NAME, load
 from degense.engine.annotation.formats import LABEL_FORMATS, LabelFormat, MapSet
 from degense.engine.data.readers import frame_names
 from degense.engine.errors import DegenseError, PromptError
+from degense.engine.files import replacing_folder
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
@@ -88,16 +90,18 @@ def write_labels(name: str, maps: MapSet, out: Path) -> Steps[str]:
     """Write label maps; returns a summary in one sentence. DegenseError when they cannot be written."""
     chosen = label_format(name)
     if not maps.frames:
-        raise DegenseError("No frame is labelled yet, so there is nothing to export.")
-    if not chosen.suffix:
-        empty_folder(out)
-    for done, frame in enumerate(chosen.write(maps, out), 1):
-        yield min(0.99, done / len(maps.names)), f"frame {frame}"
-    return f"{out}: label maps of {len(maps.frames)} frames, {len(maps.classes)} classes"
+        raise DegenseError("None of these frames is labelled, so there is nothing to export.")
+    with nullcontext(out) if chosen.suffix else replacing_folder(out) as place:
+        for done, frame in enumerate(chosen.write(maps, place), 1):
+            yield min(0.99, done / len(maps.frames)), f"frame {frame}"
+    return f"{out}: {counted(len(maps.frames), 'label map')} of {counted(len(maps.classes), 'class', 'classes')}"
 
 
-def empty_folder(folder: Path) -> None:
-    """Make a folder that is to be filled. DegenseError when something is in it."""
-    if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
-        raise DegenseError(f"{folder} is not empty; choose another folder.")
-    folder.mkdir(parents=True, exist_ok=True)
+def counted(count: int, one: str, more: str = "") -> str:
+    """A number with its noun."""
+    return f"{count} {one if count == 1 else more or one + 's'}"
+
+
+def at_frames(maps: MapSet, wanted: Iterable[int]) -> MapSet:
+    """The label maps of these frames, as far as there are any."""
+    return replace(maps, frames=tuple(sorted(set(maps.frames).intersection(wanted))))

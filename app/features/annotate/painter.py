@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -38,13 +38,13 @@ class Painter(QObject):
         self.strokes.moved.connect(lambda ax, ay, bx, by: self._dab((ax, ay), (bx, by)))
         self.strokes.ended.connect(state.end)
         self.polygons.drawn.connect(lambda corners: self._paint("Polygon", polygon(corners, self._shape())))
-        self.clicks.clicked.connect(lambda x, y: self._paint("Fill", fill(self._labels(), (int(np.floor(x)), int(np.floor(y))))))
+        self.clicks.clicked.connect(self._clicked)
 
     def show_tool(self) -> None:
         """Let the panel have the tool that is chosen while one annotates."""
         tool = self.state.tool
         self.strokes.radius = tool.radius
-        tools: dict[str, PanelTool] = {"polygon": self.polygons, "fill": self.clicks}
+        tools: dict[str, PanelTool] = {"polygon": self.polygons, "fill": self.clicks, "wand": self.clicks}
         chosen = tools.get(tool.name, self.strokes)
         chosen.hint = next(kind.description for kind in TOOLS if kind.name == tool.name)
         if not tool.active or tool.name != "polygon":
@@ -67,8 +67,26 @@ class Painter(QObject):
     def keep_largest(self) -> None:
         self._paint("Largest part", smaller_islands(self._labels(), self.state.tool.label), UNLABELLED)
 
-    def paint_prompts(self) -> None:
-        """Paint the masks of the visible prompts, each in the class of its name, which is made where there is none."""
+    def _clicked(self, x: float, y: float) -> None:
+        at = int(np.floor(x)), int(np.floor(y))
+        if self.state.tool.name == "fill":
+            self._paint("Fill", fill(self._labels(), at))
+            return
+        if self.session.scene is None or not self.session.view_state.visible_prompts:
+            self.shell.say("Prompt something first: the wand takes the mask under the click.")
+            return
+
+        def done(texts: Sequence[str], found: np.ndarray) -> None:
+            inside = 0 <= at[1] < found.shape[0] and 0 <= at[0] < found.shape[1] and found[at[1], at[0]] != UNLABELLED
+            if inside:
+                self._paint(f"Mask of {texts[found[at[1], at[0]]]}", fill(found, at))
+            else:
+                self.shell.say("No mask of a prompt lies there.")
+
+        self._decode(done)
+
+    def _decode(self, done: Callable[[Sequence[str], np.ndarray], None]) -> None:
+        """Hand over the visible prompts and which of them owns each pixel of the frame, uint8 [H, W], if it is still shown then."""
         scene, frame, prompts = self.session.scene, self.session.frame, self.session.view_state.prompt_set
         assert scene is not None
 
@@ -77,17 +95,24 @@ class Painter(QObject):
 
             return decode_frame(scene, prompts, frame).labels
 
-        def done(found: np.ndarray) -> None:
-            if frame != self.session.frame or scene is not self.session.scene:
-                return
-            for index, text in enumerate(prompts.prompts):
-                names = [kind.name.casefold() for kind in self.state.work.classes] if self.state.work else []
+        def decoded(found: np.ndarray) -> None:
+            if frame == self.session.frame and scene is self.session.scene:
+                done(prompts.prompts, found)
+
+        self.shell.submit("annotate", labels, decoded, self.shell.say)
+
+    def paint_prompts(self) -> None:
+        """Paint the masks of the visible prompts, each in the class of its name, which is made where there is none."""
+
+        def done(texts: Sequence[str], found: np.ndarray) -> None:
+            for index, text in enumerate(texts):
+                names = [kind.title.casefold() for kind in self.state.work.classes] if self.state.work else []
                 if text.casefold() not in names:
                     self.state.add_class(text)
                     names.append(text.casefold())
                 self._paint(f"Mask of {text}", region_of(found == index), names.index(text.casefold()))
 
-        self.shell.submit("annotate", labels, done, self.shell.say)
+        self._decode(done)
 
     def superpixels(self) -> np.ndarray:
         """Superpixels of the frame, int32 [H, W]; found once a frame."""
@@ -134,12 +159,12 @@ class Painter(QObject):
 
 
 class AnnotationKeys(QObject):
-    """Keys that mean something else while one annotates: 1–9 choose classes, [ and ] the size, Tab calls `tab`.
+    """Keys that mean something else while one annotates: 1–9 choose classes, [ and ] the size, N or Tab and P call `go_on` with 1 and −1.
 
     They are taken before the window's shortcuts are, unless something that types has the focus.
     """
 
-    def __init__(self, shell: Shell, state: AnnotationState, painter: Painter, tab: Callable[[], object]) -> None:
+    def __init__(self, shell: Shell, state: AnnotationState, painter: Painter, go_on: Callable[[int], object]) -> None:
         super().__init__(shell)
         self.state, self.panel = state, painter.panel
         self._polygon_keys: dict[int, Callable[[], object]] = {
@@ -149,7 +174,9 @@ class AnnotationKeys(QObject):
             Qt.Key.Key_Escape: painter.polygons.cancel,
         }
         self._keys: dict[int, Callable[[], object]] = {
-            Qt.Key.Key_Tab: tab,
+            Qt.Key.Key_Tab: partial(go_on, 1),
+            Qt.Key.Key_N: partial(go_on, 1),
+            Qt.Key.Key_P: partial(go_on, -1),
             Qt.Key.Key_BracketLeft: lambda: state.tool.choose(radius=state.tool.radius / STEP),
             Qt.Key.Key_BracketRight: lambda: state.tool.choose(radius=state.tool.radius * STEP),
             **{key: partial(state.choose_class, key - Qt.Key.Key_1) for key in DIGITS},

@@ -11,17 +11,16 @@ from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QButtonGroup,
     QComboBox,
-    QGridLayout,
     QHBoxLayout,
     QLabel,
     QLineEdit,
     QPushButton,
     QSlider,
-    QToolButton,
     QWidget,
 )
 
 from degense.app.features.annotate.class_list import SWATCH, ClassList
+from degense.app.features.annotate.review_table import ClassStatistics, ReviewQueue
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.annotate.tool import TOOLS
 from degense.app.shell.shell import Shell
@@ -30,11 +29,13 @@ from degense.engine.annotation.overlay import label_overlay
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.widgets import forms
-from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
+from degense.widgets.glyphs import GlyphButton
+from degense.widgets.keys import ARROWS, TYPING, keep_keys
 
 #: Steps of the size slider an octave of the radius.
 OCTAVE = 12
 SMALLEST = 0.5
+TOOL = 32  # side of the button of a tool, pixels
 
 
 class AnnotationPanel(QWidget):
@@ -48,6 +49,7 @@ class AnnotationPanel(QWidget):
         self.classes.chosen.connect(state.choose_class)
         self.classes.renamed.connect(lambda index, name: self._attempt(lambda: state.rename_class(index, name)))
         self.classes.recoloured.connect(state.recolour_class)
+        self.classes.multiplied.connect(lambda index: self._attempt(lambda: state.add_object(index)))
         self._tools = QButtonGroup(self)
         self.buttons: dict[str, QPushButton] = {}
         self._slider = forms.named(QSlider(Qt.Orientation.Horizontal), "Size of the brush", "Size of the brush; keys [ and ]")
@@ -64,37 +66,44 @@ class AnnotationPanel(QWidget):
         self._status = self._combo("How far the review of this frame is")
         self._status.addItems(STATUSES)
         self._status.activated.connect(lambda row: self._attempt(lambda: state.set_status(STATUSES[row])))
-        self.frame, self.summary = forms.label(), forms.label(secondary=True)
+        self.frame, self.summary = _line(), _line(secondary=True)
+        self.queue, self.statistics = ReviewQueue(state), ClassStatistics(shell, state)
+        pages = forms.tabs(Paint=self._paint_page(), Review=self._review_page(), Statistics=self.statistics)
+        forms.column(forms.row((self.frame, 1), self._status), (pages, 1), parent=self).setContentsMargins(8, 6, 8, 6)
+        shell.started.connect(self._follow_actions)
+
+    def _paint_page(self) -> QWidget:
+        page = QWidget()
         forms.column(
-            self._tool_buttons(),
-            forms.row(QLabel("Size"), (self._slider, 1), self._size),
+            forms.row(*self._tool_buttons(), 8, (self._slider, 1), self._size, spacing=2),
             (self.classes, 1),
-            self._new,
-            forms.row(QLabel("Only inside"), (self._lock, 1)),
+            forms.row((self._new, 1), QLabel("Only inside"), (self._lock, 1)),
             self._button_row(holes="Fill holes", largest="Largest", prompt="From prompt"),
-            forms.row((self.frame, 1), self._status),
-            self._button_row(accept="Accept", reject="Reject", next="Next flagged"),
+            parent=page,
+        )
+        return page
+
+    def _review_page(self) -> QWidget:
+        page = QWidget()
+        forms.column(
+            self._button_row(accept="Accept", reject="Reject", previous="Previous", next="Next doubtful"),
+            (self.queue.table, 1),
             self.summary,
             self._button_row(propagate="Propagate to all frames", stop="Stop"),
             self._button_row(accept_all="Accept all", reject_all="Reject all", teach="Train…"),
-            parent=self,
-        ).setContentsMargins(8, 6, 8, 6)
-        shell.started.connect(self._follow_actions)
+            parent=page,
+        )
+        return page
 
-    def _tool_buttons(self) -> QGridLayout:
-        grid = QGridLayout()
-        grid.setSpacing(4)
-        for index, kind in enumerate(TOOLS):
-            button = forms.named(QToolButton(), kind.title, kind.description)
-            button.setText(kind.title)
+    def _tool_buttons(self) -> list[GlyphButton]:
+        for kind in TOOLS:
+            button = GlyphButton(kind.name, kind.title, clicked=partial(self.state.tool.choose, kind.name))
+            button.setToolTip(f"{kind.title} ({kind.key}): {kind.description}")
             button.setObjectName(kind.name)
             button.setCheckable(True)
-            button.setSizePolicy(self.sizePolicy().Policy.Expanding, self.sizePolicy().Policy.Fixed)
-            button.clicked.connect(partial(self.state.tool.choose, kind.name))
-            keep_keys(button, PRESS)
+            button.setFixedSize(TOOL, TOOL)
             self._tools.addButton(button)
-            grid.addWidget(button, index // 3, index % 3)
-        return grid
+        return [button for button in self._tools.buttons() if isinstance(button, GlyphButton)]
 
     def _button_row(self, **buttons: str) -> QHBoxLayout:
         """Buttons for actions of this feature: their names and what stands on them."""
@@ -138,10 +147,10 @@ class AnnotationPanel(QWidget):
     def show_classes(self) -> None:
         classes = self.state.work.classes if self.state.work is not None else ()
         swatch = np.arange(len(classes), dtype=np.uint8)[:, None, None].repeat(SWATCH - 6, 1).repeat(SWATCH, 2)
-        self.classes.set_classes([(kind.name, _lit(label_overlay(swatch[index], classes))) for index, kind in enumerate(classes)])
+        self.classes.set_classes([(kind.title, _lit(label_overlay(swatch[index], classes))) for index, kind in enumerate(classes)])
         current = self._lock.currentData()
         self._lock.clear()
-        for text, value in (("anything", -1), ("unlabelled pixels", UNLABELLED), *((kind.name, i) for i, kind in enumerate(classes))):
+        for text, value in (("anything", -1), ("unlabelled pixels", UNLABELLED), *((kind.title, i) for i, kind in enumerate(classes))):
             self._lock.addItem(text, value)
         self._lock.setCurrentIndex(max(0, self._lock.findData(current)))
         self.show_tool()
@@ -173,16 +182,26 @@ class AnnotationPanel(QWidget):
         else:
             text = "labels of the clip" if work.is_labelled(frame) else "not labelled"
         self.describe(f"Frame {frame}: {text}", record.status)
+        self.queue.show(frame)
         waiting = [proposal for index in work.waiting() if (proposal := work.record(index).proposal) is not None]
         counts = [f"{sum(r.status == status for r in work.records.values())} {status}" for status in STATUSES[1:]]
         doubtful = sum(proposal.doubtful for proposal in waiting)
         proposals = f"; {len(waiting)} wait for an answer, {doubtful} of them doubtful" if waiting else ""
         self.summary.setText(f"{work.count} frames: {', '.join(counts)}{proposals}")
+        self.summary.setToolTip(self.summary.text())
 
     def describe(self, text: str, status: str) -> None:
         """What is said of the frame that is shown."""
         self.frame.setText(text)
+        self.frame.setToolTip(text)
         self._status.setCurrentText(status)
+
+
+def _line(secondary: bool = False) -> QLabel:
+    """A text that is cut where there is no room: wrapped ones would make the whole panel taller than its least height."""
+    label = forms.label(secondary=secondary, wrap=False)
+    label.setMinimumWidth(1)
+    return label
 
 
 def _lit(overlay: np.ndarray) -> np.ndarray:

@@ -64,7 +64,7 @@ class PropagationReview(QObject):
         def done(proposals: dict[int, Proposal]) -> None:
             self.state.propose(proposals, replacing)
             work = self.state.ready()
-            more = "" if work.next_flagged(-1) is None else " Next flagged goes to the doubtful ones."
+            more = " N goes to the doubtful ones." if work.review_queue() else ""
             self.shell.say(f"Propagated to {len(work.waiting())} frames: accept or reject them.{more}", 20)
 
         self.shell.run_task("annotate", "Propagating labels", steps, done, detailed=True)
@@ -81,9 +81,9 @@ class PropagationReview(QObject):
         """Accept or reject (a method of the state) the proposal for the frame that is shown, or all proposals."""
         answer(self.state.ready().waiting() if all_frames else [self.session.frame])
 
-    def go_to_flagged(self) -> None:
-        """Go to the next frame that is flagged or of which the proposal is doubtful."""
-        frame = self.state.work.next_flagged(self.session.frame) if self.state.work else None
+    def go_on(self, step: int) -> None:
+        """Go to the next or the previous frame that is flagged or of which the proposal is doubtful, the most doubtful first."""
+        frame = self.state.work.next_in_queue(self.session.frame, step) if self.state.work else None
         if frame is None:
             self.shell.say("No frame is flagged or doubtful.")
         else:

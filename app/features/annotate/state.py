@@ -6,22 +6,36 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from degense.app.features.annotate.label_sets import open_annotations
+from degense.app.features.annotate.label_sets import annotated, open_annotations
 from degense.app.features.annotate.tool import PaintTool
 from degense.app.session.state import PersistentState, Signal
 from degense.engine.annotation.annotations import Annotations, Stroke
-from degense.engine.annotation.edits import LabelClass, LabelEdit, Piece, Proposal, State, Status, check_classes, default_colour, merged
+from degense.engine.annotation.edits import (
+    LabelClass,
+    LabelEdit,
+    Piece,
+    Proposal,
+    State,
+    Status,
+    check_classes,
+    default_colour,
+    merged,
+    pack,
+    unpack,
+)
 from degense.engine.annotation.folder import NAME, save
 from degense.engine.annotation.painting import PixelRegion
 from degense.engine.errors import DegenseError, RunError
 
 if TYPE_CHECKING:
     from degense.app.session.session import Session
+    from degense.engine.annotation.formats import MapSet
 
 #: Seconds between two records of one stroke in the journal: what a crash loses of it at most.
 STROKE_SECONDS = 1.0
@@ -82,7 +96,7 @@ class AnnotationState(PersistentState):
             raise RunError(f"{source} cannot be used: {self.blocked}")
         try:
             if "classes" in record:
-                self._set_classes(tuple(LabelClass(str(name), (int(r), int(g), int(b))) for name, (r, g, b) in record["classes"]))
+                self._set_classes(tuple(_class_from(*item) for item in record["classes"]))
             else:
                 self._restore(tuple(Piece.from_json(item) for item in record["pieces"]))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -148,6 +162,16 @@ class AnnotationState(PersistentState):
             return self._stroke.labels
         return self._opened().shown(frame)
 
+    def labelled_frames(self) -> tuple[int, ...]:
+        """Frames with a label map that was made here or came with the clip; none where nothing is open."""
+        return annotated(self.work, self.session.clip).frames if self.work is not None else ()
+
+    def snapshot(self) -> MapSet:
+        """A copy of the label maps as they are now: painting goes on while they are written. Errors as `ready`."""
+        maps = annotated(self.ready(), self.session.clip)
+        packed = {frame: pack(maps.read(frame)) for frame in maps.frames}
+        return replace(maps, read=lambda frame: unpack(packed[frame], maps.shape))
+
     # Frames
 
     def propose(self, proposals: Mapping[int, Proposal], replacing: bool = False) -> None:
@@ -183,17 +207,28 @@ class AnnotationState(PersistentState):
         self._edit_classes(f"Class {name}", (*classes, LabelClass(" ".join(name.split()), default_colour(len(classes)))))
         self.choose_class(len(classes))
 
-    def rename_class(self, index: int, name: str) -> None:
-        """Errors as `add_class`."""
-        self._change_class(index, f"Rename {self.ready().classes[index].name}", name=" ".join(name.split()))
+    def add_object(self, index: int) -> None:
+        """Add another object of a class, such as a second grasper, in the next colour, and choose it."""
+        classes = self.ready().classes
+        name = classes[index].name
+        taken = {kind.number for kind in classes if kind.name.casefold() == name.casefold()}
+        added = LabelClass(name, default_colour(len(classes)), next(number for number in count(1) if number not in taken))
+        self._edit_classes(f"Another {name}", (*classes, added))
+        self.choose_class(len(classes))
+
+    def rename_class(self, index: int, title: str) -> None:
+        """Rename a class with all its objects; the number of the object may stand behind the name. Errors as `add_class`."""
+        classes = self.ready().classes
+        old = classes[index]
+        name = " ".join(title.split())
+        name = name.removesuffix(f" {old.number}") if old.number > 1 else name
+        renamed = (replace(kind, name=name) if kind.name.casefold() == old.name.casefold() else kind for kind in classes)
+        self._edit_classes(f"Rename {old.name}", tuple(renamed))
 
     def recolour_class(self, index: int, colour: tuple[int, int, int]) -> None:
-        self._change_class(index, f"Colour of {self.ready().classes[index].name}", colour=colour)
-
-    def _change_class(self, index: int, title: str, **changes: Any) -> None:
         classes = list(self.ready().classes)
-        classes[index] = replace(classes[index], **changes)
-        self._edit_classes(title, tuple(classes))
+        classes[index] = replace(classes[index], colour=colour)
+        self._edit_classes(f"Colour of {classes[index].title}", tuple(classes))
 
     def _edit_classes(self, title: str, classes: tuple[LabelClass, ...]) -> None:
         check_classes(classes)
@@ -204,7 +239,7 @@ class AnnotationState(PersistentState):
             check_classes(classes)
             self.work.classes = classes
             self._edited = True
-            self.changed.emit({"classes": [[kind.name, kind.colour] for kind in classes]})
+            self.changed.emit({"classes": [[kind.name, kind.colour, kind.number] for kind in classes]})
             self.classes_changed.emit()
             self.pixels_changed.emit(self.session.frame, None)
 
@@ -228,3 +263,9 @@ class AnnotationState(PersistentState):
         self.records_changed.emit()
         for frame in () if drawn else [piece.frame for piece in state]:
             self.pixels_changed.emit(frame, None)
+
+
+def _class_from(name: Any, colour: Any, number: Any = 1) -> LabelClass:
+    """A class as it stands in the journal; earlier versions wrote no number."""
+    red, green, blue = (int(value) for value in colour)
+    return LabelClass(str(name), (red, green, blue), int(number))

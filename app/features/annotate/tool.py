@@ -8,7 +8,7 @@ from degense.app.session.state import Signal
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import RunError
 
-ToolName = Literal["brush", "eraser", "superpixels", "polygon", "fill"]
+ToolName = Literal["brush", "eraser", "superpixels", "polygon", "fill", "wand"]
 SMALLEST, LARGEST = 0.5, 100.0  # radius of the brush, pixels
 
 
@@ -25,8 +25,9 @@ TOOLS = (
     ToolKind("brush", "Brush", "B", "Paint the current class"),
     ToolKind("eraser", "Eraser", "E", "Make pixels unlabelled"),
     ToolKind("superpixels", "Superpixels", "S", "Paint whole regions of like colour"),
-    ToolKind("polygon", "Polygon", "P", "Click corners; a double click or Enter closes, Backspace takes a corner back, Escape all"),
+    ToolKind("polygon", "Polygon", "U", "Click corners; a double click or Enter closes, Backspace takes a corner back, Escape all"),
     ToolKind("fill", "Fill", "G", "Give everything connected under the click the current class"),
+    ToolKind("wand", "Wand", "W", "Click the mask of a prompt: its part under the click becomes the current class"),
 )
 
 

@@ -1,14 +1,12 @@
-"""Cameras to come back to, the flight along them, and movies of it."""
+"""Cameras to come back to, and the flight along them."""
 
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QObject, QTimer
 
-from degense.app.features.cameras.movie import camera_movie
 from degense.app.features.cameras.panel import CameraList
 from degense.app.features.cameras.state import CameraBook, CameraPath, Stop, load_path, save_path
 from degense.app.features.viewer.controller import Viewer
@@ -31,7 +29,7 @@ class Cameras(QObject):
         session = self.session
         self.book = CameraBook(session.undo)
         self.panel = CameraList(self.book, self.shell.say)
-        self.dock = self.shell.add_dock("Cameras", self.panel, hidden=True)
+        self.dock = self.shell.add_dock("Cameras", self.panel)
         self.shell.closed.connect(self.land)
         session.register("cameras", self.book)
         self._flight: CameraPath | None = None
@@ -47,7 +45,6 @@ class Cameras(QObject):
         shown.update_requested.connect(self._update)
         shown.chosen.connect(self.go)
         shown.flight_requested.connect(self.fly)
-        shown.movie_requested.connect(self.ask_for_movie)
 
     def can_add(self) -> bool:
         return self.session.scene is not None and self.viewer.splats is not None
@@ -150,17 +147,6 @@ class Cameras(QObject):
             self.land()
 
     # Files
-
-    def ask_for_movie(self) -> None:
-        if (path := self.shell.ask_save("Movie along the path", f"{self.session.name}-flight.mp4", "Movie (*.mp4)")) is not None:
-            self.write_movie(path)
-
-    def write_movie(self, out: Path) -> None:
-        """Write a movie of what is shown along the path, in the worker; Export ▸ Stop exporting ends it."""
-        scene, stops, view_state = self.session.scene, self.book.stops, self.session.view_state
-        assert scene is not None
-        words = f"Exporting {out.name}"
-        self.shell.run_task("export", words, lambda: camera_movie(scene, stops, view_state, out), detailed=True)
 
     def ask_to_save(self) -> None:
         path = self.shell.ask_save("Save camera path", f"{self.session.name}-cameras.json", "Cameras (*.json)")

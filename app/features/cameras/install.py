@@ -1,4 +1,4 @@
-"""Cameras: saving them, flying along them, movies."""
+"""Cameras: saving them, flying along them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ def install(shell: Shell) -> None:
         Action("cameras.next", "Next camera", partial(cameras.go_on, 1), menu, ("Alt+Down",), any_saved, help="bookmark"),
         Action("cameras.previous", "Previous camera", partial(cameras.go_on, -1), menu, ("Alt+Up",), any_saved, help="bookmark"),
         Action("cameras.fly", "Fly along the cameras", cameras.fly, menu, ("Shift+Space",), cameras.has_path, group=1, help="path preview"),
-        Action("cameras.movie", "Movie along the cameras…", cameras.ask_for_movie, menu, (), cameras.has_path, group=1, help="export mp4"),
         Action("cameras.save", "Save the camera path…", cameras.ask_to_save, menu, (), any_saved, group=2, help="json"),
         Action("cameras.open", "Open a camera path…", cameras.ask_to_open, menu, (), cameras.can_add, group=2, help="json"),
     )

@@ -30,6 +30,10 @@ LAYOUT_WORDS = {
     "endonerf": "EndoNeRF",
     "cholecseg8k": "CholecSeg8k",
     "endovis18": "EndoVis 2018",
+    "stir": "STIR or VL-SurgPT",
+    "surgt": "SurgT",
+    "servct": "SERV-CT",
+    "c3vd": "C3VD",
     "frames": "Loose frames",
     "video": "Video file",
 }

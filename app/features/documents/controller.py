@@ -44,10 +44,10 @@ class Documents(QObject):
         """Say that work cannot be saved, and offer what helps, where it is in nobody's way."""
         store, opened = self.session.store, (self.path, self.clip_options)
         if store.elsewhere:
-            self.shell.docks.set_notice(problem, {"Open again": lambda: self.open_path(*opened)})
+            self.shell.status.set_notice(problem, {"Open again": lambda: self.open_path(*opened)})
         else:
             words = "Not saved, but kept in the journal on this computer" if store.journaled else "Not saved"
-            self.shell.docks.set_notice(problem and f"{words}: {problem}", {"Save elsewhere…": self.autosave.save_elsewhere})
+            self.shell.status.set_notice(problem and f"{words}: {problem}", {"Save elsewhere…": self.autosave.save_elsewhere})
 
     # Asking
 

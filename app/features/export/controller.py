@@ -8,9 +8,14 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QObject
 
+from degense.app.features.annotate.label_sets import masks_of_run
+from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.export.formats import FORMATS, ExportOptions
+from degense.app.features.export.label_dialog import LabelExportDialog
+from degense.app.features.export.label_offers import LabelOffer
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer, with_colour_bar, write_png
+from degense.engine.errors import DegenseError
 
 
 class Exporter(QObject):
@@ -38,7 +43,7 @@ class Exporter(QObject):
     def _write(self, path: Path, frame: np.ndarray) -> None:
         view = self.viewer.view
         if view is not None and view.span is not None:
-            title = get_layer(self.session.view_state.layer).title
+            title = get_layer(view.layer).title
             frame = with_colour_bar(frame, title, view.unit, *view.span, view.cmap, hatched=bool(view.uncertain), outside=view.beyond)
 
         def save() -> None:
@@ -59,6 +64,31 @@ class Exporter(QObject):
         if (path := self.shell.ask_save(chosen.title, proposal, filter_)) is not None:
             self.export(name, path)
 
+    def ask_for_labels(self, source: str = "") -> None:
+        """Open the dialog that exports masks or annotations; without a source the annotations where there are any."""
+        state, offers = self.shell.service(AnnotationState), self._label_offers()
+        if not offers:
+            raise DegenseError("There is nothing to export yet: annotate a frame, or open a run that answers prompts.")
+        annotated_frames = state.labelled_frames() if state is not None else ()
+        wanted = source or ("annotations" if annotated_frames else "masks")
+        LabelExportDialog(self.shell, offers, annotated_frames, wanted if wanted in offers else next(iter(offers))).open()
+
+    def _label_offers(self) -> dict[str, LabelOffer]:
+        """What is open and has label maps: annotations, and what the run answers to the visible prompts, else to its own classes."""
+        session, state, offers = self.session, self.shell.service(AnnotationState), {}
+        if state is not None and state.work is not None and state.labelled_frames():
+            names = tuple(kind.title for kind in state.work.classes)
+            offers["annotations"] = LabelOffer("annotations", names, state.labelled_frames(), state.snapshot)
+        if (scene := session.scene) is not None and scene.has_semantics:
+            prompts = session.view_state.prompt_set
+            title = "masks of the visible prompts" if prompts.prompts else "masks of the classes of the run"
+            if names := prompts.prompts or scene.classes:
+                offers["masks"] = LabelOffer(title, names, tuple(range(scene.frames)), lambda: masks_of_run(scene, prompts))
+        return offers
+
+    def has_labels(self) -> bool:
+        return bool(self._label_offers())
+
     def export(self, name: str, out: Path) -> None:
         """Write a format to `out` in the worker. Masks are those of the visible prompts, or of all classes when there are none."""
         scene, view_state, view = self.session.scene, self.session.view_state, self.viewer.view
@@ -67,7 +97,7 @@ class Exporter(QObject):
             prompt_set=view_state.prompt_set,
             frame=self.session.frame,
             layer=view_state.layer,
-            span=view.span if view is not None else None,
+            span=view.spans.get(view_state.layer) if view is not None else None,
             source="masks",
         )
         self.shell.run_task("export", f"Exporting {out.name}", lambda: FORMATS[name].export(scene, out, options))

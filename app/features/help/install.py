@@ -43,7 +43,7 @@ class _Handler(logging.Handler):
 
 def install(shell: Shell) -> None:
     log = LogView()
-    log_dock = shell.add_dock("Log", log, "bottom")
+    log_dock = shell.add_dock("Log", log)
     shell.started.connect(log.attach)
     shell.closed.connect(log.detach)
     shell.worker.add_channel("diagnostics", 90)

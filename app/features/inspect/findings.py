@@ -44,7 +44,8 @@ class Findings(QObject):
         for column in (0, 1):
             self.table.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
         keep_keys(self.table, ARROWS)
-        forms.column(forms.row((self._kinds, 1), find), self._note, (self.table, 1), parent=panel)
+        side = forms.column(self._kinds, find, self._note, 0, margin=0)
+        forms.row(side, (self.table, 1), parent=panel).setContentsMargins(6, 0, 6, 6)
         self.dock = self.shell.add_dock("Findings", panel)
         self._say("")
         self.session.opened.connect(self._clear)
@@ -101,7 +102,6 @@ class Findings(QObject):
         self.session.pause()
         self.session.go_to(finding.frame)
         self.session.probe = Spot(finding.frame, finding.x, finding.y)
-        self.dock.raise_()  # the probe's panel came to the front
 
     def go_on(self, step: int) -> None:
         """To the next finding, or back, round and round."""
@@ -134,6 +134,6 @@ class Findings(QObject):
             self.shell.say(f"Saved {path}")
             return
         request, view = layer_request(self.session.view_state, 0), self.viewer.view
-        span = view.span if view is not None and view.span is not None else (0.0, 1.0)
+        span = view.spans.get(ranking.layer, (0.0, 1.0)) if view is not None else (0.0, 1.0)
         words = f"Drawing {path.name}"
         self.shell.run_task("export", words, lambda: findings_sheet(scene, ranking, findings, request, span, path))

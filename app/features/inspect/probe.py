@@ -39,7 +39,7 @@ class Probe(QObject):
         self.viewer, self.shell, self.session, self.worker = viewer, viewer.shell, viewer.session, viewer.worker
         session = self.session
         self.panel = ProbePanel()
-        self.dock = self.shell.add_dock("Probe", self.panel, height=420)
+        self.dock = self.shell.add_dock("Curves", self.panel)
         self._maps: ProbeMaps | None = None
         self._start: np.ndarray | None = None  # [T, 3], of the length that is measured
         self._guides = guides
@@ -165,7 +165,6 @@ class Probe(QObject):
             self.worker.cancel("curves")
             self._look_up()
             return
-        self.dock.raise_()
         self._follow(place)
         self._look_up()
 

@@ -1,4 +1,4 @@
-"""The numbers under the cursor, and how they change over time."""
+"""The numbers under the cursor, and beside them how they change over time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import ARROWS, keep_keys
 
 #: Rows of values that are seen without scrolling however little room there is.
-FEWEST_ROWS = 4
+FEWEST_ROWS = 3
 
 
 class ProbePanel(QWidget):
@@ -33,6 +33,7 @@ class ProbePanel(QWidget):
         self._table.setFrameShape(QFrame.Shape.NoFrame)
         self._table.viewport().setAutoFillBackground(False)
         self._table.horizontalHeader().hide()
+        self._table.setMinimumHeight(FEWEST_ROWS * self._table.verticalHeader().defaultSectionSize())
         self._table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.ResizeToContents)
         keep_keys(self._table, ARROWS)
         self.plot, self.similarity = CurvePlot(), CurvePlot()
@@ -43,15 +44,13 @@ class ProbePanel(QWidget):
         for plot in (self.plot, self.similarity):
             plot.x_clicked.connect(lambda x: self.frame_clicked.emit(round(x)))
         self.plots = QWidget()
-        forms.column(self.plot, self.similarity, margin=0, spacing=0, parent=self.plots)
-        forms.column(forms.row(self._swatch, (self._place, 1), self._unpin), (self._table, 3), (self.plots, 2), parent=self)
+        forms.row((self.plot, 1), (self.similarity, 1), parent=self.plots)
+        place = forms.row(self._swatch, (self._place, 1), self._unpin)
+        forms.row((forms.column(place, (self._table, 1), margin=0), 2), (self.plots, 5), parent=self).setContentsMargins(6, 0, 6, 6)
         self.clear()
 
     def set_values(self, rows: Sequence[tuple[str, str]]) -> None:
         """Show (label, text) pairs in this order."""
-        height = self._table.verticalHeader().defaultSectionSize()
-        self._table.setMinimumHeight(height * min(max(len(rows), 1), FEWEST_ROWS) + 2)
-        self._table.setMaximumHeight(height * max(len(rows), 1) + 2)
         forms.fill(self._table, rows)
 
     def set_colour(self, colour: QColor | None) -> None:

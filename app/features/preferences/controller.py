@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any, get_args
 
-from PySide6.QtCore import QObject, Qt
+from PySide6.QtCore import QObject, Qt, QTimer
 from PySide6.QtWidgets import QApplication, QFormLayout, QLabel, QWidget
 
 from degense.app.features.preferences.shortcut_table import ShortcutTable
@@ -13,7 +13,7 @@ from degense.app.features.viewer.controller import Viewer
 from degense.app.shell.settings import LIMITS, Background, Theme, log_file
 from degense.app.shell.shell import Shell
 from degense.widgets import forms
-from degense.widgets.theme import apply_theme
+from degense.widgets.theme import apply_text_size, apply_theme
 
 log = logging.getLogger(__name__)
 
@@ -47,10 +47,21 @@ class Preferences(QObject):
         before = {key: getattr(self.settings.value, key) for key in values}
         self.session.undo.do(name, self._put, before, values, key=f"preference {name}")
 
+    def change_text_size(self, step: float) -> None:
+        """Larger or smaller text, within the limits."""
+        least, most = LIMITS["text_size"]
+        size = round(min(most, max(least, self.settings.value.text_size + step)), 2)
+        if size != self.settings.value.text_size:
+            self.change("Text size", text_size=size)
+            self.shell.say(f"Text at {size:.0%}")
+
     def _put(self, values: dict[str, Any]) -> None:
         self.settings.update(**values)
         if "theme" in values:
             self._dress()
+        if "text_size" in values:
+            apply_text_size(_application(), self.settings.value.text_size)
+            QTimer.singleShot(0, self, self.shell.docks.arrange)
         if "background" in values and (viewer := self.shell.service(Viewer)) is not None:
             viewer.set_background()
         if "undo_memory" in values:
@@ -67,9 +78,13 @@ class Preferences(QObject):
             self._dress()
 
     def _dress(self) -> None:
-        app = QApplication.instance()
-        assert isinstance(app, QApplication)
-        apply_theme(app, self.settings.value.theme)
+        apply_theme(_application(), self.settings.value.theme)
+
+
+def _application() -> QApplication:
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    return app
 
 
 class PreferencesDialog(forms.Dialog):

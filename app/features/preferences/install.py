@@ -11,6 +11,9 @@ from degense.app.shell.shell import Shell
 
 THEME_TITLES: tuple[tuple[Theme, str], ...] = (("dark", "Dark"), ("light", "Light"), ("system", "As the desktop"))
 
+#: How much text grows or shrinks at once.
+STEP = 0.2
+
 
 def install(shell: Shell) -> None:
     preferences, menu, words = Preferences(shell), ("View", "Theme"), "colours dark light operating room"
@@ -27,5 +30,11 @@ def install(shell: Shell) -> None:
             )
             for name, title in THEME_TITLES
         ),
+    )
+    text, size = ("View", "Text"), preferences.change_text_size
+    shell.add_actions(
+        Action("text.larger", "Larger text", partial(size, STEP), text, ("Ctrl+Alt+=",), help="font size zoom readable"),
+        Action("text.smaller", "Smaller text", partial(size, -STEP), text, ("Ctrl+Alt+-",), help="font size"),
+        Action("text.usual", "Usual text", lambda: size(1.0 - shell.settings.value.text_size), text, help="font size reset"),
     )
     shell.started.connect(preferences.take_shortcuts)

@@ -9,6 +9,7 @@ from PySide6.QtGui import QColor
 
 from degense.app.features.prompts.panel import PromptBar
 from degense.app.features.prompts.prompt_row import PromptRow
+from degense.app.session.targets import Spot
 from degense.app.session.view_state import ViewState, decoder_refined
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
@@ -32,7 +33,7 @@ class PromptControls(QObject):
     def __init__(self, shell: Shell) -> None:
         super().__init__(shell)
         self.shell, self.session, self.bar = shell, shell.session, PromptBar()
-        self.dock = shell.add_dock("Prompts", self.bar, "right", height=160)
+        self.dock = shell.add_dock("Prompts", self.bar, "right", height=280)
         self._bind_prompts()
         self.session.opened.connect(self._opened)
         self.session.view_state_changed.connect(lambda before, after: self._show(after))
@@ -41,6 +42,18 @@ class PromptControls(QObject):
     def focus(self) -> None:
         self.shell.docks.bring(self.dock)
         self.bar.focus_input()
+
+    def can_add_example(self) -> bool:
+        """Whether a place is followed, whose look can be added to a prompt."""
+        scene = self.session.scene
+        return scene is not None and scene.has_semantics and isinstance(self.session.probe, Spot)
+
+    def add_example(self) -> None:
+        """Let the last visible prompt also find what looks like the place that was clicked."""
+        spot = self.session.probe
+        assert isinstance(spot, Spot)
+        added = self.session.view.add_example(spot.frame, int(spot.x), int(spot.y))
+        self.shell.say(f"“{added.text}” also finds what looks like this place.")
 
     def _opened(self) -> None:
         scene = self.session.scene
@@ -76,6 +89,18 @@ class PromptControls(QObject):
             self.session.view.add_prompt(row.text, rgb(row.colour), row.negative)
         except DegenseError as error:
             row.set_error(str(error))
+        else:
+            self._note_corrections()
+
+    def _note_corrections(self) -> None:
+        """Show in each row which words were misspelt: graspr → grasper. Words in quotes and the run's own classes are meant as typed."""
+        from degense.engine.vocabulary.concepts import surgical_vocabulary
+
+        classes = {name.casefold() for name in self.session.scene.classes} if self.session.scene is not None else set()
+        for row in self.bar.prompts():
+            typed = not row.error and row.text[0] not in '"“' and row.text.casefold() not in classes
+            pairs = surgical_vocabulary().corrections(row.text) if typed else []
+            row.set_note(", ".join(f"{word} → {name}" for word, name in pairs))
 
     def _edit(self, change: Callable[..., None], row: PromptRow, *values: object) -> None:
         """Change the prompt of a row, when it is one of the session and not one that could not be decoded."""
@@ -91,3 +116,4 @@ class PromptControls(QObject):
             bar.clear()
             for text, colour, *rest in wanted:
                 bar.add_prompt(text, QColor(*colour), *rest)
+            self._note_corrections()

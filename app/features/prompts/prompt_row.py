@@ -79,6 +79,8 @@ class PromptRow(QFrame):
         self._cross.clicked.connect(self.removed)
         self._complaint = forms.complaint()
         self._complaint.hide()
+        self._note = forms.label(name="How the prompt is understood", secondary=True)
+        self._note.hide()
         layout = QGridLayout(self)
         layout.setContentsMargins(6, 3, RIGHT_MARGIN, 3)
         layout.setHorizontalSpacing(6)
@@ -87,6 +89,7 @@ class PromptRow(QFrame):
         for column, widget in enumerate((self._swatch, self._label, self.answer, self._sign, self._eye, self._cross)):
             layout.addWidget(widget, 0, column)
         layout.addWidget(self._complaint, 1, 1, 1, 5)
+        layout.addWidget(self._note, 2, 1, 1, 5)
         self._show_eye()
         self._show_sign()
 
@@ -97,7 +100,7 @@ class PromptRow(QFrame):
     def set_answer(self, area: float | None, confidence: float | None) -> None:
         """Area (share of the frame) and confidence of the mask, both in [0, 1]; None when they are not known."""
         known = area is not None and confidence is not None and not self.negative
-        self.answer.setText(f"{area:.1%}  confidence {confidence:.2f}" if known else "")
+        self.answer.setText(f"{area:.1%} · {confidence:.2f}" if known else "")
         self.answer.setToolTip(
             f"The mask covers {area:.1%} of the frame.\nConfidence {confidence:.2f}: the mean similarity in the mask, less that of the "
             "best rival; 0 a toss-up, 1 certain."
@@ -117,6 +120,11 @@ class PromptRow(QFrame):
             self._sign.set_glyph("plus", f"{self.text} has a mask; press to make it negative: it then removes pixels from the others")
         self._label.setText(f"not {self.text}" if self.negative else self.text)
         self._swatch.setEnabled(not self.negative)
+
+    def set_note(self, text: str) -> None:
+        """Say how the prompt is understood where that is not what was typed; empty: nothing."""
+        self._note.setText(text)
+        self._note.setVisible(bool(text))
 
     def set_error(self, message: str) -> None:
         self.error = message

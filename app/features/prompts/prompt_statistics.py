@@ -1,4 +1,4 @@
-"""Statistics of the prompts in the window: of the frame in the bar, areas over time under the timeline, and the query of the whole clip."""
+"""Statistics of the prompts in the window: of the frame in the bar, areas over time in the drawer, and the query of the whole clip."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtGui import QColor
 
+from degense.app.features.prompts.area_panel import AreaPanel
 from degense.app.features.prompts.mask_statistics import AreaCurves, MaskStatistics, areas, measure_masks
 from degense.app.features.prompts.panel import PromptBar
 from degense.app.features.prompts.segment import write_clip_masks
@@ -40,11 +41,14 @@ class PromptStatistics(QObject):
         session = self.session
         self.areas = AreaCurves()
         session.register("areas", self.areas)
+        self.area_panel = AreaPanel()
+        self.shell.add_dock("Areas", self.area_panel)
+        self.area_panel.frame_clicked.connect(session.go_to)
         self._quiet = QTimer(self, singleShot=True, interval=QUIET_MS)
         self._quiet.timeout.connect(self._compute_areas)
         viewer.shown.connect(self._drawn)
         session.view_state_changed.connect(self._view_state_changed)
-        session.frame_changed.connect(lambda frame: self._wait())
+        session.frame_changed.connect(self._frame_changed)
         session.opened.connect(self._opened)
 
     def _opened(self) -> None:
@@ -58,6 +62,10 @@ class PromptStatistics(QObject):
     def _view_state_changed(self, before: ViewState, after: ViewState) -> None:
         self._wait()
         self._show_strips()
+
+    def _frame_changed(self, frame: int) -> None:
+        self.area_panel.plot.set_cursor(frame)
+        self._wait()
 
     def _wait(self) -> None:
         self.worker.cancel("areas")
@@ -114,15 +122,16 @@ class PromptStatistics(QObject):
         self.worker.submit(channel, lambda: areas(scene, view_state, frames), lambda result: done(), failed, found)
 
     def _show_strips(self) -> None:
-        """The areas of the visible prompts under the timeline."""
-        scene, view_state, time = self.session.scene, self.session.view_state, self.shell.service(TimeControl)
-        if time is None:
-            return
-        strips = {}
-        if scene is not None and scene.has_semantics and time.timeline.count() == scene.frames:
+        """The areas of the visible prompts, in the drawer and small under the timeline."""
+        scene, view_state = self._asked()
+        curves = {}
+        if scene is not None:
             for prompt in view_state.visible_prompts:
-                strips[prompt.text] = self.areas.curve(prompt.text, view_state, scene.frames), QColor(*prompt.colour)
-        time.timeline.track.set_strips(strips)
+                curves[prompt.text] = self.areas.curve(prompt.text, view_state, scene.frames), QColor(*prompt.colour)
+        self.area_panel.set_curves(curves)
+        time = self.shell.service(TimeControl)
+        if time is not None:
+            time.timeline.track.set_strips(curves if scene is not None and time.timeline.count() == scene.frames else {})
 
     # The query of the whole clip
 

@@ -39,7 +39,7 @@ def write_clip_masks(scene: Scene, prompts: PromptSet, frames: Sequence[int], ou
         raise DegenseError("A prompt is given twice; give each once.")
     encode_prompts(scene, prompts)  # what is not understood is said before anything is written
     _claim(out, _identity(scene, prompts))
-    folders = [out / "masks" / f"{number:02d}-{_plain(text)}" for number, text in enumerate(prompts.prompts, 1)]
+    folders = [out / "masks" / folder_name(number, text) for number, text in enumerate(prompts.prompts, 1)]
     write_text(out / "classes.json", json.dumps({"classes": list(prompts.prompts)}, ensure_ascii=False))
     areas = {frame: _areas(folders, frame) for frame in frames if _label_file(out, frame).is_file()}
     left = [frame for frame in frames if frame not in areas]
@@ -63,9 +63,10 @@ def _label_file(out: Path, frame: int) -> Path:
     return out / "labels" / _file(frame)
 
 
-def _plain(text: str) -> str:
-    """A prompt as a folder's name."""
-    return re.sub(r"\W+", "-", text).strip("-")[:40].lower() or "prompt"
+def folder_name(number: int, text: str) -> str:
+    """A prompt as a folder's name: `02-liver`."""
+    plain = re.sub(r"\W+", "-", text).strip("-")[:40].lower()
+    return f"{number:02d}-{plain or 'prompt'}"
 
 
 def _identity(scene: Scene, prompts: PromptSet) -> dict[str, Any]:

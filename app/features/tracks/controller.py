@@ -62,7 +62,7 @@ class PointTracking(QObject):
             forms.button("Export…", self.export, "Save where the points are in all frames"),
         )
         forms.column(self._hint, (self.table, 1), self.scores, forms.row(0, *files), parent=panel)
-        self.dock = self.shell.add_dock("Tracks", panel, hidden=True)
+        self.dock = self.shell.add_dock("Tracks", panel)
 
     def _opened(self) -> None:
         self.comparison = None
@@ -185,7 +185,10 @@ class PointTracking(QObject):
 
     def compare(self) -> None:
         """Show where a file says that points are, and how near to that following them comes."""
-        scene, path = self.session.scene, self.shell.ask_open("Compare with a track file", "", "Points (*.json *.csv *.npz)")
+        scene, path = (
+            self.session.scene,
+            self.shell.ask_open("Compare with a track file", "", "Points (*.json *.csv *.npz icgstartseg.png info.yaml)"),
+        )
         if path is None or scene is None:
             return
 

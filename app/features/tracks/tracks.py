@@ -36,7 +36,7 @@ def follow(scene: Scene, points: Sequence[Point]) -> Steps[dict[Point, Tracks]]:
 
 
 class TrackComparison(NamedTuple):
-    """What a file says of points, what following them from where it first sees them gives, and how near that is (`score_points`)."""
+    """What a file says of points, what following them from where it first sees them gives, and how near that is (`score_known_points`)."""
 
     known: KnownPoints
     found: Tracks
@@ -49,18 +49,20 @@ class TrackComparison(NamedTuple):
         words = [f"{len(self.known.pixels)} points", *(f"{name} {self.scores[key]:.1%}" for name, key in shares.items())]
         if self.scores["endpoint_error"] is not None:
             words.append("endpoint error {endpoint_error:.1f} px, median {endpoint_error_median:.1f} px".format(**self.scores))
+        if self.scores.get("endpoint_error_mm") is not None:
+            words.append("in space {endpoint_error_mm:.2f} mm, median {endpoint_error_mm_median:.2f} mm".format(**self.scores))
         return " · ".join(words)
 
 
 def compare(scene: Scene, path: Path) -> Steps[TrackComparison]:
     """Follow the points of a file. ClipError when it is none of this clip."""
     from degense.engine.data.files.point_files import read_points
-    from degense.engine.metrics.tracks import score_points
+    from degense.engine.metrics.tracks import score_known_points
     from degense.engine.scene.tracks import following
 
     known = read_points(path, scene.frames, scene.clip_size)
     found = yield from following(scene, known.queries)
-    return TrackComparison(known, found, score_points(found.pixels, found.visible, known.pixels, known.hidden))
+    return TrackComparison(known.paired(found.pixels), found, score_known_points(scene, found, known))
 
 
 def reach(way: np.ndarray, frame: int) -> float:
@@ -73,8 +75,8 @@ def tracks_json(unit: str, queries: np.ndarray, found: Tracks, scores: dict[str,
     whether it is visible."""
     points = []
     for query, pixels, positions, visible in zip(queries, *found[1::-1], found.visible, strict=True):
-        places = pixels.tolist() if np.isfinite(pixels).all() else None
-        points.append({"query": query.tolist(), "pixels": places, "positions": places and positions.tolist(), "visible": visible.tolist()})
+        places, space = (values.tolist() if np.isfinite(values).all() else None for values in (pixels, positions))
+        points.append({"query": query.tolist(), "pixels": places, "positions": space, "visible": visible.tolist()})
     return json.dumps({"unit": unit, "points": points, "scores": scores})
 
 

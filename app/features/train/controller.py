@@ -18,7 +18,6 @@ from degense.app.features.documents.controller import Documents
 from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob, TrainingQueue
 from degense.app.features.train.monitor import TrainingMonitor
 from degense.app.features.train.process import TrainingProcess
-from degense.app.features.train.train_dialog import TrainDialog
 from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
@@ -44,7 +43,7 @@ class Training(QObject):
         super().__init__(shell)
         self.shell, self.session, self.worker, self.documents = shell, shell.session, shell.worker, shell.service(Documents)
         self.monitor = TrainingMonitor()
-        self.dock = shell.add_dock("Training", self.monitor, "bottom")
+        self.dock = shell.add_dock("Training", self.monitor)
         self.queue = TrainingQueue()
         self.process: TrainingProcess | None = None
         self._kept: tuple[dict[str, Any], ...] = ()
@@ -80,6 +79,8 @@ class Training(QObject):
             clip, answers = with_labels(clip, labels), {**answers, "labels": str(labels)}
         settings = self.shell.settings
         busy = self.running or self.queue.paused is not None
+        from degense.app.features.train.train_dialog import TrainDialog
+
         dialog = TrainDialog(clip, answers, settings.value.training, busy, self.shell)
 
         def start() -> None:
@@ -164,7 +165,7 @@ class Training(QObject):
             self.monitor.pause(words)
 
     def _show_monitor(self, job: TrainingJob) -> None:
-        self.shell.docks.bring(self.dock, height=300)
+        self.shell.docks.bring(self.dock)
         self.monitor.start(f"{job.clip.name} → {job.out.name}")
         self.monitor.set_progress(*read_progress(job.out / "metrics.jsonl"))
 

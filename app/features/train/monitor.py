@@ -105,12 +105,12 @@ class TrainingMonitor(QWidget):
         self.reset()
 
     def _arrange(self) -> None:
-        """Heading and buttons on top, then state, bar and numbers; below them curves, preview and queue side by side."""
+        """Heading, buttons, state, bar and numbers at the left; curves, preview and queue beside them."""
         facts = QGridLayout()
         facts.setHorizontalSpacing(10)
         facts.setVerticalSpacing(2)
         for i, (name, value) in enumerate(self._facts.items()):
-            row, column = i // 3, 2 * (i % 3)
+            row, column = i // 2, 2 * (i % 2)
             facts.addWidget(forms.label(name, secondary=True, wrap=False), row, column)
             facts.addWidget(value, row, column + 1)
             facts.setColumnStretch(column + 1, 1)
@@ -118,8 +118,9 @@ class TrainingMonitor(QWidget):
         for part in (_stacked(self._plot, self._term), self._scores, _stacked(self._preview, self._compare), self.queue):
             split.addWidget(part)
         split.setSizes([300, 300, 300, 160])
-        top = forms.row((self._heading, 1), self._pause, self._cancel)
-        forms.column(top, self._stage, self._bar, facts, self._note, (split, 1), margin=8, parent=self)
+        buttons = forms.row(self._pause, self._cancel, 0)
+        side = forms.column(self._heading, self._stage, self._bar, facts, self._note, 0, buttons, margin=0)
+        forms.row((side, 1), (split, 3), spacing=10, parent=self).setContentsMargins(8, 0, 8, 6)
 
     def reset(self) -> None:
         """As if nothing had been trained."""

@@ -95,7 +95,7 @@ def _add_view_actions(viewer: Viewer) -> None:
         ),
         Action("masks.more", "More opaque masks", partial(more_opacity, 0.1), menu, ("Shift+Up",), session.has_scene, group=2),
         Action("masks.less", "Less opaque masks", partial(more_opacity, -0.1), menu, ("Shift+Down",), session.has_scene, group=2),
-        Action("help.layers", "What the layers show", partial(_show_layer_help, viewer), ("Help",), ("F1",), help="formula units"),
+        Action("help.layers", "What the layers show", partial(_show_layer_help, viewer), ("Help",), ("Shift+F1",), help="formula units"),
     )
 
 

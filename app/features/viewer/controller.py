@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from degense.widgets.splats.splat_view import SplatView
 
 WELCOME = "Drop a clip or a run here, or open one from the File menu.\nFile ▸ Demo shows a finished scene."
+DRAWING = "Drawing the first frame …\nThe first start after installing takes a minute."
 
 
 class Viewer(QObject):
@@ -125,7 +126,13 @@ class Viewer(QObject):
             scene, view_state = session.scene, session.view_state
             splats = self.splats is not None and not self.splats.isHidden()
             wanted = ViewRequest(
-                session.frame, view_state, self._ranges.range(scene, view_state), splats, session.playing, self.free_camera(), self.recorded
+                session.frame,
+                view_state,
+                self._ranges.ranges(scene, view_state),
+                splats,
+                session.playing,
+                self.free_camera(),
+                self.recorded,
             )
             self.worker.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
@@ -146,9 +153,9 @@ class Viewer(QObject):
         self.panel.marks.set_marker(None)
         if self.splats is not None:
             self.splats.setVisible(self.session.scene is not None)
+        self.panel.set_message(DRAWING if self.session.frames > 0 else WELCOME)
         if self.session.frames == 0:
             self.panel.set_image(None)
-            self.panel.set_message(WELCOME)
         self.request()
 
     # Results
@@ -201,7 +208,7 @@ class Viewer(QObject):
 
     def _show_bars(self, view: View) -> None:
         """The colour bar in both views."""
-        title = get_layer(self.session.view_state.layer).title
+        title = get_layer(view.layer).title
         for bar in self.bars:
             if view.span is None:
                 bar.hide()

@@ -15,9 +15,11 @@ FORMULAS = {
     "similarity": "⟨z, Bᵀv⟩ / (‖z‖ ‖v‖), v the prompt's text vector, B the basis of the latents",
     "mask": "similarity ≥ threshold, averaged over regions and cleaned by the decoder",
     "displacement": "Σ wᵢ ‖μᵢ(t) − μᵢ(t₀)‖ / Σ wᵢ over the Gaussians that last, where they cover the pixel; else over all",
+    "uncertainty": "Σ wᵢ eᵢ / Σ wᵢ, eᵢ = 1.4 √mean‖uⱼ − uᵢ‖², u = μ(t) − μ(t₀), j the nearest Gaussians whose motion is revealed",
     "speed": "Σ wᵢ ‖μᵢ(t + h) − μᵢ(t − h)‖ / 2h / Σ wᵢ, h one frame",
     "rotation": "Σ wᵢ rᵢ / Σ wᵢ, rᵢ = 2 atan2(‖Im(qᵢ q̄ᵢ₀)‖, |Re(qᵢ q̄ᵢ₀)|) the angle of the turn since t₀",
     "scale": "Σ wᵢ gᵢ / Σ wᵢ, gᵢ = Σₖ log₂(sᵢₖ(t) / sᵢₖ(t₀)): 1 has doubled its volume, −1 has halved it",
+    "appearance": "‖Lab(C) − Lab(C₀)‖, C₀ = Σ wᵢ cᵢ(t₀) / Σ wᵢ over the Gaussians that last, where they are at t",
     "warp": "max(0, ‖m(p) − o(p)‖ − tolerance), m the model's motion in pixels, o the optical flow of the recording, or that around",
     "observability": "Σ wᵢ sᵢ / Σ wᵢ, sᵢ the share of frames that reveal the motion of Gaussian i",
 }
@@ -26,9 +28,11 @@ UNITS = {
     "depth": "mm where the clip's depth is metric, else scene units",
     "similarity": "cosine, −1 to 1",
     "displacement": "mm where the clip's depth is metric, else scene units",
+    "uncertainty": "mm where the clip's depth is metric, else scene units",
     "speed": "mm a second where the clip's depth is metric, else scene units a second",
     "rotation": "degrees, 0 to 180",
     "scale": "log₂ of the ratio of volumes",
+    "appearance": "ΔE, CIE 1976",
     "warp": "pixels of the recording",
     "observability": "share of the frames, 0 to 1",
 }

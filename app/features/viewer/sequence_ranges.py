@@ -16,39 +16,52 @@ if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
 
+Key = tuple[str, tuple[str, ...], float]  # a layer, the prompts that it answers, and the share that is left out at each end
+
+
 class SequenceRanges:
     """The value of the first and the last colour of each layer that was shown; `found` is called when one that was missing is known."""
 
     def __init__(self, shell: Shell, found: Callable[[], None], failed: Callable[[str], None]) -> None:
         self._shell, self._found, self._failed = shell, found, failed
-        self._ranges: dict[tuple[str, tuple[str, ...], float], tuple[float, float]] = {}
+        self._ranges: dict[Key, tuple[float, float]] = {}
+        self._asked: Key | None = None  # what the worker computes
 
     def clear(self) -> None:
         self._ranges.clear()
+        self._asked = None
         self._shell.worker.cancel("range")
 
-    def range(self, scene: Scene, view_state: ViewState) -> tuple[float, float] | None:
-        """The range of the layer that is shown; None for that of its frame, also until the one of the sequence is known."""
-        chosen, layer = view_state.range(view_state.layer), get_layer(view_state.layer)
-        if chosen.mode == "fixed":
-            return chosen.low, chosen.high
-        if chosen.mode == "frame" or layer.kind != "scalar":
-            return None
-        texts = tuple(prompt.text for prompt in view_state.visible_prompts) if layer.needs_prompt else ()
-        key = (view_state.layer, texts, chosen.clip)
-        if key not in self._ranges and not layer.missing(scene, texts):
-            self._compute(key, scene, view_state)
-        return self._ranges.get(key)
+    def ranges(self, scene: Scene, view_state: ViewState) -> dict[str, tuple[float, float]]:
+        """The ranges of the layers that are drawn, by name. Left out are those that have that of their frame, and those not known yet.
 
-    def _compute(self, key: tuple[str, tuple[str, ...], float], scene: Scene, view_state: ViewState) -> None:
-        shell = self._shell
+        One that is missing is computed, that of the chosen layer first.
+        """
+        ranges, missing = {}, []
+        for name in sorted((blend.name for blend in view_state.drawn), key=lambda name: name != view_state.layer):
+            chosen, layer = view_state.range(name), get_layer(name)
+            texts = tuple(prompt.text for prompt in view_state.visible_prompts) if layer.needs_prompt else ()
+            key = (name, texts, chosen.clip)
+            if chosen.mode == "fixed":
+                ranges[name] = chosen.low, chosen.high
+            elif chosen.mode == "sequence" and layer.kind == "scalar" and key in self._ranges:
+                ranges[name] = self._ranges[key]
+            elif chosen.mode == "sequence" and layer.kind == "scalar" and not layer.missing(scene, texts):
+                missing.append(key)
+        if missing and missing[0] != self._asked:
+            self._compute(missing[0], scene, replace(view_state, layer=missing[0][0]))
+        return ranges
+
+    def _compute(self, key: Key, scene: Scene, view_state: ViewState) -> None:
+        shell, self._asked = self._shell, key
 
         def found(span: tuple[float, float]) -> None:
-            self._ranges[key] = span
+            self._ranges[key], self._asked = span, None
             shell.set_busy()
             self._found()
 
         def failed(message: str) -> None:
+            self._asked = None
             shell.set_busy()
             self._failed(message)
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from degense.app.features.viewer.layer_images import beyond, get_layer
@@ -38,7 +39,7 @@ class ViewRequest:
 
     frame: float
     view_state: ViewState
-    span: tuple[float, float] | None = None  # values of the first and last colour; None for the range of this frame
+    spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # first and last colour of layers; else of this frame
     splats: bool = True  # whether the Gaussians are wanted too, for the 3D view
     #: While time runs or is scrubbed: masks are decoded pixel by pixel, which needs no superpixels. The exact ones follow in the end.
     quick: bool = False
@@ -53,6 +54,7 @@ class View:
     frame: float
     camera: Camera
     rgb: np.ndarray  # uint8 [H, W, 3]
+    layer: str  # that the colour bar tells of
     span: tuple[float, float] | None  # of the colour bar, as unit and cmap; None for layers that are colours already
     unit: str
     cmap: str
@@ -62,6 +64,7 @@ class View:
     masks: np.ndarray | None = None
     complete: bool = True
     beyond: tuple[bool, bool] = (False, False)  # whether values lie below and above the span
+    spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # of every drawn layer of numbers
     uncertain: str = ""  # what the hatched pixels mean; empty when there are none
 
 
@@ -74,34 +77,30 @@ def layer_request(view_state: ViewState, frame: float) -> LayerRequest:
 
 def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
     """Draw an instant. Yields the view without masks as soon as it is there; returns it with them."""
-    from degense.engine.layers import layer_range
-    from degense.engine.layers.layer import colourise as layer_colours
     from degense.engine.scene.clip_query import decode_frame
 
     view_state, frame = request.view_state, request.frame
-    layer = get_layer(view_state.layer)
-    masked = view_state.visible_prompts if view_state.masks_shown and layer.name not in PROMPTED else ()
-    if missing := layer.missing(scene, tuple(prompt.text for prompt in view_state.visible_prompts)):
-        raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
+    layers = drawn_layers(scene, view_state)
+    masked = view_state.visible_prompts if view_state.masks_shown and not any(layer.name in PROMPTED for layer, _ in layers) else ()
     if masked:
         scene.splats(frame, semantics=True)  # frame and masks from one evaluation of the field
     query = replace(layer_request(view_state, frame), camera=request.camera, pixelwise=request.quick)
-    image = layer.image(scene, query)
-    scalar = image.kind == "scalar"
-    cmap = view_state.range(layer.name).cmap or layer.cmap
-    span = (request.span or layer_range(scene, layer, query, "frame", view_state.range(layer.name).clip)) if scalar else None
-    rgb = mask_colours(view_state)[image.values] if image.kind == "mask" else layer_colours(image, *(span or (0.0, 1.0)), cmap)
+    frame_layers = [_coloured(scene, layer, query, request) for layer, _ in layers]
+    numbers = numbers_of(layers, view_state)
+    shown = frame_layers[numbers]
     view = View(
         frame=frame,
         camera=request.camera or scene.camera(frame),
-        rgb=rgb,
-        span=span,
-        unit=image.unit,
-        cmap=cmap,
-        beyond=beyond(image.values, *span) if span else (False, False),
+        rgb=blended([part.rgb for part in frame_layers], [opacity for _, opacity in layers]),
+        layer=layers[numbers][0].name,
+        span=shown.span,
+        unit=shown.unit,
+        cmap=shown.cmap,
+        beyond=shown.beyond,
+        spans={layer.name: part.span for (layer, _), part in zip(layers, frame_layers, strict=True) if part.span is not None},
         observed=scene.observed(round(frame)) if view_state.compare != "off" and request.camera is None else None,
-        splats=splat_arrays(scene, layer, query, view_state, span, cmap) if request.splats else None,
-        uncertain=layer.guess if image.uncertain is not None and image.uncertain.any() else "",
+        splats=splat_arrays(scene, layers, query, view_state, [part.span for part in frame_layers]) if request.splats else None,
+        uncertain=shown.uncertain,
     )
     if request.recorded and (recorded := scene.observed(round(frame))) is not None:
         view = replace(view, rgb=recorded, span=None, uncertain="")
@@ -109,28 +108,90 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         return view
     yield replace(view, complete=False)
     labels = decode_frame(scene, query.prompt_set, frame, query.camera, query.pixelwise).labels
-    fill = 0.0 if scalar or view_state.compare == "difference" else MASK_FILL  # numbers and differences keep their colours: outlines only
+    # Numbers and differences keep their colours: outlines only.
+    fill = 0.0 if shown.span is not None or view_state.compare == "difference" else MASK_FILL
     return replace(view, masks=mask_overlay([(labels == index, prompt.colour) for index, prompt in enumerate(masked)], fill))
 
 
+def drawn_layers(scene: Scene, view_state: ViewState) -> list[tuple[Layer, float]]:
+    """The layers that make up the frame with their opacities, from the bottom up; those that the scene cannot show are left out.
+
+    DegenseError when the chosen one is among these.
+    """
+    texts = tuple(prompt.text for prompt in view_state.visible_prompts)
+    layers = []
+    for blend in view_state.drawn:
+        layer = get_layer(blend.name)
+        if not (missing := layer.missing(scene, texts)):
+            layers.append((layer, blend.opacity))
+        elif blend.name == view_state.layer:
+            raise DegenseError(f"{layer.title} cannot be shown: {missing}.")
+    return layers
+
+
+def numbers_of(layers: list[tuple[Layer, float]], view_state: ViewState) -> int:
+    """Which of the drawn layers the colour bar tells of: the chosen one, or the topmost of numbers where that has none."""
+    chosen = next(index for index, (layer, _) in enumerate(layers) if layer.name == view_state.layer)
+    scalars = [index for index, (layer, _) in enumerate(layers) if layer.kind == "scalar"]
+    return chosen if chosen in scalars or not scalars else scalars[-1]
+
+
+def blended(images: list[np.ndarray], opacities: list[float]) -> np.ndarray:
+    """Images laid over each other from the bottom up, uint8 of one shape; the lowest covers everything."""
+    below = images[0]
+    for image, opacity in zip(images[1:], opacities[1:], strict=True):
+        below = cv2.addWeighted(image, opacity, below, 1 - opacity, 0)
+    return below
+
+
+@dataclass(frozen=True)
+class _Coloured:
+    """A layer in colours, uint8 [H, W, 3], and what its colour bar says; `span` is None for layers that are colours already."""
+
+    rgb: np.ndarray
+    span: tuple[float, float] | None
+    unit: str
+    cmap: str
+    beyond: tuple[bool, bool]
+    uncertain: str
+
+
+def _coloured(scene: Scene, layer: Layer, query: LayerRequest, request: ViewRequest) -> _Coloured:
+    from degense.engine.layers import layer_range
+    from degense.engine.layers.layer import colourise as layer_colours
+
+    view_state = request.view_state
+    chosen = view_state.range(layer.name)
+    image, cmap = layer.image(scene, query), chosen.cmap or layer.cmap
+    span = (request.spans.get(layer.name) or layer_range(scene, layer, query, "frame", chosen.clip)) if image.kind == "scalar" else None
+    rgb = mask_colours(view_state)[image.values] if image.kind == "mask" else layer_colours(image, *(span or (0.0, 1.0)), cmap)
+    guess = layer.guess if image.uncertain is not None and image.uncertain.any() else ""
+    return _Coloured(rgb, span, image.unit, cmap, beyond(image.values, *span) if span else (False, False), guess)
+
+
 def splat_arrays(
-    scene: Scene, layer: Layer, query: LayerRequest, view_state: ViewState, span: tuple[float, float] | None, cmap: str
+    scene: Scene, layers: list[tuple[Layer, float]], query: LayerRequest, view_state: ViewState, spans: list[tuple[float, float] | None]
 ) -> Gaussians:
-    """The Gaussians of an instant in the layer's colours, tinted where a visible prompt finds them."""
+    """The Gaussians of an instant in the colours of the layers, tinted where a visible prompt finds them."""
     splats = scene.splats(query.frame)
-    values = layer.splats(scene, query)
-    if layer.kind == "colour":
-        if query.prompt_set.prompts and view_state.masks_shown:
-            values = tinted(values, get_layer("mask").splats(scene, query), view_state)
-        colours = (values.clip(0, 1) * 255 + 0.5).astype(np.uint8)
-    elif layer.kind == "mask":
-        colours = mask_colours(view_state)[values]
-    else:
-        colours = colourise(values, cmap, *(span or (0.0, 1.0)))
-        if (uncertain := layer.uncertain_splats(scene, query)) is not None:
-            colours = greyed(colours, uncertain)
+    colours = [_splat_colours(scene, layer, query, view_state, span) for (layer, _), span in zip(layers, spans, strict=True)]
+    mixed = blended(colours, [opacity for _, opacity in layers])
     means, quats, scales, opacities = (tensor.cpu().numpy() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
-    return Gaussians(means, quats, scales, opacities, colours)
+    return Gaussians(means, quats, scales, opacities, mixed)
+
+
+def _splat_colours(scene: Scene, layer: Layer, query: LayerRequest, view_state: ViewState, span: tuple[float, float] | None) -> np.ndarray:
+    """A layer's colours of the Gaussians, uint8 [N, 3]."""
+    values = layer.splats(scene, query)
+    if layer.kind == "mask":
+        return mask_colours(view_state)[values]
+    if layer.kind == "scalar":
+        colours = colourise(values, view_state.range(layer.name).cmap or layer.cmap, *(span or (0.0, 1.0)))
+        uncertain = layer.uncertain_splats(scene, query)
+        return colours if uncertain is None else greyed(colours, uncertain)
+    if query.prompt_set.prompts and view_state.masks_shown:
+        values = tinted(values, get_layer("mask").splats(scene, query), view_state)
+    return (values.clip(0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def tinted(colours: np.ndarray, found: np.ndarray, view_state: ViewState) -> np.ndarray:
@@ -151,7 +212,7 @@ def draw_clip(clip: Clip, frame: int) -> View:
     """A frame of a clip that has no run, with the pixels that will not be reconstructed laid over it."""
     invalid = ~clip.valid(frame)
     masks = mask_overlay([(invalid, EXCLUDED)], MASK_FILL) if invalid.any() else None
-    return View(frame, clip.cameras[frame], clip.frame(frame), None, "", "", None, None, masks)
+    return View(frame, clip.cameras[frame], clip.frame(frame), "rgb", None, "", "", None, None, masks)
 
 
 def draw_snapshot(request: SnapshotRequest) -> np.ndarray:

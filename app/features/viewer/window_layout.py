@@ -34,7 +34,7 @@ class WindowLayout(PersistentState):
         free = splats is not None and self.session.camera_mode == "free" and not splats.camera.is_locked()
         return {
             "docks": self.docks.state(),
-            "views": self.docks.views.sizes(),
+            "views": self.docks.view_sizes(),
             "camera": camera_to_json(splats.camera.current()) if free and splats is not None else None,
             "picture": "whole" if self.viewer.panel.zoom.fitted else self.viewer.panel.zoom.view(),
         }

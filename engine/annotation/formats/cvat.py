@@ -1,8 +1,11 @@
-"""CVAT for images 1.1: one XML file, masks as run lengths along the rows of their box; polygons and boxes are read too."""
+"""CVAT for images 1.1: one XML file, masks as run lengths along the rows of their box; polygons and boxes are read too.
+
+The objects of a class are masks of one label in different groups.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -10,8 +13,18 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from degense.engine.annotation.edits import LabelClass, default_colour
-from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, checked_classes, drawn, frame_of, mask_of_runs, read_text
+from degense.engine.annotation.formats.map_set import (
+    MapSet,
+    check_picture_size,
+    checked_classes,
+    class_names,
+    drawn,
+    frame_of,
+    mask_of_runs,
+    read_text,
+)
 from degense.engine.annotation.painting import PixelRegion, polygon, region_of
+from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError
 from degense.engine.files import write_text
@@ -22,12 +35,7 @@ def write(maps: MapSet, out: Path) -> Iterator[int]:
     height, width = maps.shape
     root = Element("annotations")
     SubElement(root, "version").text = "1.1"
-    labels_of_task = SubElement(SubElement(SubElement(root, "meta"), "task"), "labels")
-    for kind in maps.classes:
-        label = SubElement(labels_of_task, "label")
-        SubElement(label, "name").text = kind.name
-        SubElement(label, "color").text = "#{:02x}{:02x}{:02x}".format(*kind.colour)
-        SubElement(label, "type").text = "mask"
+    describe_labels(SubElement(SubElement(root, "meta"), "task"), maps.classes, "mask")
     for frame in maps.frames:
         image = SubElement(root, "image", id=str(frame), name=f"{maps.names[frame]}.png", width=str(width), height=str(height))
         labels = maps.read(frame)
@@ -38,57 +46,84 @@ def write(maps: MapSet, out: Path) -> Iterator[int]:
                 changes = np.flatnonzero(np.diff(region.mask.ravel(), prepend=False))
                 runs = ", ".join(map(str, np.diff(changes, prepend=0, append=region.mask.size)))
                 mask = SubElement(image, "mask", label=kind.name, source="manual", occluded="0", rle=runs)
-                for key, number in (("left", region.left), ("top", region.top), ("width", columns), ("height", rows), ("z_order", 0)):
-                    mask.set(key, str(number))
+                for key, side in (("left", region.left), ("top", region.top), ("width", columns), ("height", rows), ("z_order", 0)):
+                    mask.set(key, str(side))
+                if kind.number > 1:
+                    mask.set("group_id", str(kind.number))
         yield frame
+    write_xml(root, out)
+
+
+def describe_labels(task: Element, classes: Sequence[LabelClass], shapes: str) -> None:
+    """Name the labels of a task, each once, in the colours of their first objects; `shapes` is what kind they are drawn with."""
+    labels = SubElement(task, "labels")
+    for name in class_names(classes):
+        label = SubElement(labels, "label")
+        SubElement(label, "name").text = name
+        colour = next(kind.colour for kind in classes if kind.name.casefold() == name.casefold())
+        SubElement(label, "color").text = "#{:02x}{:02x}{:02x}".format(*colour)
+        SubElement(label, "type").text = shapes
+
+
+def write_xml(root: Element, out: Path) -> None:
     ElementTree.indent(root)
     write_text(out, '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n")
 
 
-def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
-    """The shapes of a file, those of higher `z_order` on top. ClipError when they do not fit the clip."""
+def read_xml(path: Path) -> Element:
+    """The root of an XML file. ClipError when it is none, or declares entities, which could grow without bounds."""
     text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise ClipError(f"{shown(path)} declares XML entities, which no export of CVAT does; it is not read.")
     try:
-        root = ElementTree.fromstring(text)
+        return ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise ClipError(f"{shown(path)} is not XML that can be read: {error}.") from error
+
+
+def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
+    """The shapes of a file, those of higher `z_order` on top. ClipError when they do not fit the clip."""
+    root = read_xml(path)
     images = {frame_of(image.get("name", ""), names, path): image for image in root.iter("image")}
     if not images:
-        raise ClipError(f"{shown(path)} has no images; export “CVAT for images 1.1” (a video task can be exported so too).")
-    classes = _classes(root, path)
-    index = {kind.name: number for number, kind in enumerate(classes)}
+        raise ClipError(f"{shown(path)} has no images; export “CVAT for images 1.1”, or read it as CVAT for video.")
+    items = {(item.get("label", ""), _group(item)) for image in images.values() for item in image}
+    classes = declared_classes(root, path, items)
+    index = {(kind.name, kind.number): value for value, kind in enumerate(classes)}
     for image in images.values():
-        check_picture_size((_number(image, "width", path), _number(image, "height", path)), shape, path)
+        check_picture_size((number(image, "width", path), number(image, "height", path)), shape, path)
 
     def labels(frame: int) -> np.ndarray:
-        items = sorted(images[frame], key=lambda item: _number(item, "z_order", path, 0))
-        return drawn(shape, ((_region(item, shape, path), index[item.get("label", "")]) for item in items))
+        items = sorted(images[frame], key=lambda item: number(item, "z_order", path, 0))
+        return drawn(shape, ((region_of_shape(item, shape, path), index[item.get("label", ""), _group(item)]) for item in items))
 
     return MapSet(classes, shape, tuple(names), tuple(sorted(images)), labels)
 
 
-def _classes(root: Element, path: Path) -> tuple[LabelClass, ...]:
-    """As declared, then what shapes are called beyond that."""
+def declared_classes(root: Element, path: Path, items: Iterable[tuple[str, int]]) -> tuple[LabelClass, ...]:
+    """As declared, then what shapes are called beyond that: label and number of each object in `items`."""
     declared = {label.findtext("name", ""): label.findtext("color", "") for label in root.iter("label")}
-    for image in root.iter("image"):
-        for item in image:
-            declared.setdefault(item.get("label", ""), "")
+    wanted = [*((name, 1) for name in declared), *sorted(set(items))]
     classes: list[LabelClass] = []
-    for name, code in declared.items():
-        digits = code.removeprefix("#")
+    for name, group in dict.fromkeys(wanted):
+        digits = declared.get(name, "").removeprefix("#") if group == 1 else ""
         known = len(digits) == 6 and all(digit in "0123456789abcdefABCDEF" for digit in digits)
         colour = tuple(bytes.fromhex(digits)) if known else default_colour(len(classes))
-        classes.append(LabelClass(name, (colour[0], colour[1], colour[2])))
+        classes.append(LabelClass(name, (colour[0], colour[1], colour[2]), group))
     return checked_classes(classes, path)
 
 
-def _region(item: Element, shape: tuple[int, int], path: Path) -> PixelRegion | None:
+def _group(item: Element) -> int:
+    """The number of the object that a shape is of: its group, where that is a small number."""
+    text = item.get("group_id", "")
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 4 and 1 <= int(text) < UNLABELLED else 1
+
+
+def region_of_shape(item: Element, shape: tuple[int, int], path: Path) -> PixelRegion | None:
     """The pixels of a shape; None for a kind that has no area, such as points."""
     try:
         if item.tag == "mask":
-            top, left, height, width = (_number(item, key, path) for key in ("top", "left", "height", "width"))
+            top, left, height, width = (number(item, key, path) for key in ("top", "left", "height", "width"))
             if min(top, left) < 0 or min(height, width) < 1 or top + height > shape[0] or left + width > shape[1]:
                 raise ValueError("a mask outside the picture")
             runs = [int(run) for run in item.get("rle", "").split(",")]  # along the rows: the columns of the transposed mask
@@ -104,7 +139,7 @@ def _region(item: Element, shape: tuple[int, int], path: Path) -> PixelRegion | 
     return None
 
 
-def _number(item: Element, key: str, path: Path, default: int | None = None) -> int:
+def number(item: Element, key: str, path: Path, default: int | None = None) -> int:
     text = item.get(key)
     if text is None and default is not None:
         return default

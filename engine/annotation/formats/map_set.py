@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,29 @@ class MapSet:
     names: tuple[str, ...]  # of all frames of the clip: the stems of their files
     frames: tuple[int, ...]  # those that have a map, ascending
     read: Callable[[int], np.ndarray]  # frame → uint8 [H, W], values index `classes` or are `UNLABELLED`
+
+    def by_class(self) -> MapSet:
+        """The same with one value a class: for formats that do not tell the objects of a class apart."""
+        names = class_names(self.classes)
+        if len(names) == len(self.classes):
+            return self
+        firsts = tuple(replace(next(kind for kind in self.classes if kind.name.casefold() == name.casefold()), number=1) for name in names)
+        table = np.full(256, UNLABELLED, np.uint8)
+        table[: len(self.classes)] = [index_of(kind.name, names) for kind in self.classes]
+        return replace(self, classes=firsts, read=lambda frame: table[self.read(frame)])
+
+
+def class_names(classes: Iterable[LabelClass]) -> list[str]:
+    """The names of the classes, each once, whatever its case, in the order of their first objects."""
+    names: dict[str, str] = {}
+    for kind in classes:
+        names.setdefault(kind.name.casefold(), kind.name)
+    return list(names.values())
+
+
+def index_of(name: str, names: Sequence[str]) -> int:
+    """Where a name stands among names, whatever its case."""
+    return [other.casefold() for other in names].index(name.casefold())
 
 
 def checked_classes(classes: Iterable[LabelClass], path: Path) -> tuple[LabelClass, ...]:

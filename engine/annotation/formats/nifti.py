@@ -36,7 +36,7 @@ def write(maps: MapSet, out: Path) -> Iterator[int]:
     from nibabel.nifti1 import Nifti1Extension, Nifti1Header
 
     height, width = maps.shape
-    about = {"classes": [{"name": kind.name, "colour": kind.colour} for kind in maps.classes], "frames": maps.frames}
+    about = {"classes": [{"name": kind.name, "colour": kind.colour, "number": kind.number} for kind in maps.classes], "frames": maps.frames}
     comment = json.dumps(about).encode()
     header = Nifti1Header(extensions=[Nifti1Extension("comment", comment + b" " * (-(len(comment) + 8) % 16))])
     header.set_data_dtype(np.uint8)
@@ -125,10 +125,13 @@ def _comment(header: Nifti1Header) -> Any:
 
 def _classes(about: Any, largest: int, path: Path) -> tuple[LabelClass, ...]:
     try:
-        listed = [(str(item["name"]), [int(value) & 255 for value in item["colour"]]) for item in about["classes"]]
-        classes = tuple(LabelClass(name, (colour[0], colour[1], colour[2])) for name, colour in listed)
+        found = []
+        for item in about["classes"]:
+            red, green, blue = (int(value) & 255 for value in item["colour"][:3])
+            found.append(LabelClass(str(item["name"]), (red, green, blue), int(item.get("number", 1))))
+        classes = tuple(found)
         check_classes(classes)
-    except (KeyError, TypeError, ValueError, IndexError, DegenseError):
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, DegenseError):
         classes = ()
     if len(classes) < largest:  # none, or not all: the values are what is certain
         classes = (*classes, *named_classes(f"label {value}" for value in range(1, largest + 1))[len(classes) :])

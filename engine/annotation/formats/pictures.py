@@ -47,7 +47,8 @@ def read_label_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:
-    """Write into the folder `out`; yields the frames that are done."""
+    """Write into the folder `out`, the objects of a class as one; yields the frames that are done."""
+    maps = maps.by_class()
     for frame in maps.frames:
         with replacing(out / "labels" / f"{maps.names[frame]}.png") as temporary:
             temporary.write_bytes(label_png(maps.read(frame), maps.classes))
@@ -80,6 +81,7 @@ class ColourTable:
 
     def write(self, maps: MapSet, out: Path) -> Iterator[int]:
         """Write into the folder `out`; yields the frames done. DegenseError when a class that is used is not in the table."""
+        maps = maps.by_class()
         indices = [self.index(kind.name) for kind in maps.classes]
         unknown = [kind.name for kind, index in zip(maps.classes, indices, strict=True) if index is None]
         if unknown:

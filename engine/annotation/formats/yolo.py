@@ -23,6 +23,7 @@ from degense.engine.files import write_text
 def write(maps: MapSet, out: Path) -> Iterator[int]:
     """Write into the folder `out`; yields the frames that are done."""
     height, width = maps.shape
+    maps = maps.by_class()
     for frame in maps.frames:
         labels, lines = maps.read(frame), []
         for index in range(len(maps.classes)):

@@ -42,7 +42,7 @@ class ClipCameras:
 def guessed_cameras(count: int, size: tuple[int, int], field: np.ndarray | None, options: ClipOptions) -> ClipCameras:
     """Cameras of a clip that brings none: at the origin, principal point in the middle."""
     focal, words = (options.focal, f"{options.focal:g} pixels, as set") if options.focal else assumed_focal(size, field)
-    return _found([Camera(*size, focal, focal, size[0] / 2, size[1] / 2)] * count, None, words, options)
+    return clip_cameras([Camera(*size, focal, focal, size[0] / 2, size[1] / 2)] * count, None, words, options)
 
 
 def calibrated_cameras(path: Path, count: int, size: tuple[int, int], made_for: tuple[int, int], options: ClipOptions) -> ClipCameras:
@@ -65,10 +65,10 @@ def calibrated_cameras(path: Path, count: int, size: tuple[int, int], made_for: 
     scale = size[0] / made_for[0]
     fx, fy, cx, cy = (scale * value for value in (*focal, *centre))
     words = f"{fx:.6g} pixels, from {path.name}" + ("" if scale == 1 else f", scaled from {made_for[0]} pixels of width")
-    return _found([Camera(*size, fx, fy, cx, cy)] * count, None, words, options)
+    return clip_cameras([Camera(*size, fx, fy, cx, cy)] * count, None, words, options)
 
 
-def _found(cameras: list[Camera], poses: str | None, focal: str, options: ClipOptions) -> ClipCameras:
+def clip_cameras(cameras: list[Camera], poses: str | None, focal: str, options: ClipOptions) -> ClipCameras:
     """What the user wishes comes first, then what the clip says of its poses, in words; None: nothing."""
     if options.poses == "auto" and poses is not None:
         return ClipCameras(cameras, "given", {"poses": poses, "focal": focal})
@@ -109,7 +109,7 @@ def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
     table = np.array(rows[:, :15], np.float64).reshape(count, 3, 5)
     if not np.isfinite(table).all():
         raise ClipError(f"{shown(path)} holds values that are not finite.")
-    _check_rotations(table[:, :, :3], path)
+    check_rotations(table[:, :, :3], path)
     height, width, focal = table[:, 0, 4], table[:, 1, 4], table[:, 2, 4]
     if options.focal:
         focal, words = np.full(count, options.focal), f"{options.focal:g} pixels, as set"
@@ -131,7 +131,7 @@ def llff_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
         columns = "down, right, back" if options.pose_axes == "llff" else "right, down, forward"
         viewmats = llff_viewmats(table[:, :, :4], options.pose_axes)
         poses = f"the camera moves, from {path.name} (columns read as {columns}; set pose_axes to change)"
-    return _found(_cameras(viewmats, size, focal, focal, size[0] / 2, size[1] / 2), poses, words, options)
+    return clip_cameras(_cameras(viewmats, size, focal, focal, size[0] / 2, size[1] / 2), poses, words, options)
 
 
 def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOptions) -> ClipCameras:
@@ -162,12 +162,12 @@ def json_cameras(path: Path, count: int, size: tuple[int, int], options: ClipOpt
             raise ClipError(f"{shown(path)}: 'viewmats' has shape {list(viewmats.shape)}, but must be [{count}, 4, 4], one matrix a frame.")
         if not np.isfinite(viewmats).all() or not np.allclose(viewmats[:, 3], [0, 0, 0, 1]):
             raise ClipError(f"{shown(path)}: 'viewmats' holds a matrix that is no rigid map.")
-        _check_rotations(viewmats[:, :3, :3], path)
+        check_rotations(viewmats[:, :3, :3], path)
         moves = not np.allclose(viewmats, viewmats[0], atol=1e-9)
         poses = f"the camera {'moves' if moves else 'stands still'}, from {path.name}"
     fx, fy = (options.focal, options.focal) if options.focal else (numbers["fx"], numbers["fy"])
     cameras = _cameras(viewmats, size, np.full(count, fx), np.full(count, fy), numbers["cx"], numbers["cy"])
-    return _found(cameras, poses, f"{fx:.6g} pixels, " + ("as set" if options.focal else f"from {path.name}"), options)
+    return clip_cameras(cameras, poses, f"{fx:.6g} pixels, " + ("as set" if options.focal else f"from {path.name}"), options)
 
 
 def json_unit(path: Path) -> str:
@@ -178,7 +178,7 @@ def json_unit(path: Path) -> str:
     return unit
 
 
-def _check_rotations(rotations: np.ndarray, path: Path) -> None:
+def check_rotations(rotations: np.ndarray, path: Path) -> None:
     wrong = np.abs(rotations.transpose(0, 2, 1) @ rotations - np.eye(3)).max(axis=(1, 2)) > 1e-2
     wrong |= np.linalg.det(rotations) < 0
     if wrong.any():

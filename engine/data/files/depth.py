@@ -17,15 +17,15 @@ from degense.engine.errors import ClipError
 
 
 class DepthFiles:
-    """Depth maps stored one a frame, .npy (as they are) or 8/16-bit pictures (raw values); 0 and what is not finite mean unknown."""
+    """Depth maps stored one a frame, .npy or 8/16-bit pictures, their values times `scale`; 0 and what is not finite mean unknown."""
 
-    def __init__(self, files: list[Path], size: tuple[int, int]):
-        self.files, self.size = files, size
+    def __init__(self, files: list[Path], size: tuple[int, int], scale: float = 1.0):
+        self.files, self.size, self.scale = files, size, scale
         self.limits: tuple[float, float] | None = None  # depths are clipped to this range; see `robust_limits`
 
     def read(self, index: int) -> np.ndarray:
         """float32 [H, W], 0 where unknown. ClipError for a damaged file."""
-        depth = read_depth(self.files[index], self.size)
+        depth = read_depth(self.files[index], self.size) * np.float32(self.scale)
         return np.where(depth > 0, np.clip(depth, *self.limits), 0.0).astype(np.float32) if self.limits else depth
 
     def robust_limits(self, indices: Sequence[int]) -> tuple[float, float] | None:

@@ -11,13 +11,15 @@ import numpy as np
 
 from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.numpy_files import npz_headers, read_npz
+from degense.engine.data.files.point_trees import labels_of, sequence_of, surgt_points, tattoos
+from degense.engine.data.files.surgt_case import is_surgt_case
 from degense.engine.errors import ClipError
 
 MOST_BYTES = 1 << 26
 MOST_POINTS = 100_000
 FORMATS = (
     "a .json of {frame: [[x, y] or null, …]} as VL-SurgPT has it, a .csv with the columns frame, x, y and, optionally, point, "
-    "or an .npz with points and occluded as TAP-Vid has it"
+    "an .npz with points and occluded as TAP-Vid has it, or the folder of a sequence of STIR, VL-SurgPT or SurgT"
 )
 
 
@@ -26,6 +28,7 @@ class KnownPoints(NamedTuple):
 
     pixels: np.ndarray  # float64 [K, T, 2]; (x, y); NaN where nothing is said
     hidden: np.ndarray  # bool [K, T]; said not to be seen
+    ends: np.ndarray | None = None  # float64 [E, 2]; where points are in the last frame, and nobody knows which (STIR)
 
     @property
     def queries(self) -> np.ndarray:
@@ -33,12 +36,25 @@ class KnownPoints(NamedTuple):
         first = np.isfinite(self.pixels[..., 0]).argmax(1)
         return np.c_[first, self.pixels[np.arange(len(first)), first]]
 
+    def paired(self, followed: np.ndarray) -> KnownPoints:
+        """The points, each with the end to which it was followed the nearest, as STIR scores them; `followed` are pixels [K, T, 2]."""
+        if self.ends is None:
+            return self
+        nearest = np.linalg.norm(np.nan_to_num(followed[:, -1])[:, None] - self.ends, axis=-1).argmin(1)
+        pixels = self.pixels.copy()
+        pixels[:, -1] = self.ends[nearest]
+        return KnownPoints(pixels, self.hidden)
+
 
 def read_points(path: Path, frames: int, size: tuple[int, int]) -> KnownPoints:
-    """The points of a file for a clip of so many frames of a size (width, height).
+    """The points of a file, or of a data set's folder, for a clip of so many frames of a size (width, height).
 
-    ClipError when the file is none of `FORMATS`, damaged, or names frames that the clip does not have.
+    ClipError when it is none of `FORMATS`, damaged, or names frames that the clip does not have.
     """
+    if (folder := sequence_of(path)) is not None:
+        if (file := labels_of(folder)) is None:
+            return _located(_from_tree(folder, frames, size), folder)
+        path = file
     if not path.is_file() or path.stat().st_size > MOST_BYTES:
         raise ClipError(f"{shown(path)} is no file of points of at most {MOST_BYTES >> 20} MB; give {FORMATS}.")
     if path.suffix.lower() == ".npz":
@@ -59,10 +75,25 @@ def read_points(path: Path, frames: int, size: tuple[int, int]) -> KnownPoints:
         found = KnownPoints(np.full((len(names), frames, 2), np.nan), np.zeros((len(names), frames), bool))
         at = points, rows[:, 1].astype(int)
         found.pixels[at], found.hidden[at] = rows[:, 2:], np.isnan(rows[:, 2:]).any(1)
+    return _located(found, path)
+
+
+def _located(found: KnownPoints, path: Path) -> KnownPoints:
+    """Those points of which something is known. ClipError when there are none."""
     known = np.isfinite(found.pixels[..., 0]).any(1) if len(found.pixels) else np.zeros(0, bool)
     if not known.any():
         raise ClipError(f"{shown(path)} says of no point where it is.")
-    return KnownPoints(found.pixels[known], found.hidden[known])
+    return KnownPoints(found.pixels[known], found.hidden[known], found.ends)
+
+
+def _from_tree(folder: Path, frames: int, size: tuple[int, int]) -> KnownPoints:
+    """Points of a case of SurgT or a sequence of STIR."""
+    if is_surgt_case(folder):
+        return KnownPoints(*surgt_points(folder, frames, size))
+    first, ends = tattoos(folder, size)
+    pixels = np.full((len(first), frames, 2), np.nan)
+    pixels[:, 0] = first
+    return KnownPoints(pixels, np.zeros(pixels.shape[:2], bool), ends)
 
 
 def _from_json(path: Path) -> np.ndarray:

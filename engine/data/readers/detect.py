@@ -15,10 +15,17 @@ from degense.engine.data.clip_options import ClipOptions
 from degense.engine.data.files.labels import index_maps
 from degense.engine.data.files.numbered import list_files, shown
 from degense.engine.data.files.stored import CACHE_BYTES, StoredClip, frame_names, sampled
-from degense.engine.data.readers.cholecseg8k import FRAME, cholec_frames, open_cholecseg8k
+from degense.engine.data.files.surgt_case import is_surgt_case
+from degense.engine.data.readers.c3vd import is_c3vd, open_c3vd
+from degense.engine.data.readers.cholecseg8k import FRAME, open_cholecseg8k
+from degense.engine.data.readers.colmap import is_colmap, open_colmap
 from degense.engine.data.readers.endonerf import open_endonerf
 from degense.engine.data.readers.endovis18 import FRAMES, open_endovis18
 from degense.engine.data.readers.frame_folder import open_frames
+from degense.engine.data.readers.nerfstudio import is_nerfstudio, open_nerfstudio
+from degense.engine.data.readers.servct import is_servct, open_servct
+from degense.engine.data.readers.stir import is_stir, open_stir
+from degense.engine.data.readers.surgt import open_surgt
 from degense.engine.data.readers.video import SUFFIXES, open_video
 from degense.engine.errors import ClipError
 from degense.engine.latest import Latest
@@ -30,13 +37,30 @@ OPENERS: dict[str, Callable[[Path, ClipOptions], Clip]] = {
     "endonerf": open_endonerf,
     "cholecseg8k": open_cholecseg8k,
     "endovis18": open_endovis18,
+    "stir": open_stir,
+    "surgt": open_surgt,
+    "servct": open_servct,
+    "c3vd": open_c3vd,
+    "nerfstudio": open_nerfstudio,
+    "colmap": open_colmap,
     "frames": open_frames,
     "video": open_video,
+}
+#: Folders of data sets, by what lies in them.
+RECOGNISED: dict[str, Callable[[Path], bool]] = {
+    "cholecseg8k": lambda folder: any(FRAME.fullmatch(file.name) for file in folder.iterdir()),
+    "c3vd": is_c3vd,
+    "endovis18": lambda folder: (folder / FRAMES).is_dir(),
+    "servct": is_servct,
+    "surgt": is_surgt_case,
+    "stir": is_stir,
+    "nerfstudio": is_nerfstudio,
+    "colmap": is_colmap,
 }
 
 
 def detect(path: str | Path) -> str:
-    """The layout of a clip: "endonerf", "cholecseg8k", "endovis18", "frames" or "video".
+    """The layout of a clip, one of `LAYOUTS`.
 
     ClipError when there is nothing, nothing that is a clip, or several clips.
     """
@@ -54,10 +78,9 @@ def detect(path: str | Path) -> str:
 
 
 def _detect_folder(path: Path) -> str:
-    if cholec_frames(path):
-        return "cholecseg8k"
-    if (path / FRAMES).is_dir():
-        return "endovis18"
+    for name, recognised in RECOGNISED.items():
+        if recognised(path):
+            return name
     images = path / "images"
     if images.is_dir():
         if (path / "camera.json").exists():
@@ -119,8 +142,8 @@ def clips_within(path: Path, deepest: int = DEEPEST) -> list[Path]:
 
 
 def is_clip(folder: Path) -> bool:
-    """Whether a folder looks like a clip: it has frames in a place of their own, or is named as one of CholecSeg8k."""
-    return (folder / "images").is_dir() or (folder / FRAMES).is_dir() or any(FRAME.fullmatch(f.name) for f in folder.iterdir())
+    """Whether a folder looks like a clip: it has frames in a place of their own, or is that of a data set."""
+    return (folder / "images").is_dir() or any(recognised(folder) for recognised in RECOGNISED.values())
 
 
 def with_labels(clip: Clip, folder: Path) -> Clip:
@@ -169,7 +192,7 @@ def list_clips(folder: Path) -> Iterator[ClipEntry]:
         raise ClipError(f"{shown(folder)} is no folder; give the folder of a data set.")
     paths = [folder] if is_clip(folder) else clips_within(folder)
     if not paths:
-        raise ClipError(f"{shown(folder)} holds no clips: no images/, no left_frames/, no frame_<number>_endo.png and no video.")
+        raise ClipError(f"{shown(folder)} holds no clips: no images/, no folder of a known data set and no video.")
     for path in paths:
         yield look_at(path)
 

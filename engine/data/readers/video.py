@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import threading
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -17,14 +18,15 @@ import numpy as np
 
 from degense.engine.clip import Clip
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.data.files.cameras import guessed_cameras
+from degense.engine.data.files.cameras import ClipCameras, guessed_cameras
 from degense.engine.data.files.images import MAX_PIXELS
 from degense.engine.data.files.masks import border_words, field_of_view
 from degense.engine.data.files.numbered import shown
-from degense.engine.data.files.stored import clip_with_prior, looked_at
+from degense.engine.data.files.stored import StoredClip, clip_with_prior, looked_at
 from degense.engine.errors import ClipError
 
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm")
+CamerasOf = Callable[[int, tuple[int, int], np.ndarray | None, ClipOptions], ClipCameras]
 READ_ON = 24  # frames ahead up to which decoding on is cheaper than a seek
 
 # FFmpeg would print its own complaints beside ours
@@ -137,9 +139,14 @@ class VideoFrames:
 
 def open_video(path: Path, options: ClipOptions) -> Clip:
     """Open a video file. ClipError when it cannot be read."""
+    return video_clip(path, options, guessed_cameras)
+
+
+def video_clip(path: Path, options: ClipOptions, cameras_of: CamerasOf) -> StoredClip:
+    """The clip of a video file, with cameras for a number of frames of a size with a field of view."""
     pictures = VideoFrames(path, options.start, options.stride, options.max_frames)
     field = field_of_view(pictures.brightest)
-    cameras = guessed_cameras(len(pictures), pictures.size, field, options)
+    cameras = cameras_of(len(pictures), pictures.size, field, options)
     some = [pictures.read(i) for i in looked_at(len(pictures), 4)]
     words = {"frames": _frame_words(pictures, options), "masks": border_words(field, "dark border"), "labels": "none"}
     fps = (pictures.rate or 25.0) / options.stride

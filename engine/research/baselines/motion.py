@@ -8,7 +8,7 @@ import numpy as np
 
 from degense.engine.clip import Clip, Truth
 from degense.engine.metrics.motion import MotionScores, scene_depth
-from degense.engine.metrics.tracks import score_tracks, still_tracks
+from degense.engine.metrics.tracks import depth_at, score_tracks, still_tracks
 from degense.engine.motion import consistent
 from degense.engine.research.baselines.clip_flow import ClipFlow
 
@@ -62,16 +62,6 @@ def lifted_tracks(clip: Clip, flow: ClipFlow, truth: Truth) -> np.ndarray:
         found = depth_at(clip, frame, end)
         predicted[:, frame] = clip.cameras[frame].unproject(end, np.where(found > 0, found, depth))
     return predicted
-
-
-def depth_at(clip: Clip, frame: int, places: np.ndarray) -> np.ndarray:
-    """Measured depth at pixel positions [..., 2] (of the nearest pixel), clip units; 0 outside and where none is measured."""
-    if not clip.depth_measured:
-        return np.zeros(places.shape[:-1])
-    width, height = clip.size
-    column, row = np.moveaxis(np.floor(np.nan_to_num(places, nan=-1.0)).astype(int), -1, 0)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    return np.where(inside, clip.depth(frame)[np.where(inside, row, 0), np.where(inside, column, 0)], 0.0)
 
 
 def _pixels(clip: Clip) -> np.ndarray:

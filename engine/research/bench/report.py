@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from degense.engine.research.bench.curves import draw_curves
 from degense.engine.research.bench.plot import draw_pareto
 from degense.engine.research.bench.run import BENCHES
 from degense.engine.research.bench.table import Table
@@ -34,7 +35,7 @@ def save_table(table: Table, folder: Path) -> list[Path]:
     path = folder / f"{table.name}-{table.device}.json"
     write_text(path, json.dumps(table.to_json(), indent=1, allow_nan=False, ensure_ascii=False) + "\n")
     plot = path.with_suffix(".png")
-    return [path, plot] if draw_pareto(table, plot) else [path]
+    return [path, plot] if draw_pareto(table, plot) or draw_curves(table, plot) else [path]
 
 
 def read_table(path: Path) -> Table:
@@ -86,9 +87,10 @@ def _section(table: Table, path: Path, out: Path) -> list[str]:
     if table.notes:
         parts.append(_prose(table.notes))
     plot = path.with_suffix(".png")
-    if table.pareto is not None and plot.is_file():
+    if (table.pareto is not None or table.curves) and plot.is_file():
         link = quote(Path(os.path.relpath(plot.resolve(), out.resolve().parent)).as_posix())
-        parts.append(f"![{_prose(table.title)}: run time against error]({link})")
+        kind = "run time against error" if table.pareto is not None else "curves"
+        parts.append(f"![{_prose(table.title)}: {kind}]({link})")
     return [*parts, f"`{_prose(table.command).replace('`', '')}`; {_prose(table.hardware)}; {_prose(table.date)}"]
 
 

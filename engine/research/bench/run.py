@@ -60,6 +60,14 @@ BENCHES: Benches = {
         "degense.engine.research.benchmarks.carrying",
         "labels of one frame carried to all: content that entered later, and whether the confidence is right",
     ),
+    "observability": (
+        "degense.engine.research.benchmarks.observability",
+        "the uncertainty of displacement: how often its bound is kept, and whether it sorts the errors",
+    ),
+    "correcting": (
+        "degense.engine.research.benchmarks.correcting",
+        "frames corrected by expected error or evenly spaced: mask quality by their number, and the reliability of the confidence",
+    ),
     "stress": ("degense.engine.research.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }
 

@@ -82,6 +82,8 @@ class Table:
         Cells by column key: words, a number, None, or several measurements of one thing (seeds, repeats).
     pareto : (str, str) or None
         Keys of the columns that run time and error are read from, for the plot; its points are named by the first column.
+    curves : tuple of str
+        Keys of the columns that are drawn as curves, against the first of them; empty for none.
     notes : str
         What the table says, in prose.
     bench, device, number, command, hardware, date : str, int
@@ -94,6 +96,7 @@ class Table:
     columns: list[Column]
     rows: list[dict[str, Cell]] = field(default_factory=list)
     pareto: tuple[str, str] | None = None
+    curves: tuple[str, ...] = ()
     notes: str = ""
     bench: str = ""
     device: str = ""
@@ -131,11 +134,15 @@ class Table:
         pareto = values.get("pareto")
         if pareto is not None and not (isinstance(pareto, list) and len(pareto) == 2 and all(key in keys for key in pareto)):
             raise ValueError("its plot names columns that it does not have")
-        words = {name: _text(values[name], name) for name in values if known[name].type == "str"}
+        curves = values.get("curves", [])
+        if not isinstance(curves, list) or not all(key in keys for key in curves):
+            raise ValueError("its curves name columns that it does not have")
+        words: dict[str, Any] = {name: _text(values[name], name) for name in values if known[name].type == "str"}
         number = values.get("number", 0)
         if not NAME.fullmatch(words["name"]) or not isinstance(number, int):
             raise ValueError("its name is none")
-        return cls(**words, columns=columns, rows=rows, pareto=(pareto[0], pareto[1]) if pareto else None, number=number)
+        plot = (pareto[0], pareto[1]) if pareto else None
+        return cls(**words, columns=columns, rows=rows, pareto=plot, curves=tuple(curves), number=number)
 
 
 def _plain(column: Column, cell: Cell) -> Cell:

@@ -53,7 +53,11 @@ def decode(similarities: Sequence[Similarities], decoder: str, threshold: float,
     The owner of an element is the most similar prompt; of equally similar ones the one that covers fewer classes, then the first.
     At most 255 prompts, of one shape. Of `regions`, refined similarities of a picture [H, W], masks lose specks and small holes.
     """
-    masks = np.stack([_mask(of_prompt, decoder, threshold, regions) for of_prompt in similarities])
+    return owned(np.stack([_mask(of_prompt, decoder, threshold, regions) for of_prompt in similarities]), similarities)
+
+
+def owned(masks: np.ndarray, similarities: Sequence[Similarities]) -> Decoded:
+    """Masks bool [n, ...] with the owner of each element, as in `decode`."""
     labels = np.full(masks.shape[1:], UNLABELLED, np.uint8)
     highest = np.full(masks.shape[1:], -np.inf, np.float32)
     for index in sorted(range(len(masks)), key=lambda k: similarities[k].breadth):  # stable: the first of equally narrow ones

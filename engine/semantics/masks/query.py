@@ -12,11 +12,13 @@ from torch import Tensor
 
 from degense.engine.raster import Render
 from degense.engine.semantics.basis import Basis, unit_rows
-from degense.engine.semantics.masks.decode import Decoded, Similarities, decode
+from degense.engine.semantics.masks.decode import Decoded, Similarities, decode, owned
 from degense.engine.semantics.masks.rnse import Aggregation
 from degense.engine.semantics.masks.rnse_cpu import CpuAggregation
 from degense.engine.semantics.masks.rnse_torch import TorchAggregation
+from degense.engine.semantics.moments import mask_of
 from degense.engine.semantics.prompts import Kind, PromptVectors, kind_of
+from degense.engine.vocabulary.questions import heads
 
 #: Similarity maps kept per frame, one a text vector and kind: the classes of a session, so that a moved threshold computes none anew.
 KEPT_MAPS = 32
@@ -44,7 +46,20 @@ class PendingMasks:
             for (own, rivals, excluded), covered in zip(read, self.asked.included, strict=True)
             if own is not None
         ]
-        return decode(similarities, self.asked.decoder, self.asked.threshold, self.regions)
+        found = decode(similarities, self.asked.decoder, self.asked.threshold, self.regions)
+        return _answers(self.asked, found, similarities) if self.asked.questions else found
+
+
+def _answers(asked: PromptVectors, found: Decoded, of_nouns: Sequence[Similarities]) -> Decoded:
+    """The masks of questions, from those of their nouns; each is as similar and as broad as the nouns whose pixels it holds."""
+    masks, by_text = dict(zip(asked.nouns, found.masks, strict=True)), dict(zip(asked.nouns, of_nouns, strict=True))
+    similarities = [
+        Similarities(
+            np.maximum.reduce([by_text[text].own for text in heads(question)]), breadth=sum(by_text[t].breadth for t in heads(question))
+        )
+        for question in asked.questions
+    ]
+    return owned(np.stack([mask_of(question, masks) for question in asked.questions]), similarities)
 
 
 class FrameSemantics:

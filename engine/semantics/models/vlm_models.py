@@ -1,8 +1,9 @@
 """Vision-language models from a local folder, or from the cache that the user's own downloads filled; nothing is ever downloaded.
 
-Read: CLIP (`CLIPModel`) and CLIPSeg (`CLIPSegForImageSegmentation`) as `transformers` saves them, and CLIP with a plain ViT as open_clip
-publishes it (`open_clip_config.json`), weights in safetensors. Where a folder holds both forms, the one of transformers is read.
-Not read: other models of open_clip (timm's and Hugging Face's towers, ResNets, SigLIP, CoCa), CAT-Seg's `model_final*.pth` (a detectron2
+Read: CLIP (`CLIPModel`), SigLIP and SigLIP 2 of a fixed size (`SiglipModel`), and CLIPSeg (`CLIPSegForImageSegmentation`) as `transformers`
+saves them, and CLIP with a plain ViT as open_clip publishes it (`open_clip_config.json`), weights in safetensors. Where a folder holds both
+forms, the one of transformers is read.
+Not read: other models of open_clip (timm's and Hugging Face's towers, ResNets, CoCa), CAT-Seg's `model_final*.pth` (a detectron2
 checkpoint) and SurgVLP's `SurgVLP.pth`, pickles of other programs. Features that such a model computed can be read from files
 (`precomputed`).
 
@@ -64,16 +65,17 @@ def _mean_over(templates: Sequence[str], embed: Embed) -> Embed:
 
 #: Mean and deviation of the pictures that CLIP was trained on, where the model's own folder does not say.
 MEAN, DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
-CLASSES = {"clip": "CLIPModel", "clipseg": "CLIPSegForImageSegmentation"}  # of transformers, by the kind of a model
+#: Of transformers, by the kind of a model.
+CLASSES = {"clip": "CLIPModel", "siglip": "SiglipModel", "clipseg": "CLIPSegForImageSegmentation"}
 BATCH, SENTENCES = 8, 64  # pictures and sentences that are asked at once
 
 
 class DenseModel:
     """A model that maps square pictures of `side` pixels to one vector a patch.
 
-    Of the `kind` "clip" it gives features in the space of its text vectors, of "clipseg" a logit for each of some wordings. The `name` is
-    the kind and a digest of configuration and weights. DegenseError in one sentence when transformers is missing or the folder holds no
-    model that can be read.
+    Of the kinds "clip" and "siglip" it gives features in the space of its text vectors, of "clipseg" a logit for each of some wordings. The
+    `name` is the kind and a digest of configuration and weights. DegenseError in one sentence when transformers is missing or the folder
+    holds no model that can be read.
     """
 
     def __init__(self, folder: Path, device: torch.device):
@@ -88,26 +90,43 @@ class DenseModel:
         self._mean = torch.tensor(preprocessing.get("image_mean", MEAN), device=device).reshape(3, 1, 1)
         self._deviation = torch.tensor(preprocessing.get("image_std", DEVIATION), device=device).reshape(3, 1, 1)
 
+    @property
+    def has_text_vectors(self) -> bool:
+        """Whether its features lie in the space of text vectors of its own."""
+        return self.kind != "clipseg"
+
     @torch.no_grad()
     def maps(self, pictures: np.ndarray, wordings: Sequence[str]) -> np.ndarray:
-        """Of square RGB pictures uint8 [n, side, side, 3]: features float32 [n, h, w, D] (CLIP), or a logit a wording [n, h, w, k]."""
+        """Of square RGB pictures uint8 [n, side, side, 3]: features float32 [n, h, w, D], or of CLIPSeg a logit a wording [n, h, w, k]."""
         out = []
         for first in range(0, len(pictures), BATCH):
             batch = torch.from_numpy(pictures[first : first + BATCH]).to(self._device).permute(0, 3, 1, 2).float() / 255
             batch = (batch - self._mean) / self._deviation
-            made = self._patches(batch) if self.kind == "clip" else self._logits(batch, wordings)
+            made = self._logits(batch, wordings) if self.kind == "clipseg" else self._patches(batch)
             out.append(made.float().cpu().numpy())
         return np.concatenate(out)
 
     def _patches(self, pictures: Tensor) -> Tensor:
-        """Projected value vectors of the last attention layer, which keep their place as its output does not (Zhou et al., ECCV 2022)."""
+        """Projected value vectors of the last attention, which keep their place as its output does not (Zhou et al., ECCV 2022).
+
+        In a SigLIP that is the attention which pools all patches: each goes through its head as if it were the only one.
+        """
         tower = self._model.vision_model
+        if self.kind == "siglip":
+            head = tower.head
+            weight, bias = (part.chunk(3)[2] for part in (head.attention.in_proj_weight, head.attention.in_proj_bias))  # of the values
+            seen = tower(pixel_values=pictures).last_hidden_state
+            pooled = head.attention.out_proj(torch.nn.functional.linear(seen, weight, bias))
+            return self._placed(pooled + head.mlp(head.layernorm(pooled)))
         before = tower(pixel_values=pictures, output_hidden_states=True).hidden_states[-2]
         last = tower.encoder.layers[-1]
         values = last.self_attn.out_proj(last.self_attn.v_proj(last.layer_norm1(before)))
-        patches = self._model.visual_projection(tower.post_layernorm(values))[:, 1:]
+        return self._placed(self._model.visual_projection(tower.post_layernorm(values))[:, 1:])
+
+    @staticmethod
+    def _placed(patches: Tensor) -> Tensor:
         rows = round(patches.shape[1] ** 0.5)
-        return patches.reshape(len(pictures), rows, rows, -1)
+        return patches.reshape(len(patches), rows, rows, -1)
 
     def _logits(self, pictures: Tensor, wordings: Sequence[str]) -> Tensor:
         tokens = self._tokens([PLAIN.format(wording) for wording in wordings])
@@ -119,14 +138,19 @@ class DenseModel:
 
     @torch.no_grad()
     def texts(self, sentences: Sequence[str]) -> np.ndarray:
-        """Text vectors of CLIP, float32 [n, D], not of unit length."""
+        """Text vectors, float32 [n, D], not of unit length."""
         rows = []
         for first in range(0, len(sentences), SENTENCES):
             pooled = self._model.text_model(**self._tokens(sentences[first : first + SENTENCES])).pooler_output
-            rows.append(self._model.text_projection(pooled).float().cpu().numpy())
+            vectors = pooled if self.kind == "siglip" else self._model.text_projection(pooled)  # a SigLIP's text model projects itself
+            rows.append(vectors.float().cpu().numpy())
         return np.concatenate(rows)
 
     def _tokens(self, sentences: Sequence[str]) -> dict[str, Tensor]:
+        if self.kind == "siglip":  # trained on texts of one length, whose padding it attends to
+            length = int(self._model.config.text_config.max_position_embeddings)
+            tokens = self._tokenizer(list(sentences), padding="max_length", max_length=length, truncation=True, return_tensors="pt")
+            return {"input_ids": tokens["input_ids"].to(self._device)}
         tokens = self._tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
         return {name: tokens[name].to(self._device) for name in ("input_ids", "attention_mask")}
 

@@ -30,8 +30,8 @@ UNNAMED = ("background", "black background", "background tissue", "background-ti
 class VlmTeacher:
     """Targets from a model on this machine, over tiles at one or more scales; on the GPU when there is one.
 
-    With CLIP the run's encoder is a table of the model's own text vectors, of the clip's classes and of the surgical vocabulary, so the
-    model is not needed for prompting. Its cosines are low (0.2 to 0.3 for a match): argmax decoders suit it, or a lower threshold.
+    With CLIP or SigLIP the run's encoder is a table of the model's own text vectors, of the clip's classes and of the surgical vocabulary,
+    so the model is not needed for prompting. Its cosines are low (0.2 to 0.3 for a match): argmax decoders suit it, or a lower threshold.
     With CLIPSeg each class is looked for by its name, and the embedded encoder answers prompts.
     `place` is the folder of the model, or its name in the user's cache. DegenseError when the model cannot be read, and for CLIPSeg when
     the clip names no classes.
@@ -47,7 +47,7 @@ class VlmTeacher:
         self._clip, self._scales = clip, scales
         self._wordings = [name for name in clip.classes if name.casefold().replace("_", " ") not in UNNAMED]
         self.encoder: TextEncoder
-        if self.model.kind == "clip":
+        if self.model.has_text_vectors:
             self.encoder = _text_vectors(self.model, clip.classes)
         else:
             if not self._wordings:
@@ -79,7 +79,7 @@ class VlmTeacher:
     def _targets(self, frame: int) -> Targets | None:
         values = tiled(self._clip.frame(frame), self.model.side, self._scales, lambda tiles: self.model.maps(tiles, self._wordings))
         rows, columns, _ = values.shape
-        if self.model.kind == "clip":
+        if self.model.has_text_vectors:
             vectors, cells = unit_rows(values.reshape(rows * columns, -1)), np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
         else:
             found = 1 / (1 + np.exp(-values.astype(np.float64)))

@@ -113,7 +113,7 @@ def encoder_at(place: str) -> TextEncoder:
         sentences = SentenceModel(folder)
         return TextTower({sentences.name: sentences.embed})
     model = DenseModel(folder, torch.device("cpu"))
-    if model.kind != "clip":
+    if not model.has_text_vectors:
         raise DegenseError(f"{folder.name} holds a {model.kind}, which has no text vectors to compare features with; name a CLIP.")
     return TextTower(template_encoders(model.name, model.texts))
 

@@ -1,4 +1,4 @@
-"""How far the motion of Gaussians is from the optical flow of the frames, lifted to 3D where depth was measured."""
+"""How far the motion of Gaussians is from what optical flow, and measured depth at its ends, say."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from degense.engine.raster.camera_tensors import project, unproject
 from degense.engine.training.flow.supervision import STEADY
 
 DEPTH_TOLERANCE = 0.03  # of the depth: a Gaussian farther from the drawn surface is hidden and says nothing
+UNSEEN = 0.2  # how much motion along the line of sight counts where no depth measures it
 SOFTNESS = 0.0005  # scene units (median depth 1) below which the robust norm is quadratic: flow is mostly right, and far off in places
 
 
@@ -22,36 +23,47 @@ def motion_error(
     flow: Tensor,
     weight: Tensor,
     precision: Tensor,
+    trust: Tensor,
     before: Tensor | None = None,
     after: Tensor | None = None,
 ) -> Tensor:
     """Robust distance between the model's motion and the observed one, times its precision, averaged over visible Gaussians whose flow is
     known.
 
-    With measured depth the target is the 3D offset between the surface points at both ends of the flow; without it only the motion across
-    the line of sight is compared, at the Gaussian's own depth.
+    Across the line of sight a point must follow the flow. Along it, it must come and go with the measured depth as far as that can be
+    trusted, and otherwise is mildly pulled to stay: what a noisy depth seems to do between two frames is shrunk towards nothing.
 
     `here` and `there` are centres [N, 3] at the times of two frames, `visible` [N] is 0 for a hidden Gaussian and 1 for one on the surface.
-    `camera` and `other` [5, 4] are `view_and_lens` at both frames, `before` and `after` [H, W] their measured depth, 0 where unknown. Flow
-    and its weights are float16, as in `Pair`.
+    `camera` and `other` [5, 4] are `view_and_lens` at both frames, `before` and `after` [H, W] their measured depth, 0 where unknown, and
+    `trust`, float [], is `FlowSupervision.depth_precision`. Flow and its weights are float16, as in `Pair`.
     """
-    start, z = project(here, camera)
-    end, z_end = project(there, other)
-    grid = start.detach() * 2 - 1
-    way = look_up(flow.float(), grid)
-    target = start.detach() + way
+    start = project(here.detach(), camera)[0]
+    grid = start * 2 - 1
+    target = start + look_up(flow.float(), grid)
     reliable = (look_up(weight.float(), grid)[:, 0] > 0.99) * visible  # at all four pixels around, but for rounding
+    sight = other[2, :3]
+    along = (there - here) @ sight
     if before is not None and after is not None:
         z_before = look_up(before[None], grid)[:, 0]
         z_after = look_up(after[None], target * 2 - 1)[:, 0]
         reliable = reliable * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < STEADY * z_before)
-        error = (there - here) - (unproject(target, z_after, other) - unproject(start.detach(), z_before, camera))
-    else:
-        lateral = ((end - start) - way) / other[4, :2] * z.detach()[:, None]
-        error = torch.cat([lateral, (z_end - z)[:, None] * 0.2], 1)  # depth is unseen: a mild pull against explaining motion by it
+        measured = unproject(target, z_after, other) - unproject(start, z_before, camera)
+        along = along - trust * (measured @ sight)
+    across = _beside(there, target, other, trust) - _beside(here, start, camera, trust)
+    error = torch.cat([across, (along * (UNSEEN + (1 - UNSEEN) * trust))[:, None]], 1)
     error = torch.where(reliable[:, None] > 0, error, 0.0)  # elsewhere it may be beyond all numbers, which no weight would undo
     distance = (error.square().sum(1) + SOFTNESS**2).sqrt() - SOFTNESS
     return (distance * look_up(precision.float(), grid)[:, 0] * reliable).sum() / reliable.sum().clamp_min(1)
+
+
+def _beside(points: Tensor, position: Tensor, camera: Tensor, trust: Tensor) -> Tensor:
+    """How far points [N, 3] are seen beside image positions (fractions) [N, 2], in scene units at their own depth; [N, 2].
+
+    No gradient runs along a point's line of sight, where it could change nothing; as far as depth is trusted, none changes its depth.
+    """
+    local = points @ camera[:3, :3].T + camera[:3, 3]
+    z = local[:, 2:].clamp_min(1e-3)
+    return (local[:, :2] / (z + trust * (z.detach() - z)) - (position - camera[4, 2:]) / camera[4, :2]) * z.detach()
 
 
 def surface_visibility(means: Tensor, opacities: Tensor, radii: Tensor, depth: Tensor, alpha: Tensor, camera: Tensor) -> Tensor:

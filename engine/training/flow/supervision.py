@@ -18,13 +18,17 @@ from torch import Tensor
 
 from degense.engine.motion import chain, consistent, flow_error, follow, sample, steps_between
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
+from degense.engine.motion.depth_noise import depth_changes, depth_error
 from degense.engine.progress import Progress, silent
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.training.frames import TrainingFrames
 
 FLOW_PIXELS = 100_000
-PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 24  # of flow kept: a long clip's is measured on smaller frames; four pairs a frame, six bytes each
+# Of flow kept: a long clip's is measured on smaller frames. Four pairs a frame, six bytes each, and two that are completed, eight each.
+PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 40
 WINDOW = 8  # training frames before and after one, in which its look must stay the same
+DEPTH_HALF = 0.0033  # of the scene's depth: depth that errs by so much from frame to frame tells half of what it would without error
+DEPTH_FRAMES = 16  # of a clip, evenly spread, that tell how much its depth errs
 HALF = 0.15  # pixels of the flow's size: flow with such an error by noise has half the precision of flow without
 STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
 
@@ -72,6 +76,7 @@ class FlowSupervision:
         *,
         constancy: bool = True,
         precision: bool = True,
+        depth_precision: bool = True,
     ):
         self.frames = frames
         width, height = frames.size
@@ -79,12 +84,15 @@ class FlowSupervision:
         pixels = min(FLOW_PIXELS, PAIR_BYTES // (BYTES_A_PIXEL * len(train)))
         shrink = min(1.0, (pixels / (width * height)) ** 0.5)
         self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
-        small = [cv2.resize(frames.image(i), self.size, interpolation=cv2.INTER_AREA) for i in train]
+        small = [self.image(i) for i in train]
         seen = {} if tools is None else {i: tool for i in train if (tool := tools(i)) is not None}
         tissue = [self._inside(frames.valid(i) & ~seen[i] if i in seen else frames.valid(i)) for i in train]
         precise = [1 / (1 + (flow_error(frame) / HALF) ** 2) if precision else np.ones(frame.shape[:2]) for frame in small]
         on_device = [torch.from_numpy(values[None]).to(frames.device).half() for values in precise]
+        self.tissue = dict(zip(train, tissue, strict=True))
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
+        #: Pairs that teach more than was measured, by their two frames (`engine.training.flow.inferred`).
+        self.completed: dict[tuple[int, int], Pair] = {}
 
         found: list[tuple[int, Future[Pair]]] = []
         with ThreadPoolExecutor() as pool:
@@ -99,6 +107,15 @@ class FlowSupervision:
             self.pairs[frame].append(pair.result())
         if constancy:
             self._drop_changed(small)
+        #: How much measured depth counts: 1 / (1 + (σ / `DEPTH_HALF`)²), σ the clip's `depth_error`; 0 where none was measured.
+        self.depth_precision = 0.0
+        if frames.clip.depth_measured:
+            self.depth_precision = 1 / (1 + (self._depth_error() / DEPTH_HALF) ** 2) if depth_precision else 1.0
+        self._trust = torch.tensor(self.depth_precision, device=frames.device)
+
+    def image(self, frame: int) -> np.ndarray:
+        """A frame at the size of the flow, uint8 [h, w, 3]."""
+        return cv2.resize(self.frames.image(frame), self.size, interpolation=cv2.INTER_AREA)
 
     def _drop_changed(self, small: list[np.ndarray]) -> None:
         """Take away the weight of flow where tissue changes its look: what charring or blood seems to move has not moved.
@@ -119,6 +136,22 @@ class FlowSupervision:
                 else:
                     spoiled = changing[k] | (sample(changing[other].astype(np.float32), flow) > 0.01)
                 pair.weight.mul_(torch.from_numpy(~spoiled[None]).to(pair.weight.device))
+
+    def _depth_error(self) -> float:
+        """Standard deviation of the measured depth of one frame, in scene units; of some frames, where the flow is consistent."""
+        train = self.frames.clip.train_frames
+        middle = np.unique(np.linspace(1, len(train) - 2, min(DEPTH_FRAMES, max(0, len(train) - 2))).astype(int))
+        return depth_error(np.array([self._depth_changes(*train[k - 1 : k + 2]) for k in middle]))
+
+    def _depth_changes(self, before: int, here: int, after: int) -> np.ndarray:
+        """`depth_changes` of three training frames in a row, NaN where the flow is not consistent."""
+        first, middle, last = (cv2.resize(self.frames.depth(i), self.size, interpolation=cv2.INTER_NEAREST) for i in (before, here, after))
+        changes = depth_changes(first, middle, last, self.flow(here, before), self.flow(here, after))
+        for other in (before, after):
+            pair = self.pair(here, other)
+            assert pair is not None
+            changes[pair.weight[0].float().cpu().numpy() < 0.5] = np.nan
+        return changes
 
     def _changes(self, k: int, logs: list[np.ndarray]) -> np.ndarray:
         """Where the look of training frame number `k` changes, followed through its neighbours, bool [h, w]."""
@@ -194,7 +227,8 @@ class FlowSupervision:
             there = self.frames.depth(other)[row, column] if clip.depth_measured else depth
             steady = (there > 0) & (np.abs(there - depth) < STEADY * depth)
             reliable = sure & inside & steady
-            moved = self.frames.cameras[other].unproject(end, np.where(reliable, there, depth)) - start
+            believed = np.where(reliable, depth + self.depth_precision * (there - depth), depth)
+            moved = self.frames.cameras[other].unproject(end, believed) - start
             total += np.where(reliable[:, None], moved / (clip.time(other) - clip.time(frame)), 0)
             count += reliable
         return total / np.maximum(count, 1)[:, None]
@@ -202,6 +236,12 @@ class FlowSupervision:
     def pair(self, here: int, there: int) -> Pair | None:
         """The pair of two training frames, if they were matched."""
         return next((pair for pair in self.pairs.get(here, []) if pair.to == there), None)
+
+    def seen(self, here: int, there: int) -> np.ndarray:
+        """Where the flow of a pair has weight, bool [h, w]."""
+        pair = self.pair(here, there)
+        assert pair is not None
+        return pair.weight[0].cpu().numpy() > 0.5
 
     def flow(self, here: int, there: int) -> np.ndarray:
         """Flow between two frames of a pair, float32 [h, w, 2], pixels of the flow's size."""
@@ -211,10 +251,11 @@ class FlowSupervision:
 
     def inputs(self, frame: int, pair: Pair) -> tuple[Tensor, ...]:
         """What `motion_error` needs to know of a pair, beside the model's own motion: tensors of the same shapes for every pair."""
+        pair = self.completed.get((frame, pair.to), pair)
         camera, other = (view_and_lens(self.frames.cameras[i], self.frames.device) for i in (frame, pair.to))
         measured = self.frames.clip.depth_measured
         depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
-        return (camera, other, pair.flow, pair.weight, pair.precision, *depths)
+        return (camera, other, pair.flow, pair.weight, pair.precision, self._trust, *depths)
 
 
 def from_nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:

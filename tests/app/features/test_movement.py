@@ -10,6 +10,8 @@ from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 
 from degense.app.features.cameras.state import CameraPath
+from degense.app.features.movies.dialog import MovieDialog
+from degense.app.features.movies.movie import MovieOptions
 from degense.app.session.targets import Spot
 from degense.widgets import forms
 from degense.widgets.qt_images import to_array
@@ -77,6 +79,7 @@ def test_cameras_are_kept_flown_and_filmed(qtbot, opened, idle, run, screenshot,
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *args: (str(film), ""))
     session.view.set_layer("displacement")
     press(qtbot, listed, "Movie")
+    press(qtbot, opened.findChild(MovieDialog), "Save")
     idle()
     movie = cv2.VideoCapture(str(film))
     assert movie.get(cv2.CAP_PROP_FRAME_COUNT) == 11  # 0.4 s at 25 a second, both ends
@@ -107,8 +110,8 @@ def test_a_movie_is_stopped_and_leaves_nothing(qtbot, opened, idle, tmp_path):
         opened.registry.run("cameras.add")
     idle()
     on.cameras(opened).book.change(0, seconds=600.0)
-    on.cameras(opened).write_movie(tmp_path / "long.mp4")
-    qtbot.waitUntil(lambda: ": frame" in opened.docks.busy_text.text())
+    on.movies(opened).write(tmp_path / "long.mp4", MovieOptions(opened.session.view_state, stops=on.cameras(opened).book.stops))
+    qtbot.waitUntil(lambda: ": frame" in opened.status.busy_text.text())
     opened.registry.run("export.stop")
     idle()
     qtbot.waitUntil(lambda: list(tmp_path.glob("*long*")) == [])

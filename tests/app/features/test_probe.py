@@ -31,6 +31,7 @@ def test_clicking_follows_the_spot(opened, idle, screenshot):
     session.go_to(8)
     session.view.add_prompt("gallbladder")
     idle()
+    opened.docks.bring(on.dock(opened, "Curves"))
     on.viewer(opened).panel.clicked.emit(48, 40)
     idle()
     indices, weights = material(session.scene, Spot(8, 48.5, 40.5))

@@ -21,6 +21,7 @@ from degense.app.session.state_folder import held
 from degense.engine.annotation.folder import INDEX, NAME
 from degense.engine.annotation.painting import brush
 from degense.engine.data.readers import open_clip
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.errors import DegenseError
 from tests.app.painting import FakeScene, annotating
 
@@ -117,6 +118,30 @@ def frame_map(tiny_clip, tmp_path) -> Path:
     return path
 
 
+def test_what_no_labelled_frame_shows_can_be_a_class(tmp_path, capsys):
+    """Grasper and hook come after the labelled frame: called unknown, so that a training does not take them for the nearest class."""
+    make_phantom(tmp_path / "clip", PhantomOptions(frames=8, width=96, height=80), lambda fraction, words: None)
+    clip, frame_map = open_clip(tmp_path / "clip"), tmp_path / "frame.png"
+    first = clip.labels(0)
+    Image.fromarray(first).save(frame_map)
+    base = ["annotate", str(tmp_path / "clip"), "--labels", str(frame_map), "--frame", "0", "--unknown", "--out"]
+    assert main([*base, str(tmp_path / "out")]) == 0
+    classes = json.loads((tmp_path / "out/classes.json").read_text())["classes"]
+    assert classes == [*clip.classes, "unknown"]
+    new = called = 0
+    for frame in range(1, 8):
+        labels = np.array(Image.open(tmp_path / "out/labels" / f"{frame:06d}.png"))
+        assert (labels != 255).all()
+        entered = ~np.isin(clip.labels(frame), first)
+        new, called = new + entered.sum(), called + (labels[entered] == len(clip.classes)).sum()
+    assert new > 100
+    assert called > 0.8 * new
+    first[0, 0] = 255
+    Image.fromarray(first).save(frame_map)
+    assert main([*base, str(tmp_path / "again")]) == 2
+    assert "label all of their pixels" in capsys.readouterr().err
+
+
 def test_a_label_map_is_propagated_from_the_command_line(tiny_clip, run, frame_map, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["annotate", str(run), "--labels", str(frame_map), "--frame", "6", "--out", str(out), "--review"]) == 0
@@ -135,7 +160,7 @@ def test_a_label_map_is_propagated_from_the_command_line(tiny_clip, run, frame_m
     kept = json.loads((run / NAME / INDEX).read_text())
     assert sum(entry["carried"] is not None for entry in kept["frames"].values()) == 9
     assert main(["export", str(run), "--format", "cvat", "--out", str(tmp_path / "a.xml")]) == 0  # of what was annotated
-    assert "label maps of 10 frames" in capsys.readouterr().out
+    assert "10 label maps of 8 classes" in capsys.readouterr().out
     assert main(["export", str(run), "--format", "cvat", "--source", "masks", "--out", str(tmp_path / "b.xml")]) == 0
     assert main(["info", str(tiny_clip), "--labels", str(out)]) == 0
     assert "from " + str(out) in capsys.readouterr().out
@@ -144,7 +169,7 @@ def test_a_label_map_is_propagated_from_the_command_line(tiny_clip, run, frame_m
 def test_labels_of_other_tools_are_imported(tiny_clip, run, tmp_path, capsys):
     assert main(["export", str(run), "--format", "nifti", "--source", "masks", "--out", str(tmp_path / "a.nii.gz")]) == 0
     assert main(["import", str(run), str(tmp_path / "a.nii.gz"), "--format", "nifti"]) == 0
-    assert "label maps of 10 frames" in capsys.readouterr().out
+    assert "10 label maps of 8 classes" in capsys.readouterr().out
     assert main(["export", str(run), "--format", "yolo", "--source", "annotations", "--out", str(tmp_path / "yolo")]) == 0
     assert len(list((tmp_path / "yolo" / "labels").glob("*.txt"))) == 10
 

@@ -131,10 +131,12 @@ def test_segment_writes_what_the_engine_says(run, scene, tmp_path, capsys):
     assert np.array_equal(values == 2, both[1] & (nearer | ~both[0]))  # a pixel of both masks is the more similar prompt's, not the last's
 
 
-def test_raw_displacement_says_how_much_of_it_is_a_guess(run, tmp_path, scene, capsys):
+def test_raw_displacement_says_how_much_of_it_is_a_guess(run, tmp_path, scene, capsys, monkeypatch):
+    half = np.nanmedian(scene.render(5, what=("uncertainty",))["uncertainty"]) * scene.states.unit
+    monkeypatch.setattr("degense.engine.scene.states.DOUBTFUL", half)
     out = tmp_path / "d.npy"
     assert main(["render", str(run), "--frame", "5", "--layer", "displacement", "--out", str(out)]) == 0
-    share = (scene.render(5, what=("observability",))["observability"] < 0.5).mean()
+    share = (scene.render(5, what=("uncertainty",))["uncertainty"] > scene.states.doubtful).mean()
     assert f"{share:.1%} of the pixels hold a guess" in capsys.readouterr().out
     assert main(["render", str(run), "--frame", "5", "--layer", "support", "--out", str(out)]) == 0  # as earlier versions call it
     assert np.array_equal(np.load(out) < 0.5, scene.render(5, what=("observability",))["observability"] < 0.5)

@@ -63,7 +63,7 @@ def test_movie_has_every_frame(scene, tmp_path):
     movie.release()
 
 
-@pytest.mark.parametrize("name", [name for name in FORMATS if name not in ("ply", "cholecseg8k", "endovis18")])  # classes of their own
+@pytest.mark.parametrize("name", [name for name in FORMATS if name not in ("ply", "spz", "gltf", "cholecseg8k", "endovis18")])
 def test_a_stopped_export_leaves_no_half_file(scene, tmp_path, name):
     out = tmp_path / f"x{FORMATS[name].suffix}"
     steps = get_format(name).export(scene, out, ExportOptions(NO_PROMPTS))
@@ -81,3 +81,17 @@ def test_a_full_folder_is_not_touched(scene, tmp_path):
     with pytest.raises(DegenseError, match="not empty"):
         export("masks-png", scene, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_frames_of_the_command_line(run, tmp_path, capsys):
+    """A range, the labelled frames, and the annotations of a clip without a run."""
+    from degense.app.cli.main import main
+
+    clip = run.parent / "clip"
+    assert main(["export", str(run), "--format", "coco", "--out", str(tmp_path / "a.json"), "--prompt", "liver", "--frames", "2:4"]) == 0
+    assert [image["id"] for image in json.loads((tmp_path / "a.json").read_text())["images"]] == [2, 3]
+    assert main(["export", str(clip), "--format", "nifti", "--out", str(tmp_path / "a.nii.gz"), "--frames", "labelled"]) == 0
+    assert "10 label maps of 8 classes" in capsys.readouterr().out
+    assert main(["export", str(clip), "--format", "ply", "--out", str(tmp_path / "a.ply")]) == 2
+    assert "is no run, so only its annotations can be exported" in capsys.readouterr().err
+    assert not (tmp_path / "a.ply").exists()

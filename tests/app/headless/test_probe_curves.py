@@ -129,10 +129,12 @@ def result_of(steps):
             return end.value
 
 
-def test_a_guess_is_called_one(scene):
-    """Under the cursor, in the legend's words and in the 3D view: only where the recording does not reveal the motion."""
+def test_a_guess_is_called_one(scene, monkeypatch):
+    """Under the cursor, in the legend's words and in the 3D view: only where the displacement is one."""
+    half = np.nanmedian(scene.render(5, what=("uncertainty",))["uncertainty"]) * scene.states.unit
+    monkeypatch.setattr("degense.engine.scene.states.DOUBTFUL", half)
     maps = result_of(probe_maps(scene, 5))
-    guesses = scene.render(5, what=("observability",))["observability"] < 0.5
+    guesses = scene.render(5, what=("uncertainty",))["uncertainty"] > scene.states.doubtful
     for wanted in (True, False):
         y, x = np.argwhere(guesses == wanted)[0]
         assert dict(maps.rows(int(x), int(y)))["displacement"].endswith("(a guess)") == wanted

@@ -46,4 +46,18 @@ def test_errors_are_sentences(scene, tmp_path, capsys):
     assert main(["track", str(scene.run.path), "--grid", "2", "--frame", "99"]) == 2
     told = capsys.readouterr().err
     assert "absent.csv is no file of points" in told
-    assert "its frames are 0 to" in told
+    assert "the frames are 0 to" in told
+
+
+def test_a_clip_is_tracked_along_its_flow_without_depth(scene, tmp_path, capsys):
+    clip = scene.clip
+    (tmp_path / "known.json").write_text(json.dumps({"0": [[20.5, 20.5]], "2": [[20.5, 20.5]]}))
+    assert main(["track", str(clip.path), "--points", str(tmp_path / "known.json"), "--json", str(tmp_path / "out.json")]) == 0
+    out = json.loads((tmp_path / "out.json").read_text())
+    [point] = out["points"]
+    assert point["positions"] is None
+    assert len(point["pixels"]) == len(point["visible"]) == len(clip)
+    assert out["scores"]["pairs"] == 1
+    assert out["scores"]["delta_nothing_moves"] == 1
+    assert "delta" in capsys.readouterr().out
+    assert main(["track", str(tmp_path), "--grid", "2"]) == 2

@@ -35,3 +35,27 @@ def test_without_a_display_it_says_what_to_do(run):
     result = subprocess.run([sys.executable, "-m", "degense.app", run], capture_output=True, text=True, env=environment)
     assert result.returncode == 2
     assert result.stderr.startswith("degense: There is no display")
+
+
+def test_kernels_are_compiled_beside_the_window_once(tmp_path, monkeypatch):
+    """The process fills numba's cache, so that a later one compiles nothing, and says that it is done."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    code = (
+        "from degense.app import warm_up\n"
+        "warm_up.compile_kernels = lambda: None\n"
+        "process = warm_up.start()\n"
+        "assert process is not None\n"
+        "process.terminate(); process.wait()\n"
+        "warm_up._done().touch()\n"
+        "assert warm_up.start() is None\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_torch_numba_and_vtk_are_not_needed_to_show_the_window():
+    code = (
+        "import sys; import degense.app.application\n"
+        "print(*sorted({name.split('.')[0] for name in sys.modules} & {'torch', 'numba', 'vtkmodules', 'matplotlib', 'pyvista'}))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert result.stdout.strip() == ""

@@ -12,7 +12,7 @@ from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.edits import Proposal
 from degense.widgets.theme import LABEL_COLOURS
 from tests.app import installed as on
-from tests.app.features.test_annotate import drag, press
+from tests.app.features.annotate.test_annotate import drag, press
 from tests.app.shell.test_nothing_lost import click
 
 

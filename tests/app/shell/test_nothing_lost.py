@@ -16,6 +16,7 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtGui import QWheelEvent
 from PySide6.QtWidgets import QApplication, QMessageBox
 
+from degense.app.features.welcome.samples import PROMPT
 from degense.app.session.state_folder import JOURNAL, folder_of, left_behind
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
@@ -106,7 +107,7 @@ def test_a_run_opens_as_it_was_left(qtbot, opened, run, idle, screenshot):
     seen = on.viewer(opened).panel.zoom.view()
     on.documents(opened).open_demo()
     idle()
-    assert session.view_state.prompts == ()
+    assert [prompt.text for prompt in session.view_state.prompts] == [PROMPT]  # the demo's own
     assert on.viewer(opened).panel.zoom.fitted
     on.documents(opened).open_path(run)
     idle()

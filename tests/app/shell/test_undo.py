@@ -8,7 +8,7 @@ from tests.app import installed as on
 
 
 def test_the_history_names_every_edit_and_a_click_goes_there(qtbot, opened, idle, screenshot):
-    session, history = opened.session, on.dock(opened, "History").widget().widget()
+    session, history = opened.session, on.dock(opened, "History").widget()
     session.view.set_layer("depth")
     session.view.add_prompt("liver")
     session.go_to(4)  # the instant is no edit, and does not end the history

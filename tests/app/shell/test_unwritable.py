@@ -104,7 +104,7 @@ def test_painting_on_a_clip_that_cannot_be_written(qtbot, window, clip, another,
     window.ticked.emit()
     assert window.findChildren(QMessageBox) == []  # nothing opens amid the stroke
     assert on.viewer(window).panel.geometry() == view  # and nothing moves
-    assert "cannot be written" in window.docks.notice.text()
+    assert "cannot be written" in window.status.notice.text()
     mouse(window, QEvent.Type.MouseButtonRelease, 60, 20, Qt.MouseButton.NoButton)
     screenshot(window, "unwritable")
     stroke(window, 40)
@@ -128,9 +128,9 @@ def test_painting_on_a_clip_that_cannot_be_written(qtbot, window, clip, another,
     assert painted(again, 20, 40)
     stroke(again, 60)
     monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *args: str(tmp_path))
-    again.docks.notice.linkActivated.emit("Save elsewhere…")
+    again.status.notice.linkActivated.emit("Save elsewhere…")
     assert (tmp_path / "clip-annotations" / INDEX).is_file()
-    assert not again.docks.notice.isVisible()
+    assert not again.status.notice.isVisible()
     assert not again.isWindowModified()
     again.close()
     last = another()
@@ -158,7 +158,7 @@ def test_a_full_disk_amid_painting(qtbot, window, clip, another):
         window.registry.run("file.save")
         window.ticked.emit()
         assert window.findChildren(QMessageBox) == []
-        assert "cannot be written" in window.docks.notice.text()
+        assert "cannot be written" in window.status.notice.text()
         window.close()
         box = window.findChild(QMessageBox, "unsaved")
         assert "lost when you leave" in box.informativeText()
@@ -166,7 +166,7 @@ def test_a_full_disk_amid_painting(qtbot, window, clip, another):
     window.ticked.emit()  # there is room again
     assert window.session.store.journaled
     window.registry.run("file.save")
-    assert not window.docks.notice.isVisible()
+    assert not window.status.notice.isVisible()
     window.registry.run("file.close")
     assert window.session.clip is None
     window.close()
@@ -181,16 +181,16 @@ def test_two_windows_on_a_clip(qtbot, window, clip, another, screenshot):
     stroke(window, 20)
     second = another()
     annotate(qtbot, second, clip)
-    assert "is open in another window" in second.docks.notice.text()
+    assert "is open in another window" in second.status.notice.text()
     stroke(second, 40)
     screenshot(second, "two-windows")
     assert on.annotations(second).work.records == {}
     second.settings.update(speed=2.0)
     window.settings.update(theme="light")
     window.close()
-    second.docks.notice.linkActivated.emit("Open again")
+    second.status.notice.linkActivated.emit("Open again")
     annotate(qtbot, second, clip)
-    assert not second.docks.notice.isVisible()
+    assert not second.status.notice.isVisible()
     assert painted(second, 20)
     stroke(second, 40)
     second.close()

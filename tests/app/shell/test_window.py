@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QDialog, QMessageBox, QTabBar
+from PySide6.QtWidgets import QApplication, QDialog, QMessageBox
 
 from degense.app.shell.palette import Palette
 from degense.engine.layers import LAYERS
@@ -52,7 +52,7 @@ def test_the_hint_of_the_empty_window_names_a_menu_that_is_there(window):
 
 def test_the_status_bar_says_what_the_mouse_would_do(qtbot, opened, idle, screenshot):
     """Over each view, with a tool, and under a message; nothing elsewhere."""
-    panel, splats, hint = on.viewer(opened).panel, on.viewer(opened).splats, opened.docks.hint
+    panel, splats, hint = on.viewer(opened).panel, on.viewer(opened).splats, opened.status.hint
 
     def over(widget) -> str:
         QTest.mouseMove(widget, widget.rect().center() + QPoint(1, 1))
@@ -108,19 +108,6 @@ def test_zoom_full_screen_and_close(qtbot, opened, idle, screenshot):
     assert [prompt.text for prompt in session.view_state.prompts] == ["liver"]
 
 
-def test_no_name_of_a_tab_is_cut(qtbot, opened, idle):
-    """Also with one more panel, in another theme, and after a panel was taken out and put back."""
-    opened.registry.run("cameras.add")
-    state = opened.docks.state()
-    on.dock(opened, "Probe").setFloating(True)
-    opened.docks.restore(state)
-    opened.registry.run("theme.light")
-    idle()
-    bar = next(bar for bar in opened.findChildren(QTabBar) if bar.parent() is opened and bar.count() == 6)
-    assert bar.elideMode() == Qt.TextElideMode.ElideNone
-    assert bar.tabRect(bar.count() - 1).right() <= bar.width()
-
-
 def test_the_cheat_sheet_lists_all_keys(opened, screenshot):
     opened.registry.run("help.keys")
     [dialog] = [dialog for dialog in opened.findChildren(QDialog) if dialog.windowTitle() == "Shortcuts"]
@@ -169,7 +156,7 @@ def test_an_export_is_stopped(opened, idle, tmp_path):
     opened.menus.refresh()
     opened.menus.actions["export.stop"].trigger()
     idle()
-    assert not opened.docks.busy_bar.isVisible()
+    assert not opened.status.busy_bar.isVisible()
     assert not (tmp_path / "a.mp4").exists()
     assert not opened.registry["export.stop"].enabled()
 

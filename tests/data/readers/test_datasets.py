@@ -55,5 +55,5 @@ def test_the_command_tells_what_is_wrong_with_which_clip(tmp_path, capsys):
 def test_a_folder_without_clips_is_an_error(tmp_path, capsys):
     save(tmp_path / "notes" / "a.png", test_endovis18.colours()[None])
     assert main(["datasets", str(tmp_path)]) == 2
-    assert "holds no clips: no images/, no left_frames/" in capsys.readouterr().err
+    assert "holds no clips: no images/, no folder of a known data set" in capsys.readouterr().err
     assert main(["datasets", str(tmp_path / "nowhere")]) == 2

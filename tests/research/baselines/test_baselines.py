@@ -10,11 +10,12 @@ from degense.engine.clip import UNLABELLED, Truth
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.metrics.motion import MotionScores, scene_depth
+from degense.engine.metrics.tracks import depth_at
 from degense.engine.research.baselines import ClipFlow, below_baseline, note, number, score_baselines
 from degense.engine.research.baselines.clip_flow import warped_filled
 from degense.engine.research.baselines.images import mean_colour
 from degense.engine.research.baselines.masks import near, nearest, nothing_held_out, propagated, teacher_labels, vote, vote_along
-from degense.engine.research.baselines.motion import depth_at, lifted_displacement, lifted_tracks, motion_baselines
+from degense.engine.research.baselines.motion import lifted_displacement, lifted_tracks, motion_baselines
 from degense.engine.research.degraded_teachers import DegradedTeacher
 from degense.engine.semantics.teachers import teacher_by_name
 from tests.fakes import MemoryClip, MovingWall

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from degense.engine.annotation.edits import Proposal
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
-from degense.engine.research.benchmarks import annotation, carrying
+from degense.engine.research.benchmarks import annotation, carrying, correcting
 from tests.fakes import MovingWall
 
 
@@ -48,3 +49,23 @@ def test_what_enters_after_the_labelled_frame_is_not_named(tmp_path):
     assert row["flagged"] > 90
     assert row["missed"] < 3
     assert row["error"] < 5
+
+
+def test_frames_are_corrected_by_their_expected_error_or_evenly(tmp_path):
+    """Every frame corrected is right; the doubtful one is asked for next; what is said of confidence is counted once a pixel."""
+    assert [correcting.evenly(count, 12, {}, []) for count in (1, 2, 3)] == [[6], [3, 9], [2, 6, 10]]
+    said = {2: (0.9, 0.0), 5: (0.8, 0.3), 7: (0.75, 0.0), 8: (0.75, 0.0)}
+    proposals = {frame: Proposal(b"", (1, 1), *numbers) for frame, numbers in said.items()}
+    assert correcting.most_doubtful(2, 12, proposals, [6]) == [6, 5]
+    make_phantom(tmp_path, PhantomOptions(frames=4, width=64, height=48, seed=3), lambda fraction, words: None)
+    told: dict[str, list[np.ndarray]] = {"pixels": [], "objects": [], "frames": []}
+    first, *_, last = correcting.corrected(open_clip(tmp_path), (1, 2, 4), correcting.most_doubtful, told)
+    assert 0.3 < first < last == pytest.approx(1)
+    assert [len(told["frames"]), sum(part.shape[1] for part in told["pixels"])] <= [6, 6 * 64 * 48]
+
+
+def test_the_reliability_is_that_of_each_bin():
+    told = {"pixels": np.array([[0.95] * 10 + [0.55] * 10, [1.0] * 10 + [0.0] * 10])}
+    *bins, error = correcting._reliability("", told).rows
+    assert [(row["bin"], row["count"], row["right"]) for row in bins] == [("50 to 60", 10, 0.0), ("90 to 100", 10, 100.0)]
+    assert error["said"] == pytest.approx(100 * (0.5 * 0.05 + 0.5 * 0.55))

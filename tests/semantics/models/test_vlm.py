@@ -21,7 +21,7 @@ from tests.semantics.models.tiny_models import write_model
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
     root = tmp_path_factory.mktemp("models")
-    return {kind: write_model(root / kind, kind) for kind in ("clip", "clipseg")}
+    return {kind: write_model(root / kind, kind) for kind in ("clip", "siglip", "clipseg")}
 
 
 def test_clip_gives_unit_features_in_the_space_of_its_own_text_vectors(models):
@@ -47,8 +47,28 @@ def test_clip_gives_unit_features_in_the_space_of_its_own_text_vectors(models):
     np.testing.assert_allclose(tower.encode(["gall bladder"]), teacher.encoder.encode(["gall bladder"]), atol=1e-5)
 
 
-def test_patches_keep_their_place(models):
-    model = DenseModel(models["clip"], torch.device("cpu"))
+def test_siglip_is_asked_as_it_was_trained(models):
+    """Texts padded to one length without a mask; of a picture of one patch alone the patch is the picture's own vector."""
+    import transformers
+
+    model = transformers.SiglipModel.from_pretrained(str(models["siglip"]), local_files_only=True).eval()
+    tokenizer = transformers.AutoTokenizer.from_pretrained(str(models["siglip"]), local_files_only=True)
+    ours = DenseModel(models["siglip"], torch.device("cpu"))
+    padded = tokenizer(["a liver", "fat"], padding="max_length", max_length=77, return_tensors="pt")["input_ids"]
+    with torch.no_grad():
+        np.testing.assert_allclose(ours.texts(["a liver", "fat"]), model.get_text_features(padded).pooler_output.numpy(), atol=1e-5)
+        head = model.vision_model.head
+        seen = model.vision_model(pixel_values=torch.randn(1, 3, 32, 32)).last_hidden_state
+        alone = torch.cat([head(seen[:, place : place + 1]) for place in range(16)])  # each patch pooled as the only one
+    ours._model.vision_model.forward = lambda pixel_values: type("Seen", (), {"last_hidden_state": seen})
+    np.testing.assert_allclose(ours.maps(np.zeros((1, 32, 32, 3), np.uint8), []).reshape(16, -1), alone.numpy(), atol=1e-5)
+    teacher = VlmTeacher(MemoryClip(), str(models["siglip"]))
+    assert teacher.encoder.dimension == encoder_at(str(models["siglip"])).dimension == 16
+
+
+@pytest.mark.parametrize("kind", ["clip", "siglip"])
+def test_patches_keep_their_place(models, kind):
+    model = DenseModel(models[kind], torch.device("cpu"))
     pictures = np.full((2, 32, 32, 3), 90, np.uint8)
     pictures[1, 8:16, 16:24] = (250, 20, 20)  # patch (1, 2)
     plain, changed = model.maps(pictures, [])
@@ -103,7 +123,7 @@ def test_what_cannot_be_read_is_one_sentence(models, tmp_path, monkeypatch):
         str(tmp_path / "catseg"): "pickled checkpoint .as of CAT-Seg or SurgVLP., which is not read; compute its features",
         "SurgVLP.pth": "pickled checkpoint",
         str(tmp_path / "open"): "of open_clip's models only a CLIP of a plain ViT is read; take the copy that transformers reads",
-        str(tmp_path / "bert"): "kind 'bert'; those that can be read are clip, clipseg",
+        str(tmp_path / "bert"): "kind 'bert'; those that can be read are clip, siglip, clipseg",
         str(pickled): "with model.safetensors",
         str(tmp_path / "nowhere"): "is no folder",
         "openai/no-such-model": "neither a folder nor in your model cache; download it first",

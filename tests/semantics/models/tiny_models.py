@@ -34,7 +34,7 @@ def write_tokenizer(folder: Path) -> None:
 
 
 def write_model(folder: Path, kind: str) -> Path:
-    """A `clip` or `clipseg` as its authors publish it: configuration, weights in safetensors, tokenizer, preprocessing."""
+    """A `clip`, `siglip` or `clipseg` as its authors publish it: configuration, weights in safetensors, tokenizer, preprocessing."""
     import transformers
 
     transformers.utils.logging.disable_progress_bar()
@@ -45,6 +45,8 @@ def write_model(folder: Path, kind: str) -> Path:
     shape = {"text_config": TEXT, "vision_config": VISION, "projection_dim": 12}
     if kind == "clip":
         transformers.CLIPModel(transformers.CLIPConfig(**shape)).save_pretrained(folder)
+    elif kind == "siglip":
+        transformers.SiglipModel(transformers.SiglipConfig(text_config=TEXT, vision_config=VISION)).save_pretrained(folder)
     else:
         decoder = {"reduce_dim": 8, "extract_layers": [0, 1, 2], "decoder_num_attention_heads": 2, "decoder_intermediate_size": 16}
         transformers.CLIPSegForImageSegmentation(transformers.CLIPSegConfig(**shape, **decoder)).save_pretrained(folder)

@@ -188,3 +188,18 @@ def test_edit_distance_matches_the_recursion():
     texts = ["".join(letters) for size in range(4) for letters in itertools.product("ab", repeat=size)] + ["acbd", "abcd"]
     for a, b in itertools.product(texts, texts):
         assert edit_distance(a, b) == slow_distance(a, b)
+
+
+@pytest.mark.parametrize(
+    ("text", "pairs"),
+    [
+        ("graspr", [("graspr", "grasper")]),
+        ("galbladder and livr", [("galbladder", "gallbladder"), ("livr", "liver")]),
+        ("tool, not graspr", [("graspr", "grasper")]),
+        ("the Livers", []),
+        ("haemorrhage", []),
+        ("unicorn", []),
+    ],
+)
+def test_corrected_misspellings_are_told(text, pairs):
+    assert surgical_vocabulary().corrections(text) == pairs

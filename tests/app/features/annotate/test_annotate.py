@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, QPointF, Qt
-from PySide6.QtWidgets import QMessageBox, QPushButton
+from PySide6.QtWidgets import QMessageBox, QPushButton, QTabWidget
 
 from degense.app.features.annotate.label_sets import label_format
 from degense.app.session.state_folder import JOURNAL, folder_of
@@ -47,6 +47,9 @@ def drag(qtbot, window, *points: tuple[float, float]) -> None:
 def press(qtbot, window, action: str) -> None:
     button = on.annotator(window).panel.buttons[action]
     assert isinstance(button, QPushButton)
+    pages = on.annotator(window).panel.findChild(QTabWidget)
+    if (page := next((i for i in range(pages.count()) if pages.widget(i).isAncestorOf(button)), None)) is not None:
+        qtbot.mouseClick(pages.tabBar(), Qt.MouseButton.LeftButton, pos=pages.tabBar().tabRect(page).center())
     assert button.isEnabled()
     qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
 
@@ -111,7 +114,7 @@ def test_brush_sizes_and_keys_that_type(qtbot, annotating):
 def test_polygon_fill_superpixels_holes_and_lock(qtbot, annotating, screenshot):
     window, panel, state = annotating, on.viewer(annotating).panel, on.annotations(annotating)
     work = state.work
-    qtbot.keyClick(panel, Qt.Key.Key_P)
+    qtbot.keyClick(panel, Qt.Key.Key_U)
     qtbot.keyClick(panel, Qt.Key.Key_8)
     for corner in ((10, 10), (40, 10), (40, 40), (60, 70)):
         qtbot.mouseClick(panel, Qt.MouseButton.LeftButton, pos=at(window, *corner))
@@ -162,7 +165,7 @@ def test_a_frame_is_propagated_reviewed_and_taken_back(qtbot, annotating, idle, 
     for frame in state.work.waiting():
         found = state.work.record(frame).proposal
         state.work.records[frame] = Record(proposal=Proposal(found.packed, found.shape, 0.5 if frame == 7 else 0.9))
-    qtbot.keyClick(panel, Qt.Key.Key_Tab)
+    qtbot.keyClick(panel, Qt.Key.Key_N)
     assert window.session.frame == 7
     idle()
     assert "proposed, confidence 50%" in on.annotator(window).panel.frame.text()
@@ -222,8 +225,7 @@ def test_annotations_are_saved_opened_again_and_handed_over(qtbot, annotating, r
     on.documents(window).open_path(run)
     idle()
     assert np.array_equal(state.labels(4), painted)
-    on.exchange(window).export("cvat", tmp_path / "a.xml")
-    idle()
+    list(label_format("cvat").write(state.snapshot(), tmp_path / "a.xml"))
     again = label_format("cvat").read(tmp_path / "a.xml", state.work.shape, tuple(f"{i:06d}" for i in range(10)))
     assert np.array_equal(again.read(4), painted)
     window.session.go_to(0)

@@ -1,0 +1,72 @@
+"""The status bar: what the mouse does here, what needs attention, what is being done, and a button for each panel of the drawer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from html import escape
+from types import MappingProxyType
+
+from PySide6.QtCore import QObject, Qt
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QLabel, QMainWindow, QProgressBar, QSizePolicy, QToolBar, QToolButton
+
+from degense.widgets import forms
+
+
+class StatusBar(QObject):
+    """The parts of a window's status bar. Messages (`Shell.say`) cover the hint only."""
+
+    def __init__(self, window: QMainWindow) -> None:
+        super().__init__(window)
+        bar = window.statusBar()
+        bar.setSizeGripEnabled(False)
+        self._links: dict[str, Callable[[], object]] = {}
+        self.hint = forms.label(secondary=True, wrap=False)
+        self.hint.setAccessibleName("What the mouse does here")
+        self.hint.setMinimumWidth(1)
+        bar.addWidget(self.hint, 1)
+        self.notice = forms.complaint()
+        self.notice.setAccessibleName("What needs attention")
+        self.notice.setTextFormat(Qt.TextFormat.RichText)
+        self.notice.setWordWrap(False)
+        self.notice.setMinimumWidth(1)  # a long sentence is cut at its end, never the window widened
+        self.notice.setTextInteractionFlags(
+            Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.LinksAccessibleByKeyboard
+        )
+        self.notice.linkActivated.connect(lambda title: self._links[title]())
+        bar.addPermanentWidget(self.notice)
+        self.busy_text, self.busy_bar = QLabel(), forms.named(QProgressBar(textVisible=False), "What is being done")
+        self.busy_bar.setFixedWidth(140)
+        self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+        bar.addPermanentWidget(self.busy_text)
+        bar.addPermanentWidget(self.busy_bar)
+        #: Buttons that do not fit are in a menu at its end.
+        self.stripe = forms.named(QToolBar(movable=False, floatable=False), "Panels of the drawer")
+        self.stripe.setObjectName("stripe")
+        bar.addPermanentWidget(self.stripe)
+        self.set_busy()
+        self.set_notice()
+
+    def add_button(self, action: QAction) -> None:
+        """Add the switch of a panel to the stripe."""
+        self.stripe.addAction(action)
+        button = self.stripe.widgetForAction(action)
+        assert isinstance(button, QToolButton)
+        button.setAccessibleName(action.text())
+        button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+
+    def set_busy(self, text: str = "", fraction: float | None = None) -> None:
+        """Show that something is being done; an empty text hides it. Without a fraction the bar only moves."""
+        self.busy_text.setText(text)
+        self.busy_text.setVisible(bool(text))
+        self.busy_bar.setVisible(bool(text))
+        self.busy_bar.setRange(0, 0 if fraction is None else 100)
+        if fraction is not None:
+            self.busy_bar.setValue(round(100 * fraction))
+
+    def set_notice(self, text: str = "", links: Mapping[str, Callable[[], object]] = MappingProxyType({})) -> None:
+        """Keep a sentence in the status bar, with what can be done about it, until another takes its place; no text hides it."""
+        self._links = dict(links)
+        self.notice.setText(f"{' '.join(f'<a href={title!r}>{escape(title)}</a>' for title in links)} &nbsp;⚠ {escape(text)}")
+        self.notice.setToolTip(text)
+        self.notice.setVisible(bool(text))

@@ -1,0 +1,120 @@
+"""Task: how far, how long, how large, and how that changes."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog
+
+from degense.engine.scene.tracks import follow_points
+from degense.widgets import forms
+from tests.app import installed as on
+
+LEFT = Qt.MouseButton.LeftButton
+
+
+def at(window, x: float, y: float) -> QPoint:
+    return on.viewer(window).panel.zoom.to_widget(QPointF(x, y)).toPoint()
+
+
+@pytest.fixture
+def measured(opened, idle):
+    """A distance, a path and an area, clicked in frame 4."""
+    window, panel = opened, on.viewer(opened).panel
+    window.session.go_to(4)
+    idle()
+    panel.setFocus()
+    QTest.keyClick(panel, Qt.Key.Key_D, Qt.KeyboardModifier.ShiftModifier)
+    for corner in ((30, 30), (60, 45)):
+        QTest.mouseClick(panel, LEFT, pos=at(window, *corner))
+    idle()
+    QTest.mouseClick(on.measuring(window).buttons["path"], LEFT)
+    for corner in ((20, 20), (40, 22), (50, 40), (90, 75)):
+        QTest.mouseClick(panel, LEFT, pos=at(window, *corner))
+    QTest.keyClick(panel, Qt.Key.Key_Backspace)
+    QTest.keyClick(panel, Qt.Key.Key_Return)
+    idle()
+    QTest.keyClick(panel, Qt.Key.Key_A, Qt.KeyboardModifier.ShiftModifier)
+    for corner in ((40, 20), (65, 20), (65, 45), (40, 45), (40, 45)):  # the last one twice closes
+        QTest.mouseClick(panel, LEFT, pos=at(window, *corner))
+    idle()
+    return window
+
+
+def test_measures_move_with_the_tissue_and_are_listed(measured, idle, screenshot):
+    window, measuring = measured, on.measuring(measured)
+    assert [measure.title for measure in measuring.state.measures] == ["Distance 1", "Path 2", "Area 3"]
+    assert [len(measure.corners) for measure in measuring.state.measures] == [2, 3, 4]
+    scene, unit = window.session.scene, window.session.scene.unit
+    assert window.session.probe is None  # the last click was the tool's
+    distance, path, area, volume = measuring.quantities()
+    corners = measuring.state.measures[0].corners
+    ends = follow_points(scene, np.array([(4, *corner) for corner in corners])).positions
+    np.testing.assert_allclose(distance.values, np.linalg.norm(ends[1] - ends[0], axis=-1))
+    steps = follow_points(scene, np.array([(4, *corner) for corner in measuring.state.measures[1].corners])).positions
+    np.testing.assert_allclose(path.values, np.linalg.norm(np.diff(steps, axis=0), axis=-1).sum(0))
+    assert (distance.unit, area.unit, volume.unit) == (unit, f"{unit}²", f"{unit}³")
+    assert area.values[4] > 0
+    assert volume.values[4] == 0
+    rows = forms.texts(measuring.table)
+    assert [row[0] for row in rows] == ["Distance 1", "Path 2", "Area 3", "Volume change 3"]
+    assert rows[0][1] == f"{distance.values[4]:.3g} {unit}"
+    screenshot(window, "measure")
+    QTest.keyClick(on.viewer(window).panel, Qt.Key.Key_End)
+    idle()
+    rows = forms.texts(measuring.table)
+    assert rows[0][1] == f"{distance.values[9]:.3g} {unit}"
+    assert rows[0][2] == f"{distance.values[9] - distance.values[4]:+.3g}"
+
+
+def test_an_area_is_that_of_the_surface_in_the_depth(measured):
+    """Against the depth of the frame: the sum over the pixels of what each covers of the surface."""
+    window = measured
+    scene = window.session.scene
+    [_, _, area, _] = on.measuring(window).quantities()
+    depth, camera = scene.render(4, what=("depth",))["depth"], scene.camera(4)
+    columns, rows = np.meshgrid(np.arange(41, 65), np.arange(21, 45))
+    corner = [camera.unproject(np.stack([columns + x, rows + y], -1).astype(float), depth[rows + y, columns + x]) for x, y in OFFSETS]
+    triangles = (np.cross(corner[1] - corner[0], corner[2] - corner[0]), np.cross(corner[3] - corner[0], corner[2] - corner[0]))
+    exact = sum(np.linalg.norm(each, axis=-1).sum() / 2 for each in triangles) * (25 * 25) / (24 * 24)
+    assert area.values[4] == pytest.approx(exact, rel=0.25)  # the surface of the depth is rough from pixel to pixel
+
+
+OFFSETS = ((0, 0), (1, 0), (1, 1), (0, 1))
+
+
+def test_measures_are_undone_saved_and_exported(measured, run, idle, tmp_path, monkeypatch):
+    window, measuring = measured, on.measuring(measured)
+    before = [quantity.values for quantity in measuring.quantities()]
+    measuring.table.selectRow(1)
+    assert list(measuring.plot.series) == [f"Path 2 [{window.session.scene.unit}]"]
+    QTest.mouseClick(measuring.remove_button, LEFT)
+    assert [measure.kind for measure in measuring.state.measures] == ["distance", "area"]
+    window.registry.run("edit.undo")
+    measuring.table.selectRow(1)
+    window.registry.run("measure.remove")
+    assert [measure.kind for measure in measuring.state.measures] == ["distance", "area"]
+    window.registry.run("edit.undo")
+    assert window.session.undo.redo_name == "Remove path 2"
+    window.registry.run("file.save")
+    on.documents(window).open_path(run)
+    idle()
+    for values, quantity in zip(before, measuring.quantities(), strict=True):
+        np.testing.assert_allclose(values, quantity.values)
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *about: (str(tmp_path / "a.csv"), ""))
+    window.registry.run("measure.export")
+    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    assert [int(row["frame"]) for row in rows] == list(range(10))
+    assert float(rows[7][f"Distance 1 [{window.session.scene.unit}]"]) == pytest.approx(before[0][7], rel=1e-4)
+
+
+def test_where_nothing_is_reconstructed_nothing_is_known(opened, idle):
+    on.measuring(opened).state.add("distance", 2, ((-50.0, -50.0), (-60.0, -60.0)))
+    on.measuring(opened).state.add("area", 2, ((-50.0, -50.0), (-60.0, -60.0), (-50.0, -60.0)))
+    idle()
+    rows = forms.texts(on.measuring(opened).table)
+    assert [row[1] for row in rows] == ["nothing is reconstructed there"] * 3

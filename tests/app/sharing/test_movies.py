@@ -1,0 +1,133 @@
+"""Movies: layers side by side, their size and rate, time along a path; from the command line and from the window."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PySide6.QtCore import Qt
+
+from degense.app.cli.main import main
+from degense.app.features.cameras.state import Stop, save_path
+from degense.app.features.movies.dialog import FLIGHT_WHOLE
+from degense.app.features.movies.movie import MovieOptions, make_movie
+from degense.app.session.sample import demo_run
+from degense.app.session.view_state import ViewState
+from degense.engine.progress import finish
+from degense.engine.scene import Scene
+from degense.widgets import forms
+from degense.widgets.splats.camera_moves import letterboxed, orbit
+from tests.app import installed as on
+
+PLAIN = ViewState()
+
+
+@pytest.fixture(scope="module")
+def sample() -> Scene:
+    return Scene.open(demo_run(), device="cpu")
+
+
+def pictures(path: Path) -> tuple[list[np.ndarray], float]:
+    """The frames of a movie, uint8 RGB, and its rate."""
+    movie, frames = cv2.VideoCapture(str(path)), []
+    while (read := movie.read())[0]:
+        frames.append(read[1][..., ::-1])
+    rate = movie.get(cv2.CAP_PROP_FPS)
+    movie.release()
+    return frames, rate
+
+
+def near(picture: np.ndarray, wanted: np.ndarray) -> bool:
+    """Whether a picture is one that the codec made of another."""
+    return bool(10 * np.log10(255**2 / np.square(picture.astype(float) - wanted).mean()) > 27)
+
+
+def test_recording_and_layers_side_by_side_at_a_size_and_rate(sample, tmp_path):
+    out = tmp_path / "a.mp4"
+    chosen = ["--layers", "recording,rgb,displacement", "--size", "216x168", "--fps", "12"]
+    assert main(["movie", str(demo_run()), "--out", str(out), *chosen]) == 0
+    frames, rate = pictures(out)
+    assert (len(frames), rate, frames[0].shape) == (12, 12, (168, 3 * 216, 3))  # 24 frames at 25 a second
+    frame = round(6 * 25 / 12)
+    observed = cv2.resize(sample.observed(frame), (216, 168), interpolation=cv2.INTER_AREA)
+    assert near(frames[6][:, :216], observed)
+    small = letterboxed(sample.camera(frame), 216, 168)
+    assert near(frames[6][:, 216:432], sample.render_rgb(6 * 25 / 12, small))
+    yellow = (frames[-1][..., 0] > 180) & (frames[-1][..., 1] > 180) & (frames[-1][..., 2] < 110)
+    assert yellow[:, 432:].any()  # the grasper has pulled
+
+
+def test_time_runs_along_the_flight(sample, tmp_path):
+    camera = sample.camera(0)
+    pivot = np.median(sample.splats(0).means.numpy(), 0)
+    stops = (Stop("a", camera, 5.0, 0.2), Stop("b", orbit(camera, pivot, 0.2, 0.0), 5.0))
+    save_path(tmp_path / "path.json", stops)
+    shown = {}
+    for time in ("kept", "whole"):
+        out = tmp_path / f"{time}.mp4"
+        assert main(["movie", str(demo_run()), "--out", str(out), "--cameras", str(tmp_path / "path.json"), "--time", time]) == 0
+        frames, rate = pictures(out)
+        assert (len(frames), rate) == (6, 25)
+        shown[time] = frames
+    assert near(shown["kept"][0], sample.render_rgb(5, camera))
+    assert near(shown["kept"][-1], sample.render_rgb(5, stops[1].camera))
+    assert near(shown["whole"][0], sample.render_rgb(0, camera))
+    assert near(shown["whole"][-1], sample.render_rgb(23, stops[1].camera))
+    assert not near(shown["whole"][-1], shown["kept"][-1])
+
+
+def test_names_and_colour_bars_make_room(sample, tmp_path):
+    options = MovieOptions(PLAIN, ("rgb", "displacement"), frames=(0, 2))
+    finish(make_movie(sample, tmp_path / "a.mp4", options))
+    finish(make_movie(sample, tmp_path / "b.mp4", replace(options, titled=True)))
+    (plain, _), (titled, _) = pictures(tmp_path / "a.mp4"), pictures(tmp_path / "b.mp4")
+    assert len(plain) == len(titled) == 3
+    assert titled[0].shape[1] > plain[0].shape[1] == 576
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--layers", "rgb,colour"], "There is no layer 'colour'"),
+        (["--layers", "rgb,rgb,rgb,rgb,rgb"], "1 to 4 layers"),
+        (["--size", "9000x10"], "16 to 4096 pixels"),
+        (["--fps", "0"], "up to 240 frames a second"),
+        (["--layers", "recording", "--cameras", "{path}"], "cannot be seen from another camera"),
+        (["--time", "never"], "kept or whole"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(sample, tmp_path, capsys, arguments, sentence):
+    save_path(tmp_path / "path.json", (Stop("a", sample.camera(0), 0.0), Stop("b", sample.camera(0), 1.0)))
+    arguments = [word.format(path=tmp_path / "path.json") for word in arguments]
+    assert main(["movie", str(demo_run()), "--out", str(tmp_path / "a.mp4"), *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "a.mp4").exists()
+
+
+def test_the_dialog_writes_what_it_says(qtbot, opened, idle, tmp_path, monkeypatch, screenshot):
+    session, out = opened.session, tmp_path / "a.mp4"
+    for frame in (0, 4):
+        session.go_to(frame)
+        opened.registry.run("cameras.add")
+    on.cameras(opened).book.change(0, seconds=0.2)
+    monkeypatch.setattr(opened, "ask_save", lambda *words: out)
+    dialog = on.movies(opened).ask()
+    dialog.layers["recording"].setChecked(True)
+    forms.enter(dialog.camera, FLIGHT_WHOLE)
+    assert "another camera" in dialog.complaint.text()
+    assert not dialog.start.isEnabled()
+    dialog.layers["recording"].setChecked(False)
+    dialog.layers["depth"].setChecked(True)
+    dialog.picture_width.setValue(64)
+    dialog.picture_height.setValue(48)
+    assert dialog.sentence.text() == "0.24 seconds, 6 frames, 2 pictures side by side."
+    screenshot(dialog, "movie")
+    qtbot.mouseClick(dialog.start, Qt.MouseButton.LeftButton)
+    idle()
+    frames, _ = pictures(out)
+    assert len(frames) == 6
+    assert frames[0].shape[0] == 48
+    assert opened.statusBar().currentMessage().startswith(str(out))

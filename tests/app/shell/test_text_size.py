@@ -1,0 +1,64 @@
+"""Text of other sizes: nothing is cut at 200 %."""
+
+from __future__ import annotations
+
+import pytest
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QAbstractButton, QLabel, QWidget
+
+from degense.widgets.theme import apply_text_size
+from tests.app import installed as on
+
+
+@pytest.fixture
+def usual_size(qapp):
+    yield
+    apply_text_size(qapp, 1.0)
+
+
+def cut(window: QWidget) -> list[str]:
+    """Texts that are wider or higher than what shows them. Some labels give their tooltip where there is no room."""
+    found = []
+    for widget in window.findChildren(QWidget):
+        if not widget.isVisible() or not isinstance(widget, QLabel | QAbstractButton) or not widget.text() or widget.minimumWidth() == 1:
+            continue
+        metrics, lines = widget.fontMetrics(), widget.text().splitlines()
+        wraps = isinstance(widget, QLabel) and widget.wordWrap()
+        if isinstance(widget, QLabel) and widget.textFormat() == Qt.TextFormat.RichText:
+            continue
+        width = max(metrics.horizontalAdvance(line.replace("&", "")) for line in lines)
+        if (width > widget.width() + 1 and not wraps and widget.toolTip() != widget.text()) or metrics.height() > widget.height() + 2:
+            found.append(f"{widget.text()!r} in {type(widget).__name__}, {widget.width()} × {widget.height()}")
+    return found
+
+
+def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
+    before = opened.fontMetrics().height()
+    opened.session.view.add_prompt("liver")
+    opened.session.view.set_layer("displacement")
+    idle()
+    for _ in range(7):
+        qtbot.keyClick(opened, Qt.Key.Key_Equal, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier)
+    qtbot.wait(50)
+    assert opened.settings.value.text_size == 2.0
+    assert on.layers(opened).layers.rows.fontMetrics().height() >= 1.9 * before
+    opened.resize(1600, 1000)
+    qtbot.wait(50)
+    screenshot(opened, "text-200")
+    assert not cut(opened)
+    opened.docks.bring(on.dock(opened, "Curves"))
+    qtbot.wait(50)
+    assert not cut(opened)
+    qtbot.keyClick(opened, Qt.Key.Key_Minus, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier)
+    assert opened.settings.value.text_size == 1.8
+    opened.registry.run("text.usual")
+    assert opened.settings.value.text_size == 1.0
+    qtbot.waitUntil(lambda: opened.fontMetrics().height() == before)
+
+
+def test_the_welcome_page_at_twice_the_size(qtbot, window, qapp, usual_size, screenshot):
+    apply_text_size(qapp, 2.0)
+    window.resize(1600, 1000)
+    qtbot.wait(50)
+    screenshot(window, "welcome-200")
+    assert not cut(window)
