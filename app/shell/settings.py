@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import logging
 from collections.abc import Callable
@@ -65,42 +66,49 @@ class Settings:
 class SettingsFile:
     """Settings on disk. Every change is written at once and atomically, to what the file holds by then: several windows share it.
 
-    A file that cannot be read is kept as `settings.json.bad`, and `complaint` says so once. Where the file cannot be written the settings
-    last as long as the window; the log says so.
+    A file that cannot be read is kept as `settings.json.bad`, and `complaint` says so once. Changes that could not be written, which the
+    log says, hold in this window and are written with the next one that can be.
     """
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or config_folder() / "settings.json"
         self.complaint: str | None = None
-        self.value = Settings()
-        self.value = self._read()
+        self._unwritten: list[Callable[[Settings], Settings]] = []
+        self._held = Settings()
+        self.value = self._held = self._read()
 
     def update(self, **changes: Any) -> None:
         self.change(lambda settings: replace(settings, **changes))
 
     def change(self, how: Callable[[Settings], Settings]) -> None:
         """Change the settings that the file holds now; nothing is written when nothing changes."""
+        self._unwritten.append(how)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(self.path.with_name(f"{self.path.name}.lock"), timeout=PATIENCE):
-                held = self._read()
-                self.value = how(held)
-                if self.value != held or not self.path.exists():
+                self._held = self._read()
+                self.value = self._with_changes()
+                if self.value != self._held or not self.path.exists():
                     write_text(self.path, json.dumps(asdict(self.value), indent=2))
+                self._held = self.value
+                self._unwritten.clear()
         except (OSError, DegenseError) as error:
             log.warning("the settings are not kept: %s", error)
-            self.value = how(self.value)
+            self.value = self._with_changes()
+
+    def _with_changes(self) -> Settings:
+        return functools.reduce(lambda settings, how: how(settings), self._unwritten, self._held)
 
     def _read(self) -> Settings:
-        """What the file holds; the settings as they are where there is none, or a damaged one."""
+        """What the file holds; what it held last where there is none, or a damaged one."""
         try:
             return _parse(json.loads(self.path.read_text(encoding="utf-8")))
         except (FileNotFoundError, NotADirectoryError):
-            return self.value
+            return self._held
         except (OSError, ValueError, TypeError) as error:
             kept = self.path.replace(self.path.with_name(f"{self.path.name}.bad")).name
             self.complaint = f"The settings in {self.path} are unreadable ({error}); they are kept as {kept} and the defaults are used."
-            return self.value
+            return self._held
 
 
 #: What numbers may be.
