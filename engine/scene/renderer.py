@@ -40,9 +40,10 @@ class Renderer:
         """Draw one instant, all wanted channels and `alpha` [H, W] in one pass; without a camera by the surgeon's, whose frames are kept.
 
         Of `CHANNELS`, float32: `rgb` [H, W, 3] in [0, 1]; `depth` [H, W], clip units; `latent` [H, W, d]; `displacement` [H, W] and
-        `uncertainty` [H, W], how far off it may be, clip units, of the persistent Gaussians where there are any; `motion` [H, W, 2], pixels
-        from here to the same point at the reference frame; `observability` [H, W] in [0, 1]; `before` [H, W, 3], the colours that the
-        persistent Gaussians had at the reference frame. All but the colours and latents are NaN where nothing is.
+        `uncertainty` [H, W], how far off it may be, clip units, of the persistent Gaussians where there are any, and the scene's depth
+        where transient ones hide them: nobody sees how tissue moves behind an instrument; `motion` [H, W, 2], pixels from here to the same
+        point at the reference frame; `observability` [H, W] in [0, 1]; `before` [H, W, 3], the colours that the persistent Gaussians had at
+        the reference frame. All but the colours and latents are NaN where nothing is.
         """
         if unknown := set(what) - set(CHANNELS):
             raise ValueError(f"nothing is called {sorted(unknown)}; choose from {CHANNELS}")
@@ -60,7 +61,8 @@ class Renderer:
         """`render` without the cache."""
         splats = self.states.splats(frame, semantics="latent" in what)
         columns = {name: self._column(name, splats, frame, camera) for name in what}
-        drawn = rasterize(splats, torch.cat(list(columns.values()), 1), camera, clean=True)
+        transient = [(~self.states.model.persistent)[:, None].float()] if "uncertainty" in what else []
+        drawn = rasterize(splats, torch.cat([*columns.values(), *transient], 1), camera, clean=True)
         image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()
         out, first = {"alpha": alpha}, 0
         for name, column in columns.items():
@@ -74,6 +76,9 @@ class Renderer:
                 # blood or char hides tissue that goes on moving, and has no place of its own at the reference frame
                 tissue = _blended(splats.map(lambda part: part[rows]), column[rows], camera)
                 value = np.where(np.isfinite(tissue), tissue, value)
+            if name == "uncertainty":
+                hidden = image[..., -1] > 0.5 * alpha
+                value = np.where(hidden[..., None] & np.isfinite(value), np.float32(1 / self.states.unit), value)
             out[name] = np.ascontiguousarray(value[..., 0] if value.shape[-1] == 1 else value)
         return out
 
