@@ -143,7 +143,7 @@ def _models() -> Diagnosis:
     version = _version("transformers")
     if version == ABSENT:
         return Diagnosis("note", "transformers is not installed: the teacher vlm needs it (pip install transformers)")
-    return Diagnosis("ok", f"transformers {version}: CLIP and CLIPSeg models on this machine can teach")
+    return Diagnosis("ok", f"transformers {version}: CLIP, SigLIP and CLIPSeg models on this machine can teach")
 
 
 def _folders() -> Diagnosis:

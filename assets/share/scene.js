@@ -58,14 +58,14 @@ function fill(state, scene, frame, shown) {
 // A function that changes the colour, at `state[o …]`, of the nth Gaussian to what is to be shown.
 function colouring(scene, where, shown) {
   const { high, colours, unknown } = scene.displacement;
-  const moved = at(scene.arrays.displacement, where), certain = scene.arrays.certain.values;
+  const moved = at(scene.arrays.displacement, where), { values: certain, step: certainties } = scene.arrays.certain;
   const { values: owners, step } = scene.arrays.owners ?? { values: [], step: 0 };
-  const nearest = where[where[2] < 0.5 ? 0 : 1] * step;
+  const time = where[where[2] < 0.5 ? 0 : 1], nearest = time * step;
   const tints = scene.masks.map((mask, k) => (shown.masks && shown.hidden[k] !== true ? mask.colour : null));
   return (state, o, n) => {
     if (shown.displacement) {
       const place = 3 * Math.round(255 * Math.min(1, Math.max(0, moved(n) / high)));
-      for (let k = 0; k < 3; k++) state[o + k] = (certain[n] ? colours[place + k] : (colours[place + k] + unknown[k]) / 2) / 255;
+      for (let k = 0; k < 3; k++) state[o + k] = (certain[time * certainties + n] ? colours[place + k] : (colours[place + k] + unknown[k]) / 2) / 255;
     }
     const tint = step > 0 && owners[nearest + n] > 0 ? tints[owners[nearest + n] - 1] : null;
     if (tint) for (let k = 0; k < 3; k++) state[o + k] += (tint[k] / 255 - state[o + k]) * MASK_OPACITY;

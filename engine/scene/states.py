@@ -68,10 +68,12 @@ class States:
     def uncertainty(self, frame: float) -> Tensor:
         """How far off the displacement of each Gaussian [N] may be, clip units: kept in nine of ten places. See `error_bound`.
 
+        The scene's depth for transient ones, which have no place at the reference frame to have moved from, and 0 at that frame itself.
         ValueError for a run that does not say what its recording reveals.
         """
         moved = self.advected_means(frame) - self.advected_means(self.reference_frame)
-        return error_bound(moved, self._revealed_around, 1 / self.unit)
+        bound = error_bound(moved, self._revealed_around, 1 / self.unit)
+        return bound if frame == self.reference_frame else torch.where(self.model.persistent, bound, 1 / self.unit)
 
     @cached_property
     def _revealed_around(self) -> Tensor:

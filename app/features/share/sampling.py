@@ -60,11 +60,12 @@ def sample(scene: Scene, prompts: PromptSet | None) -> Steps[tuple[np.ndarray, S
     from degense.engine.scene.clip_query import decode_splats
 
     frames = sampled_frames(scene.frames, len(scene.splats(0.0)))
-    states, moved, owners = [], [], []
+    states, moved, certain, owners = [], [], [], []
     for done, frame in enumerate(frames):
         yield 0.9 * done / len(frames), f"frame {frame:g}"
         states.append(_numbers(scene.splats(frame)))
         moved.append(scene.states.displacement(frame).cpu().numpy())
+        certain.append(_certain(scene, frame))
         if prompts is not None:
             owners.append(decode_splats(scene, prompts, frame).numbers)
     yield 0.9, "packing"
@@ -80,7 +81,7 @@ def sample(scene: Scene, prompts: PromptSet | None) -> Steps[tuple[np.ndarray, S
     samples.add("displacement", np.stack(moved)[..., None])
     if prompts is not None:
         samples.add_numbers("owners", np.stack(owners)[..., None])
-    samples.add_numbers("certain", _certain(scene)[None, :, None])
+    samples.add_numbers("certain", np.stack(certain)[..., None])
     return frames, samples
 
 
@@ -114,10 +115,8 @@ def _align_signs(quats: np.ndarray) -> None:
         quats[time] *= np.where((quats[time] * quats[time - 1]).sum(-1, keepdims=True) < 0, -1, 1)
 
 
-def _certain(scene: Scene) -> np.ndarray:
-    """1 for Gaussians whose displacement the recording reveals, uint8 [N]; all where the run does not tell."""
-    from degense.engine.scene import REVEALED
-
+def _certain(scene: Scene, frame: float) -> np.ndarray:
+    """1 for Gaussians whose displacement is no guess (`States.doubtful`), uint8 [N]; all where the run does not tell."""
     if scene.observability is None:
-        return np.ones(len(scene.splats(0.0)), np.uint8)
-    return (scene.observability >= REVEALED).cpu().numpy().view(np.uint8)
+        return np.ones(len(scene.model), np.uint8)
+    return (scene.states.uncertainty(frame) <= scene.states.doubtful).cpu().numpy().view(np.uint8)

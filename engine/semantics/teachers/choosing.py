@@ -14,7 +14,7 @@ from degense.engine.semantics.teachers.target_cache import CostlyTeacher
 from degense.engine.semantics.teachers.teacher import LabelTeacher, Teacher
 from degense.engine.semantics.text.encoder import EmbeddedEncoder, TextEncoder
 
-NO_MODEL = "a model must be named: the folder of a CLIP or CLIPSeg as transformers or open_clip saves it (vlm:FOLDER)"
+NO_MODEL = "a model must be named: the folder of a CLIP, SigLIP or CLIPSeg as transformers or open_clip saves it (vlm:FOLDER)"
 
 
 @dataclass(frozen=True)

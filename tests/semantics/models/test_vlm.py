@@ -106,7 +106,7 @@ def test_answers_are_kept_and_depend_on_the_model(models, tmp_path):
     weights.write_bytes(weights.read_bytes()[:-4] + b"\0\0\0\0")
     assert VlmTeacher(clip, str(other)).settings["model"] != first.settings["model"]
     reasons = {choice.name: choice.reason for choice in teacher_choices(clip)}
-    assert reasons["vlm"].startswith("a model must be named: the folder of a CLIP or CLIPSeg")
+    assert reasons["vlm"].startswith("a model must be named: the folder of a CLIP, SigLIP or CLIPSeg")
 
 
 def test_what_cannot_be_read_is_one_sentence(models, tmp_path, monkeypatch):
