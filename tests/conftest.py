@@ -109,12 +109,15 @@ def _has_gpu() -> bool:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log):
-    """With `-n 2` two processes share the suite: one has the screen and every window on it, the other has no need of either."""
+    """With `-n 2` two processes share the suite: one begins with every window, the other with the folders that need no screen, and who is
+    done first takes what is left."""
     from xdist.scheduler import LoadScopeScheduling
 
     class ByScreen(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            return "window" if nodeid.startswith(("tests/app/", "tests/widgets/")) else "engine"
+            room, of = nodeid.split("/")[1:3]
+            with_windows = room == "widgets" or (room == "app" and of not in ("headless", "interop"))
+            return "window" if with_windows else f"{room}/{of}" if room == "app" else room
 
     return ByScreen(config, log)
 
