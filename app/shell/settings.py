@@ -85,7 +85,7 @@ class SettingsFile:
         self._unwritten.append(how)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with FileLock(self.path.with_name(f"{self.path.name}.lock"), timeout=PATIENCE):
+            with FileLock(self.path.with_name(f"{self.path.name}.lock"), timeout=PATIENCE, poll_interval=0.01):
                 self._held = self._read()
                 self.value = self._with_changes()
                 if self.value != self._held or not self.path.exists():
