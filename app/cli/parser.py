@@ -15,6 +15,7 @@ from degense.app.cli.arguments.argument_types import positive as _positive
 from degense.app.cli.arguments.argument_types import setting as _setting
 from degense.app.cli.arguments.argument_types import size as _size
 from degense.app.cli.arguments.movie_options import add_movie_options
+from degense.app.cli.arguments.search_options import add_search_options
 from degense.app.cli.arguments.sweep_options import add_sweep_options
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions, MaskMeans, PoseAxes, Poses
 
@@ -175,13 +176,16 @@ def _outputs(command: Command) -> None:
 
 
 def _questions(command: Command) -> None:
-    sub = command("query", "query:query", "say when, and with how large a mask, questions are answered in a run")
+    sub = command("query", "questions.query:query", "say when, and with how large a mask, questions are answered in a run")
     sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     sub.add_argument("prompts", nargs="+", metavar="QUESTION", help='such as "grasper touching liver", "vessel left of gallbladder"')
     sub.add_argument("--json", type=Path, metavar="FILE", help="write the moments and the areas of all frames there")
     sub.add_argument("--out", type=Path, metavar="DIR", help="write there the masks of the frames that answer, a folder for each question")
     _decoding(sub)
     sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
+
+    sub = command("search", "questions.search:search", "ask all runs of a folder at once, from an index that is made beside them")
+    add_search_options(sub, _positive)
 
     sub = command("track", "tracks:track", "follow points through a run, in the picture and in space, or through a clip, in the picture")
     sub.add_argument("path", type=Path, metavar="PATH", help="a run, or a clip: then along its optical flow alone")

@@ -35,11 +35,12 @@ def related(mask: np.ndarray, relation: Relation, other: np.ndarray, negated: bo
     if other.any() and count > 1:
         areas = boxes[:, cv2.CC_STAT_AREA]
         if relation in DIRECTIONS:
-            holds = _towards(centres, other, DIRECTIONS[relation])
+            rows, columns = np.nonzero(other)
+            holds = towards(centres - (columns.mean(), rows.mean()), DIRECTIONS[relation])
         elif relation in ("touching", "near"):
             holds = _gaps(objects, count, other) <= (CONTACT if relation == "touching" else NEAR) * math.hypot(*mask.shape)
         else:
-            region = _filled(other) if relation == "inside" else _hull(other)
+            region = filled(other) if relation == "inside" else hull(other)
             holds = np.bincount(objects[region], minlength=count) >= ENCLOSED * areas
     holds = ~holds if negated else holds
     holds[0] = False  # the background
@@ -55,29 +56,33 @@ def extreme(mask: np.ndarray, largest: bool) -> np.ndarray:
     return objects == 1 + (areas.argmax() if largest else areas.argmin())
 
 
-def _towards(centres: np.ndarray, other: np.ndarray, direction: tuple[int, int]) -> np.ndarray:
-    rows, columns = np.nonzero(other)
-    way = centres - (columns.mean(), rows.mean())
+def towards(way: np.ndarray, direction: tuple[int, int]) -> np.ndarray:
+    """Which ways float [n, 2], (x, y), lie within the sector of a direction, bool [n]."""
     along = way @ np.array(direction)
     return (along > 0) & (along >= math.cos(SECTOR) * np.linalg.norm(way, axis=1))
 
 
+def gap_to(mask: np.ndarray) -> np.ndarray:
+    """Pixels between each pixel and a mask bool [H, W] at its nearest, float32 [H, W]; 0 in it and beside it."""
+    return np.maximum(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 1.0, 0.0)
+
+
 def _gaps(objects: np.ndarray, count: int, other: np.ndarray) -> np.ndarray:
     """Pixels between each object and the other mask at their nearest, float [count]; 0 where they overlap or are neighbours."""
-    distances = cv2.distanceTransform((~other).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     nearest = np.full(count, np.inf)
-    np.minimum.at(nearest, objects.ravel(), distances.ravel())
-    return np.maximum(nearest - 1.0, 0.0)
+    np.minimum.at(nearest, objects.ravel(), gap_to(other).ravel())
+    return nearest
 
 
-def _filled(mask: np.ndarray) -> np.ndarray:
-    """With its holes: all that the border of the picture is not reached from."""
+def filled(mask: np.ndarray) -> np.ndarray:
+    """A mask bool [H, W] with its holes: all that the border of the picture is not reached from."""
     around = np.pad(~mask, 1, constant_values=True)
     _, regions = cv2.connectedComponents(around.astype(np.uint8), connectivity=4)
     return (regions != regions[0, 0])[1:-1, 1:-1]
 
 
-def _hull(mask: np.ndarray) -> np.ndarray:
+def hull(mask: np.ndarray) -> np.ndarray:
+    """The convex hull of a mask bool [H, W] that is not empty."""
     points = np.argwhere(mask)[:, ::-1].astype(np.int32)
     drawn = np.zeros(mask.shape, np.uint8)
     cv2.fillConvexPoly(drawn, cv2.convexHull(points), 1)

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QDockWidget
 from degense.app.features.annotate.controller import Annotator
 from degense.app.features.annotate.exchange import LabelExchange
 from degense.app.features.annotate.state import AnnotationState
+from degense.app.features.archive.controller import ArchiveSearch
 from degense.app.features.cameras.controller import Cameras
 from degense.app.features.compare.controller import RunComparison
 from degense.app.features.documents.autosave import Autosave
@@ -64,6 +65,10 @@ def statistics(window: Shell) -> PromptStatistics:
 
 def moments(window: Shell) -> MomentList:
     return found(window, MomentList)
+
+
+def archive(window: Shell) -> ArchiveSearch:
+    return found(window, ArchiveSearch)
 
 
 def probe(window: Shell) -> Probe:

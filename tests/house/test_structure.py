@@ -31,6 +31,7 @@ ORDERS = {
         "store",
         "training",
         "scene",
+        "archive",
         "layers",
         "metrics",
         "annotation",

@@ -31,6 +31,7 @@ BENCHES: Benches = {
     ),
     "viewing": ("degense.engine.research.benchmarks.viewing", "how fast a scene plays and answers prompts"),
     "query": ("degense.engine.research.benchmarks.query", "how long a whole clip takes to answer prompts"),
+    "search": ("degense.engine.research.benchmarks.search", "how long a question to an archive takes, and how its index grows"),
     "masks": ("degense.engine.research.benchmarks.masks", "superpixels and decoders: time against mask quality"),
     "presets": (
         "degense.engine.research.benchmarks.presets",

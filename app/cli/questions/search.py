@@ -1,0 +1,114 @@
+"""`degense search`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from degense.app.cli.terminal import Bar, run_steps
+from degense.app.features.prompts.segment import folder_name
+from degense.engine.errors import DegenseError
+from degense.engine.files import replacing, write_text
+
+if TYPE_CHECKING:
+    from degense.engine.archive.index_file import IndexedRun, IndexFile
+    from degense.engine.archive.search import Found
+
+#: Sentences of runs that are printed in full; the rest is a number.
+TOLD = 5
+
+
+def search(options: argparse.Namespace) -> None:
+    """Bring the index of a folder up to date, ask it, and open the runs that it cannot answer for where that is wished."""
+    from degense.engine.archive.index_file import INDEX, open_index
+    from degense.engine.archive.indexing import update_index
+    from degense.engine.archive.opening import ask_runs
+    from degense.engine.archive.search import search as ask
+
+    if not options.as_is:
+        update = run_steps(update_index(options.folder), Bar())
+        if update.busy:
+            print("degense: another program is indexing; these are the answers of what it has indexed.", file=sys.stderr)
+    path = options.folder / INDEX
+    if not path.exists():
+        raise DegenseError(f"{options.folder} has no index yet; leave out --as-is to have it made.")
+    written: list[dict[str, Any]] = []
+    with open_index(path) as index:
+        runs = index.runs()
+        for number, text in enumerate(options.prompts, 1):
+            found = ask(index, text, runs)
+            if options.open:
+                hits, refused = run_steps(ask_runs(options.folder, [run for run, _ in found.unanswered], text), Bar())
+                found = replace(found, hits=(*found.hits, *hits), unanswered=tuple(refused))
+            pictures = None if options.thumbnails is None else options.thumbnails / folder_name(number, text)
+            rows = _rows(index, found, text, options.limit)
+            print("\n".join(_told(text, found, rows, options.limit)))
+            if pictures is not None:
+                print(f"{pictures}: {_write_pictures(index, rows[: options.limit], pictures)} pictures")
+            written.append(_json(text, found, rows))
+    if options.json is not None:
+        write_text(options.json, json.dumps({"folder": str(options.folder), "questions": written}, ensure_ascii=False))
+
+
+def _rows(index: IndexFile, found: Found, text: str, limit: int) -> list[dict[str, Any]]:
+    """A line for each moment, with what is known of the frame in which the mask is largest."""
+    from degense.engine.archive.search import measures
+
+    rows: list[dict[str, Any]] = []
+    for hit in found.hits:
+        for moment in hit.moments:
+            row = {"run": hit.run.path.as_posix(), "fps": hit.run.fps, "unit": hit.run.unit, **vars(moment), "id": hit.run}
+            if len(rows) < limit and (known := measures(index, hit.run, text, moment.peak)) is not None:
+                row |= {"confidence": known.confidence, "displacement": known.displacement}
+            rows.append(row)
+    return rows
+
+
+def _told(text: str, found: Found, rows: list[dict[str, Any]], limit: int) -> list[str]:
+    count = len({row["run"] for row in rows})
+    lines = [f"{text}: {_plural(len(rows), 'moment')} in {count} of {_plural(found.searched, 'run')}"]
+    for row in rows[:limit]:
+        when = f"{row['first'] / row['fps']:.2f} to {row['last'] / row['fps']:.2f} s"
+        most = f"{row['area']:.1%} of the picture at most, in frame {row['peak']}"
+        lines.append(f"  {row['run']}: frames {row['first']} to {row['last']} ({when}): {most}")
+    if len(rows) > limit:
+        lines.append(f"  … and {len(rows) - limit} more (--limit)")
+    lines += _some("  not answered from the index (--open asks the run)", found.unanswered)
+    return lines + _some("  not indexed", [(run, run.error) for run in found.broken])
+
+
+def _some(title: str, runs: Any) -> list[str]:
+    lines = [f"{title}: {run.path}: {why}" for run, why in runs[:TOLD]]
+    return [*lines, *([f"{title}: {len(runs) - TOLD} more"] if len(runs) > TOLD else [])]
+
+
+def _plural(count: int, what: str) -> str:
+    return f"{count:,} {what}{'s' * (count != 1)}"
+
+
+def _write_pictures(index: IndexFile, rows: list[dict[str, Any]], folder: Path) -> int:
+    """The picture nearest to the peak of each moment, named by its place in the list; how many there are."""
+    count = 0
+    for number, row in enumerate(rows, 1):
+        if (picture := index.picture(row["id"].id, row["peak"])) is not None:
+            with replacing(folder / f"{number:04d}.jpg") as temporary:
+                temporary.write_bytes(picture[1])
+            count += 1
+    return count
+
+
+def _json(text: str, found: Found, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    def told(runs: list[tuple[IndexedRun, str]]) -> list[dict[str, str]]:
+        return [{"run": run.path.as_posix(), "why": why} for run, why in runs]
+
+    return {
+        "question": text,
+        "runs": found.searched,
+        "moments": [{key: value for key, value in row.items() if key != "id"} for row in rows],
+        "unanswered": told(list(found.unanswered)),
+        "broken": told([(run, run.error) for run in found.broken]),
+    }
