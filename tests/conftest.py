@@ -23,7 +23,14 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 ROOT = Path(__file__).resolve().parent.parent
 
 #: A test may be skipped only for a reason that begins with one of these. Every other skip fails: it would hide a test that nobody runs.
-ALLOWED_SKIPS = ("needs CUDA", "needs Chromium", "needs rerun", "real clips absent", "the superuser may read everything")
+ALLOWED_SKIPS = (
+    "needs CUDA",
+    "needs Chromium",
+    "needs rerun",
+    "needs distributed",
+    "real clips absent",
+    "the superuser may read everything",
+)
 
 # Shapes that the engine states with jaxtyping are checked at every call. Only there: wrapped functions are lost to numba's compiler.
 install_import_hook(

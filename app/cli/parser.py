@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
-from typing import get_args
 
 from degense.app.cli.arguments.argument_types import frame_range as _frame_range
 from degense.app.cli.arguments.argument_types import labelled_or_range as _labelled_or_range
@@ -14,10 +12,11 @@ from degense.app.cli.arguments.argument_types import number_range as _range
 from degense.app.cli.arguments.argument_types import positive as _positive
 from degense.app.cli.arguments.argument_types import setting as _setting
 from degense.app.cli.arguments.argument_types import size as _size
+from degense.app.cli.arguments.batch_options import add_batch_options
+from degense.app.cli.arguments.clip_arguments import add_clip_options
 from degense.app.cli.arguments.movie_options import add_movie_options
 from degense.app.cli.arguments.search_options import add_search_options
 from degense.app.cli.arguments.sweep_options import add_sweep_options
-from degense.engine.data.clip_options import LAYOUTS, ClipOptions, MaskMeans, PoseAxes, Poses
 
 LABEL_FORMATS = "masks-png, coco, cvat, cvat-video, label-studio, yolo, nifti, seg-nrrd, dicom-seg, cholecseg8k or endovis18"
 SYSTEMS = "langsplat, opengaussian, dgd, fe4dgs, surgtpgs, degensegs, degense"
@@ -74,7 +73,7 @@ def _clips(command: Command) -> None:
 
     sub = command("info", "clips:info", "say what is found in a clip")
     sub.add_argument("clip", type=Path, metavar="CLIP")
-    _clip_options(sub)
+    add_clip_options(sub)
 
     sub = command("datasets", "clips:datasets", "list the clips of a data set")
     sub.add_argument("folder", type=Path, metavar="FOLDER", help="a data set as downloaded, or any folder of clips")
@@ -108,7 +107,11 @@ def _training(command: Command) -> None:
     sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
     sub.add_argument("--logger", choices=("tensorboard",), help="also write every term of the loss to RUN/tensorboard (extra tensorboard)")
     sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")
-    _clip_options(sub)
+    add_clip_options(sub)
+
+    add_batch_options(
+        command("batch", "batch.command:batch", "train, score, ask and export any number of clips, and go on where it stopped")
+    )
 
 
 def _scores(command: Command) -> None:
@@ -118,7 +121,7 @@ def _scores(command: Command) -> None:
     sub.add_argument("--json", type=Path, metavar="FILE", help="write the scores there too")
     sub.add_argument("--lpips", action="store_true", help="score LPIPS too; downloads its network when it is missing (extra lpips)")
     sub.add_argument("--report", type=Path, metavar="FOLDER", help="write report.json, report.md and report.html there, with pictures")
-    _clip_options(sub)
+    add_clip_options(sub)
 
     sub = command("compare", "scores:compare", "train and score the systems that the paper compares on one clip")
     sub.add_argument("clip", type=Path, metavar="CLIP", help="with label maps")
@@ -132,7 +135,7 @@ def _scores(command: Command) -> None:
     sub.add_argument("--iterations", type=_positive, metavar="N")
     sub.add_argument("--max-gaussians", type=_positive, metavar="N")
     sub.add_argument("--device", metavar="NAME", help="auto (default), cpu or cuda")
-    _clip_options(sub)
+    add_clip_options(sub)
 
     sub = command("bench", "scores:bench", "measure run time against error on this machine")
     sub.add_argument(
@@ -258,28 +261,6 @@ def _machine(command: Command) -> None:
     sub.add_argument("--limit", type=float, metavar="GB", help="the most they may take from now on")
 
     command("doctor", "machine:doctor", "say what this machine can do, and what is missing")
-
-
-def _clip_options(sub: argparse.ArgumentParser) -> None:
-    sub.set_defaults(**asdict(ClipOptions()))
-    sub.add_argument("--layout", metavar="NAME", help=f"{', '.join(LAYOUTS[:-1])} or {LAYOUTS[-1]} (default: detected)")
-    sub.add_argument("--mask-means", choices=get_args(MaskMeans), help="what white means in the clip's masks (default: detected)")
-    sub.add_argument(
-        "--poses",
-        choices=get_args(Poses),
-        help="whether the camera moves: as the clip says, else decided from its frames (auto, default); no; yes, and find out how",
-    )
-    sub.add_argument("--pose-axes", choices=get_args(PoseAxes), help="axes of a moving camera's poses (default: llff)")
-    sub.add_argument("--labels", metavar="FOLDER", help="read label maps from its labels/ and classes.json instead of the clip's own")
-    sub.add_argument("--start", type=int, metavar="N", help="first frame used of a video file")
-    sub.add_argument("--stride", type=_positive, metavar="N", help="use each Nth frame of a video file")
-    sub.add_argument(
-        "--max-frames",
-        type=_positive,
-        metavar="N",
-        help="most frames used of a video file (default %(default)s)",
-    )
-    sub.add_argument("--focal", type=float, metavar="PX", help="focal length in pixels (default: from the clip; `info` shows it)")
 
 
 def _run_and_frames(sub: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,4 +44,14 @@ def ask_clip(scene: Scene, prompts: PromptSet) -> Steps[tuple[Answer, ...]]:
     )
 
 
-__all__ = ["Answer", "Moment", "ask_clip"]
+def answers_json(answers: Sequence[Answer], fps: float) -> dict[str, Any]:
+    """Moments, kept frames and areas of each question, as JSON values."""
+
+    def values(answer: Answer) -> dict[str, Any]:
+        numbers = {"kept": answer.kept.tolist(), "areas": answer.areas.round(6).tolist()}
+        return {"question": answer.text, "moments": [vars(moment) for moment in answer.moments], **numbers}
+
+    return {"fps": fps, "questions": [values(answer) for answer in answers]}
+
+
+__all__ = ["Answer", "Moment", "answers_json", "ask_clip"]

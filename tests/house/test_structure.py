@@ -22,6 +22,7 @@ MOST_FILES, MOST_LINES, LONGEST_FUNCTION = 15, 300, 60
 #: Rooms in their order: each may import the ones before it. Files that lie in `engine` itself are value types and come before all of these.
 ORDERS = {
     "engine": (
+        "processes",
         "vocabulary",
         "motion",
         "data",
@@ -37,7 +38,7 @@ ORDERS = {
         "annotation",
         "research",
     ),
-    "app": ("session", "shell", "features", "application.py", "cli"),
+    "app": ("session", "shell", "features", "batch", "application.py", "cli"),
 }
 
 

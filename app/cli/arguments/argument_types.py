@@ -45,3 +45,10 @@ def number_range(text: str) -> tuple[float, float]:
         return float(low), float(high)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is no range such as 0:2.5") from None
+
+
+def share(text: str) -> tuple[int, int]:
+    index, slash, count = text.partition("/")
+    if not (slash and index.isdigit() and count.isdigit() and int(index) < int(count)):
+        raise argparse.ArgumentTypeError(f"{text!r} is no share such as 0/4")
+    return int(index), int(count)

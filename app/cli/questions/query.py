@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from degense.app.cli.options import asked_prompts, chosen_encoder
 from degense.app.cli.terminal import Bar, run_steps
@@ -21,7 +21,7 @@ def query(options: argparse.Namespace) -> None:
     from dataclasses import replace
 
     from degense.engine.scene import Scene
-    from degense.engine.scene.moments import ask_clip
+    from degense.engine.scene.moments import answers_json, ask_clip
 
     prompts = asked_prompts(options)
     scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
@@ -31,7 +31,7 @@ def query(options: argparse.Namespace) -> None:
     for answer in answers:
         print("\n".join(_told(answer, scene.fps)))
     if options.json is not None:
-        write_text(options.json, json.dumps({"fps": scene.fps, "questions": [_json(answer) for answer in answers]}, ensure_ascii=False))
+        write_text(options.json, json.dumps(answers_json(answers, scene.fps), ensure_ascii=False))
     for number, answer in enumerate(answers, 1):
         frames = [int(frame) for frame in answer.kept.nonzero()[0]]
         if options.out is not None and frames:
@@ -54,12 +54,3 @@ def _line(moment: Moment, fps: float) -> str:
     seconds = f"{moment.first / fps:.2f} s" if one else f"{moment.first / fps:.2f} to {moment.last / fps:.2f} s"
     largest = f"{moment.area:.1%} of the picture" + ("" if one else f" at most, in frame {moment.peak}")
     return f"{when} ({seconds}): {largest}"
-
-
-def _json(answer: Answer) -> dict[str, Any]:
-    return {
-        "question": answer.text,
-        "moments": [vars(moment) for moment in answer.moments],
-        "kept": answer.kept.tolist(),
-        "areas": answer.areas.round(6).tolist(),
-    }

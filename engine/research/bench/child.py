@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
-import threading
 import traceback
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -13,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from degense.engine.errors import DegenseError
+from degense.engine.processes.parent import end_with_parent
 from degense.engine.progress import Progress
 
 #: `work(*arguments, progress)`: a module's function; arguments and result are plain enough to be sent.
@@ -58,19 +57,6 @@ def call_in_child(work: Callable[..., Value], *arguments: object) -> Value:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=1, mp_context=context, initializer=end_with_parent) as pool:
         return pool.submit(work, *arguments).result()
-
-
-def end_with_parent() -> None:
-    """From now on this process ends when the one that started it does, killed or not: no work is left behind."""
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        raise RuntimeError("this process was not started by multiprocessing")
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, name="end with parent", daemon=True).start()
 
 
 def _serve(sender: Connection, work: Work, arguments: tuple[object, ...]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import platform
 import shlex
 from collections.abc import Iterator, Mapping
@@ -15,6 +14,7 @@ from typing import Any
 import torch
 
 from degense.engine.errors import DegenseError
+from degense.engine.processes.capacity import cores
 from degense.engine.progress import Progress, silent
 from degense.engine.research.bench.table import Table
 
@@ -136,11 +136,6 @@ def hardware(device: str) -> str:
     """This machine in words."""
     words = f"{cores()} cores {platform.machine()}, torch {torch.__version__}"
     return f"{torch.cuda.get_device_name()}, {words}" if device == "cuda" else f"{_processor()}{words}"
-
-
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _processor() -> str:

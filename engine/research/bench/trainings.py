@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.processes.capacity import trainings_at_once
 from degense.engine.progress import Progress
 from degense.engine.research import surgeries  # noqa: F401  (adds the kind "family")
 from degense.engine.research.bench.run import BenchOptions
-from degense.engine.research.bench.workers import run_jobs, worker_count
+from degense.engine.research.bench.workers import run_jobs
 from degense.engine.research.degraded_teachers import Degradation
 from degense.engine.training.config import TrainConfig
 
@@ -114,7 +115,7 @@ TEACHER_WORDS = (
 
 def score_all(trainings: list[BenchTraining], options: BenchOptions, progress: Progress, words: str) -> list[dict[str, Any]]:
     """Scores of all trainings, in their order."""
-    found: dict[int, dict[str, Any]] = dict(run_jobs(score, trainings, worker_count(options.device), progress, words))
+    found: dict[int, dict[str, Any]] = dict(run_jobs(score, trainings, trainings_at_once(options.device), progress, words))
     return [found[number] for number in range(len(trainings))]
 
 
@@ -130,6 +131,6 @@ def protocol(options: BenchOptions) -> str:
         f"Phantoms of {size.frames} frames, {size.width} × {size.height}, seed 0, exact depth. "
         f"PSNR ceiling: {psnr_ceiling(PhantomOptions().noise):.1f} dB, what a perfect picture scores in 8 bits, as all are scored. "
         f"Each training: preset quick with {size.iterations:,} iterations and at most {size.gaussians:,} Gaussians, one thread, "
-        f"{worker_count(options.device)} at once. Training seeds {', '.join(map(str, options.seeds))}: mean (least–greatest). "
+        f"{trainings_at_once(options.device)} at once. Training seeds {', '.join(map(str, options.seeds))}: mean (least–greatest). "
         "Scores on held-out frames, (i − 1) % 8 == 0; motion on all frames, mm."
     )

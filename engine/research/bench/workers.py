@@ -8,23 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from typing import Any, TypeVar
 
+from degense.engine.processes.capacity import thread_environment
+from degense.engine.processes.parent import end_with_parent
 from degense.engine.progress import Progress
-from degense.engine.research.bench.child import end_with_parent
 
 Job = TypeVar("Job")
 Outcome = TypeVar("Outcome")
-GPU_BYTES = 4 << 30  # of memory that a small training may take on a GPU, its context included
-MOST = 12  # more trainings than this only wait for the GPU
-
-
-def worker_count(device: str) -> int:
-    """As many as there are cores; on a GPU, as its free memory holds."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if device != "cuda":
-        return cores
-    import torch
-
-    return max(1, min(cores, MOST, torch.cuda.mem_get_info()[0] // GPU_BYTES))
 
 
 def run_jobs(
@@ -52,8 +41,7 @@ def run_jobs(
 def _one_thread() -> None:
     """Before any numeric library is imported in this process, which does not outlive the one that started it."""
     end_with_parent()
-    for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"
+    os.environ.update(thread_environment(1))
     import cv2
     import torch
 

@@ -13,9 +13,10 @@ from torch import Tensor
 
 from degense.engine.field import SceneModel
 from degense.engine.metrics.image import psnr
+from degense.engine.processes.capacity import cores
 from degense.engine.progress import Progress
 from degense.engine.raster import rasterize
-from degense.engine.research.bench.run import BenchOptions, cores
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.scenes import trained_scene, with_count
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure, thread_counts, threads

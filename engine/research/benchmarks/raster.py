@@ -10,11 +10,12 @@ import torch
 from torch import Tensor
 
 from degense.engine.camera import Camera
+from degense.engine.processes.capacity import cores
 from degense.engine.progress import Progress
 from degense.engine.raster.camera_tensors import intrinsic_matrix, view_matrix
 from degense.engine.raster.limits import NEAR
 from degense.engine.research.bench.raster_scenes import draw_scene, random_scene
-from degense.engine.research.bench.run import BenchOptions, cores
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.bench.timing import measure, thread_counts, threads
 from degense.engine.splats import Splats

@@ -13,8 +13,8 @@ from typing import Any, Literal, get_args
 
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
-from degense.engine.research.bench.run import BenchOptions, cores
-from degense.engine.research.bench.workers import worker_count
+from degense.engine.processes.capacity import trainings_at_once
+from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.degraded_teachers import ErrorModel
 from degense.engine.research.surgeries import DEVELOP, REPORT
 from degense.engine.research.systems import SYSTEMS, as_system
@@ -98,11 +98,6 @@ class SweepPlan:
         order = product(self.depths, self.teachers, self.scenes, self.seeds, self.methods)
         return [SweepJob(scene, depth, teacher, method, seed) for depth, teacher, scene, seed, method in order]
 
-    @property
-    def threads(self) -> int:
-        """Of each training."""
-        return max(1, cores() // self.slots)
-
     def clip(self, scene: int, depth: Depth) -> Path:
         width, height = self.size
         return self.out / "clips" / f"{scene:03d}-{width}x{height}-{self.frames}-{depth}"
@@ -167,7 +162,7 @@ def plan_of(options: BenchOptions) -> SweepPlan:
         chosen["teachers"] = teachers_of(given["teachers"])
     if "scenes" in given or which == "report":
         chosen["scenes"] = scenes_of(given.get("scenes", str(len(SETS[which]))), SETS[which])
-    slots = given.get("slots") or worker_count(options.device)
+    slots = given.get("slots") or trainings_at_once(options.device)
     plan = SweepPlan(options.out or options.scratch, which, slots=slots, baselines=not given.get("no_baselines"), **chosen)
     for names, known in ((plan.methods, METHODS), (plan.depths, get_args(Depth))):
         if wrong := [name for name in names if name not in known]:

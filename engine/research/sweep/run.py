@@ -11,17 +11,15 @@ from collections.abc import Mapping
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from types import MappingProxyType
 
 from degense.engine.files import write_text
+from degense.engine.processes.capacity import NUMERIC, cores, slot_environment, thread_environment
 from degense.engine.progress import Progress
-from degense.engine.research.bench.run import cores
 from degense.engine.research.sweep.clips import baseline_files, prepare_scene, score_scene_baselines
 from degense.engine.research.sweep.plan import SweepJob, SweepPlan
 from degense.engine.research.sweep.work import begin_process, score_job, warm_up
 from degense.engine.store.files import write_json
 
-NUMERIC = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _ENVIRONMENT = threading.Lock()
 
 
@@ -30,7 +28,7 @@ def train_all(plan: SweepPlan, progress: Progress) -> None:
     started = time.monotonic()
     for folder in ("clips", "scores", "flow"):
         (plan.out / folder).mkdir(parents=True, exist_ok=True)
-    with _pool(plan, cores(), 1) as helpers:
+    with _pool(plan, cores(), thread_environment(1)) as helpers:
         missing = {job.scene for job in plan.jobs if not plan.scores(job).exists()}
         late = [scene for scene in plan.scenes if plan.baselines and not all(path.exists() for path in baseline_files(plan, scene))]
         scenes = {scene: helpers.submit(prepare_scene, plan, scene) for scene in plan.scenes if scene in missing.union(late)}
@@ -124,21 +122,16 @@ def _after_warm_up(plan: SweepPlan, needed: bool) -> None:
 
 def _slot_pool(plan: SweepPlan, number: int) -> ProcessPoolExecutor:
     """The process of a slot, on its GPU."""
-    visible = [name for name in os.environ.get("CUDA_VISIBLE_DEVICES", "").split(",") if name]
-    if plan.device == "cuda" and not visible:
-        import torch
-
-        visible = [str(index) for index in range(torch.cuda.device_count())]
-    return _pool(plan, 1, plan.threads, {"CUDA_VISIBLE_DEVICES": visible[number % len(visible)]} if visible else {})
+    return _pool(plan, 1, slot_environment(number, plan.slots, plan.device))
 
 
-def _pool(plan: SweepPlan, workers: int, threads: int, environment: Mapping[str, str] = MappingProxyType({})) -> ProcessPoolExecutor:
-    """Processes whose numeric libraries have so many threads, which they read from the environment when they are imported."""
+def _pool(plan: SweepPlan, workers: int, environment: Mapping[str, str]) -> ProcessPoolExecutor:
+    """Processes with this environment: their numeric libraries read it when they are imported."""
+    threads = int(environment[NUMERIC[0]])
     pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_process, initargs=(threads, plan.out / "flow"))
     with _ENVIRONMENT:
-        wanted = {**dict.fromkeys(NUMERIC, str(threads)), **environment}
-        before = {name: os.environ.get(name) for name in wanted}
-        os.environ.update(wanted)
+        before = {name: os.environ.get(name) for name in environment}
+        os.environ.update(environment)
         for _ in range(workers):
             pool.submit(int)  # starts a process
         for name, value in before.items():

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from degense.engine.research.bench.child import end_with_parent
+from degense.engine.processes.parent import end_with_parent
 from degense.engine.research.sweep.plan import SweepJob, SweepPlan
 
 

@@ -1,0 +1,1 @@
+"""`degense batch`."""
