@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import re
 import subprocess
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from packaging.requirements import Requirement
 
 from degense.app.shell.settings import config_folder, log_file
 
@@ -89,8 +89,9 @@ def _gsplat() -> Diagnosis:
 
 
 def _packages() -> Diagnosis:
-    """What the program is installed with, extras apart."""
-    wanted = [re.split(r"[^\w-]", line)[0] for line in importlib.metadata.requires("degense") or () if "extra ==" not in line]
+    """What the program is installed with on this system, extras apart."""
+    required = map(Requirement, importlib.metadata.requires("degense") or ())
+    wanted = [one.name for one in required if one.marker is None or one.marker.evaluate({"extra": ""})]
     absent = [package for package in wanted if _version(package) == ABSENT]
     if absent:
         return Diagnosis("missing", f"{' and '.join(absent)} not installed: pip install {' '.join(absent)}")

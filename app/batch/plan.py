@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -58,7 +59,7 @@ class BatchJob:
             found["eval"] = True
         if self.prompts:
             found["query"] = asked
-        return found | {f"export {name}": asked for name in self.exports}
+        return json.loads(json.dumps(found | {f"export {name}": asked for name in self.exports}))
 
     def to_json(self) -> dict[str, Any]:
         own = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "training"}

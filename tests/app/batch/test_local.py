@@ -1,0 +1,82 @@
+"""A batch in processes of this machine: a lost process, a broken clip, a stop, and what is shown meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from degense.app.batch import local
+from degense.app.batch.folder import BatchFolder
+from degense.app.batch.local import device_of, run_here, slots_for
+from degense.app.batch.progress import BatchProgress
+from degense.engine.processes import capacity
+from degense.engine.store import Run
+from tests.app.batch.conftest import model
+
+
+@pytest.fixture(autouse=True)
+def two_cores(monkeypatch):
+    """So that each of two slots has one thread, wherever this runs."""
+    monkeypatch.setattr(capacity, "cores", lambda: 2)
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """The processes that slots start."""
+    processes = []
+
+    def start(environment, begin=local.start):
+        processes.append(begin(environment))
+        return processes[-1]
+
+    monkeypatch.setattr(local, "start", start)
+    return processes
+
+
+def test_a_killed_process_and_a_broken_clip_hold_up_nobody(make_job, tmp_path, trained_once, started):
+    folder = BatchFolder(tmp_path / "out")
+    jobs = folder.begin([make_job("a"), make_job("broken", clip=tmp_path / "nothing"), make_job("b")])
+    lost: list[str] = []
+
+    def changed(job):
+        if job.name == "a" and " of " in job.words and not lost:
+            lost.append(job.words)
+            os.kill(next(process.pid for process in started), signal.SIGKILL)
+
+    progress = BatchProgress(jobs, [], changed)
+    run_here(folder, jobs, 2, "cpu", progress, lambda: False)
+    assert lost
+    assert {job.name: job.state for job in progress.jobs.values()} == {"a": "done", "broken": "failed", "b": "done"}
+    assert "nothing does not exist" in progress.jobs["broken"].words
+    assert model(folder, "a") == model(folder, "b") == model(trained_once)
+
+
+def test_a_stop_saves_what_runs_and_begins_nothing(make_job, tmp_path):
+    folder = BatchFolder(tmp_path / "out")
+    jobs = folder.begin([make_job("a"), make_job("b")])
+    trained: list[str] = []
+    progress = BatchProgress(jobs, [], lambda job: trained.append(job.words) if " of " in job.words else None)
+    run_here(folder, jobs, 1, "cpu", progress, lambda: bool(trained))
+    assert [job.state for job in progress.jobs.values()] == ["stopped", "waiting"]
+    assert Run.open(folder.run(jobs[0])).info["state"] == "stopped"  # it is gone on with in test_work.py
+
+
+def test_a_job_that_ends_every_process_fails(make_job, tmp_path, monkeypatch):
+    monkeypatch.setattr(local, "start", lambda environment: local.JobProcess(["python3", "-c", "import os; os.kill(os.getpid(), 9)"], {}))
+    folder = BatchFolder(tmp_path / "out")
+    jobs = folder.begin([make_job("a")])
+    seen: list[str] = []
+    progress = BatchProgress(jobs, [], lambda job: seen.append(job.words))
+    run_here(folder, jobs, 1, "cpu", progress, lambda: False)
+    assert progress.jobs["a"].state == "failed"
+    assert "was ended by the system (signal 9), twice" in progress.jobs["a"].words
+    assert any("it goes on in another" in words for words in seen)
+
+
+def test_slots_fit_the_machine(make_job, monkeypatch):
+    monkeypatch.setattr(capacity, "free_ram", lambda: None)
+    jobs = [make_job(str(number)) for number in range(5)]
+    assert device_of(jobs) == "cpu"
+    assert (slots_for(jobs, "cpu"), slots_for(jobs[:1], "cpu")) == (2, 1)
