@@ -61,7 +61,7 @@ def run_on_cluster(
                 if client.status not in ("running", "connecting"):
                     raise DegenseError(f"The scheduler at {address} has gone; call again when it is back, and the batch goes on.") from None
                 continue
-            progress.ended(names.pop(future.key), *_outcome(future))
+            progress.ended(names.pop(str(future.key)), *_outcome(future))
         client.unsubscribe_topic(topic)
         halt.delete()
     finally:

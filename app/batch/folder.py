@@ -93,7 +93,8 @@ class BatchFolder:
 
     def left(self, job: BatchJob) -> list[str]:
         """The stages that are still to be done. A run that is trained anew is scored, asked and exported anew."""
-        done, left = self.record(job).done, []
+        done = self.record(job).done
+        left: list[str] = []
         for stage, asked in job.stages().items():
             if left[:1] == ["train"] or done.get(stage) != asked or not self.product(job, stage).exists():
                 left.append(stage)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from degense.app.cli.batch.table import JsonLines, PlainLines, TerminalTable
 from degense.app.cli.training import StopFlag
@@ -18,6 +18,7 @@ from degense.engine.files import write_text
 if TYPE_CHECKING:
     from degense.app.batch.folder import BatchFolder
     from degense.app.batch.plan import BatchJob
+    from degense.app.batch.progress import BatchProgress
 
 
 def batch(options: argparse.Namespace) -> int:
@@ -54,7 +55,7 @@ def _asked(options: argparse.Namespace) -> list[BatchJob]:
     return with_own_names([chosen.job(clip, name_of(clip), here) for path in options.paths for clip in found(path, here)])
 
 
-def _said(options: argparse.Namespace) -> dict[str, object]:
+def _said(options: argparse.Namespace) -> dict[str, Any]:
     """What was said about the jobs."""
     from degense.app.batch.plan import JobOptions
 
@@ -112,10 +113,7 @@ def _run(options: argparse.Namespace, folder: BatchFolder, jobs: Sequence[BatchJ
     return count["failed"]
 
 
-def _do(options: argparse.Namespace, folder: BatchFolder, left: Sequence[BatchJob], progress: object, stop: StopFlag) -> None:
-    from degense.app.batch.progress import BatchProgress
-
-    assert isinstance(progress, BatchProgress)
+def _do(options: argparse.Namespace, folder: BatchFolder, left: Sequence[BatchJob], progress: BatchProgress, stop: StopFlag) -> None:
     if options.cluster is not None:
         from degense.app.batch.cluster import run_on_cluster
 
