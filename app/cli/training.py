@@ -40,7 +40,7 @@ def train(options: argparse.Namespace) -> None:
 def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
     if not options.resume:
         refuse_non_empty(options.out)
-    if options.system or options.resume or str(options.teacher).startswith("degraded"):
+    if options.system or options.resume or str(options.teacher).startswith(("degraded", "unseen")):
         importlib.import_module("degense.engine.research")  # adds teachers and distillations that a run may have begun with
     from degense.app.features.train.job import parse_settings
     from degense.engine.data.readers import open_clip

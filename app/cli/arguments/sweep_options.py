@@ -22,7 +22,9 @@ def add_sweep_options(sub: argparse._ArgumentGroup, setting: Parse, size: Parse,
     sub.add_argument(
         "--methods", metavar="NAME,...", help="systems as of compare, and coupled (default degense,degensegs,surgtpgs,coupled)"
     )
-    sub.add_argument("--teachers", metavar="NAME,...", help="labels (default), none, degraded:model=flips,strength=2, degraded: all nine")
+    sub.add_argument(
+        "--teachers", metavar="NAME,...", help="labels (default), none, degraded:model=flips,strength=2 (degraded: all nine), unseen"
+    )
     sub.add_argument("--depth", dest="depths", metavar="NAME,...", help="exact (default), noisy, none")
     sub.add_argument("--preset", metavar="NAME", help="quick, balanced (default) or best")
     sub.add_argument("--iterations", type=positive, metavar="N", help="not on report, nor the next two")

@@ -186,12 +186,14 @@ def scenes_of(text: str, seeds: range) -> tuple[int, ...]:
 
 def teachers_of(text: str) -> tuple[str, ...]:
     """Teachers separated by commas, of which those within a degraded teacher's name are none; "degraded" alone is all of `CELLS`."""
-    names = re.split(r",(?=labels|none|degraded)", text)
+    names = re.split(r",(?=labels|none|degraded|unseen)", text)
     return tuple(cell for name in names for cell in (CELLS if name == "degraded" else (name,)))
 
 
 def seeded(teacher: str, seed: int) -> str:
-    """A degraded teacher with the chances of a seed, unless its name has one."""
+    """A degraded teacher, or the unseen one, with the chances of a seed, unless its name has one."""
+    if teacher == "unseen":
+        return f"unseen:seed={seed}"
     return f"{teacher},seed={seed}" if teacher.startswith("degraded:") and "seed=" not in teacher else teacher
 
 

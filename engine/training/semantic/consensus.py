@@ -20,6 +20,7 @@ from degense.engine.progress import Progress, silent
 from degense.engine.raster import backproject, rasterize
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.semantic.appearance import Appearance, look
+from degense.engine.training.semantic.regions import Regions
 from degense.engine.training.semantic.targets import SemanticTargets, SureAnswer
 from degense.engine.training.semantic.vectors import shares_of, words_of
 
@@ -71,10 +72,13 @@ class Votes:
 class Consensus:
     """What each pixel of a clip's frames is called, by all frames together.
 
-        log q(word) = log p(word | votes of the other frames) + log p(word | look) − ½ log p(word) + λ [the frame's own word] + const
+        log q₀(word) = log p(word | votes of the other frames) + log p(word | look) − ½ log p(word) + λ [the frame's own word] + const
+        log q(word) = log q₀(word) + 4 e log p(word | q₀ of the regions around)
 
-    The third term takes back half of the clip's frequencies of words, which both before it contain. λ ≥ 0 is `own_weight`: a teacher that
-    does not err is right where the scene is blurred.
+    The third term takes back half of the clip's frequencies of words, which both before it contain. λ ≥ 0 is `own_weight`, the log odds
+    that the teacher is right where not all agree, e = 1 / (1 + exp λ): one that does not err is right where the scene is blurred and where
+    regions of like colour meet. The regions (`Regions`) settle where one place and one look do not: whole regions called by another name
+    for a while, and boundaries that wander.
 
     The model's geometry is finished. The targets, which are the teacher's answers, are told their `disagreement`.
     """
@@ -83,6 +87,7 @@ class Consensus:
         self._frames, self._targets, self._words = frames, targets, words_of(targets.sample, targets.classes)
         width, height = frames.size
         self._scores = Latest(max(2, SCORE_BYTES // (2 * width * height * len(self._words))))
+        self._regions = Regions(model, frames)
         asked = targets.labelled_frames
         voters = [asked[i] for i in np.unique(np.linspace(0, len(asked) - 1, min(len(asked), MOST_VOTERS)).round().astype(int))]
         random = torch.Generator().manual_seed(seed)
@@ -102,14 +107,22 @@ class Consensus:
             self._appearance = Appearance(torch.cat(seen), torch.cat(called), seed)
             self._scores = Latest(self._scores.limit)
             self._own = own_weight(self._contested(voters))
+            self._regions.clear()
+            for frame in voters:
+                told = self._told(frame)
+                self._regions.add(frame, torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0))
             shares = self.shares
         otherwise = torch.cat([self._otherwise(frame) for frame in voters])
         targets.disagreement = float(otherwise.float().mean())
 
     def shares(self, frame: int) -> Float[Tensor, "pixels words"]:
         """q of each pixel of a frame, rows of sum 1."""
-        found = self._scores.get(frame, lambda: self._score(*self._raters(frame)))
-        return torch.softmax(found.float() + self._own * self._told(frame), 1)
+        around = (self._regions.read(frame) + LEAST * self._usual).log()
+        return torch.softmax(self._before_regions(frame, self._told(frame)) + 4 * around / (1 + math.exp(self._own)), 1)
+
+    def _before_regions(self, frame: int, told: Tensor) -> Tensor:
+        """log q₀, but for a constant: float [H × W, K]."""
+        return self._scores.get(frame, lambda: self._score(*self._raters(frame))).float() + self._own * told
 
     def answer(self, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The teacher's words float32 [K, D]; which is the likeliest at each pixel of a frame, int32 [H, W], −1 where the teacher says

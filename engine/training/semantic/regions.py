@@ -1,0 +1,86 @@
+"""What regions of like colour around a place are called, over all frames and along the scene's own motion.
+
+A teacher errs in whole regions and beside the true boundaries; a vote in one place contains both for as long as they last. What lies near
+by in the scene and has the same colour is mostly the same thing, and was mostly called right in some frame.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from degense.engine.field import SceneModel
+from degense.engine.latest import Latest
+from degense.engine.raster import rasterize
+from degense.engine.semantics.masks.superpixels import REGION_SIZE, superpixels
+from degense.engine.training.frames import TrainingFrames
+
+MOST_REGIONS = 600  # of a frame
+PLACE_SCALE = 0.15  # of the picture's width: distance between places in the scene at which a region counts e^(−½)
+COLOR_SCALE = 8.0  # CIELAB units: difference of colours at which it does
+ROWS = 128  # regions asked at once
+KEPT = 128  # frames whose regions are kept
+
+
+class FrameRegions(NamedTuple):
+    """Superpixels of one frame, K of them."""
+
+    of_pixel: Tensor  # int64 [P]
+    size: Tensor  # float [K], pixels
+    traits: Tensor  # float [K, 6]; place among the canonical Gaussians and CIELAB, in units of the scales above
+
+
+class Regions:
+    """Superpixels of a clip's frames, each at the place of the canonical Gaussians that it shows: what moves keeps its place."""
+
+    def __init__(self, model: SceneModel, frames: TrainingFrames):
+        self._model, self._frames = model, frames
+        width, height = frames.size
+        self._side = max(REGION_SIZE, round(math.sqrt(width * height / MOST_REGIONS)))
+        self._width = width / frames.cameras[0].fx  # of the picture, at the median depth
+        self._made = Latest(KEPT)
+        self._traits: list[Tensor] = []
+        self._sums: list[Tensor] = []
+
+    def clear(self) -> None:
+        """Forget what was called what."""
+        self._traits, self._sums = [], []
+
+    def add(self, frame: int, shares: Float[Tensor, "pixels words"]) -> None:
+        """Let the regions of a frame vote, by size; rows of zeros say nothing."""
+        regions = self._of(frame)
+        self._traits.append(regions.traits)
+        self._sums.append(shares.new_zeros(len(regions.size), shares.shape[1]).index_add_(0, regions.of_pixel, shares))
+
+    def read(self, frame: int) -> Float[Tensor, "pixels words"]:
+        """The shares of the votes around each pixel's region, rows of sum 1:  Σ_s exp(−‖traits − traits_s‖² / 2) Σ_p∈s shares_p."""
+        regions, traits, sums = self._of(frame), torch.cat(self._traits), torch.cat(self._sums)
+        votes = torch.cat([torch.exp(torch.cdist(rows, traits).square() / -2) @ sums for rows in regions.traits.split(ROWS)])
+        shares = votes / votes.sum(1, keepdim=True).clamp_min(1e-12)
+        return shares[regions.of_pixel]
+
+    def _of(self, frame: int) -> FrameRegions:
+        return self._made.get(frame, lambda: self._found(frame))
+
+    @torch.no_grad()
+    def _found(self, frame: int) -> FrameRegions:
+        image, device = self._frames.image(frame), self._frames.device
+        of_pixel = torch.from_numpy(superpixels(image, self._side).ravel().astype(np.int64)).to(device)
+        colors = torch.from_numpy(cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB).reshape(-1, 3)).to(device)
+        splats = self._model.at(self._frames.clip.time(frame), semantics=False).splats
+        drawn = rasterize(splats, self._model.canonical["means"].detach(), self._frames.cameras[frame])
+        places = drawn.image.reshape(-1, 3) / drawn.alpha.reshape(-1, 1).clamp_min(1e-3)
+        size = torch.bincount(of_pixel).to(colors)
+        traits = torch.cat([places / (PLACE_SCALE * self._width), colors / COLOR_SCALE], 1)
+        return FrameRegions(of_pixel, size, _means(of_pixel, traits, size))
+
+
+def _means(of_pixel: Int[Tensor, " pixels"], values: Float[Tensor, "pixels n"], size: Float[Tensor, " regions"]) -> Tensor:
+    """Mean of the values of each region, [regions, n]."""
+    return values.new_zeros(len(size), values.shape[1]).index_add_(0, of_pixel, values) / size.clamp_min(1)[:, None]
