@@ -22,6 +22,7 @@ from degense.app.features.viewer.layer_images import check_frame, get_layer, lay
 from degense.engine.annotation.formats import LABEL_FORMATS
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
+from degense.engine.scene.uncertainty import DOUBTFUL, RELATIVE
 
 if TYPE_CHECKING:
     from degense.engine.layers import Layer
@@ -61,9 +62,8 @@ def _render_frame(scene: Scene, layer: Layer, frame: float, out: Path, options: 
         image = layer.image(scene, request)
         write_npy(out, image.values)
         if image.uncertain is not None and image.uncertain.any():
-            share = f"{image.uncertain.mean():.1%}"
-            most = f"{scene.states.doubtful:.3g} {scene.unit}"
-            print(f"{share} of the pixels hold a guess, kept as it is; where: --layer uncertainty, above {most}")
+            most = f"{DOUBTFUL * scene.states.depth:.3g} {scene.unit} and {RELATIVE:.0%} of the displacement"
+            print(f"{image.uncertain.mean():.1%} of the pixels hold a guess, kept as it is; where: --layer uncertainty, above {most}")
     elif out.suffix.lower() == ".png":
         write_png(out, layer_rgb(scene, layer, request, options.span))
     else:

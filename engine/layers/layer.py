@@ -13,6 +13,7 @@ from degense.engine.colour_maps import CLASS_COLOURS, hatched
 from degense.engine.colour_maps import colourise as colourise_values
 from degense.engine.layer_titles import LAYER_TITLES
 from degense.engine.scene import NO_OBSERVABILITY, Scene
+from degense.engine.scene.uncertainty import is_guess
 from degense.engine.semantics.prompts import NO_PROMPTS, PromptSet
 
 Kind = Literal["colour", "scalar", "mask"]
@@ -77,20 +78,19 @@ class Layer:
         return LayerImage(self.pixels(scene, request), self.unit(scene), self.kind, self.uncertain(scene, request))
 
     def uncertain(self, scene: Scene, request: LayerRequest) -> np.ndarray | None:
-        """Pixels whose displacement may be farther off than `States.doubtful`, bool [H, W]; None where none is a guess, or the scene cannot
-        tell."""
+        """Pixels whose displacement is a guess (`is_guess`), bool [H, W]; None where none is, or the scene cannot tell."""
         if self.guesses is not None:
             return self.guesses(scene, request)
         if not self._revealable(scene, request):
             return None
-        drawn = MOVED if self.name in MOVED and request.camera is None else MOVED[1:]
-        return scene.render(_measured_at(scene, request), request.camera, drawn)["uncertainty"] > scene.states.doubtful
+        drawn = scene.render(_measured_at(scene, request), request.camera, MOVED)
+        return is_guess(drawn["uncertainty"], drawn["displacement"], scene.states.depth)
 
     def uncertain_splats(self, scene: Scene, request: LayerRequest) -> np.ndarray | None:
         """As `uncertain`, bool [N] of the Gaussians."""
         if self.guesses is not None or not self._revealable(scene, request) or scene.observability is None:
             return None
-        return (scene.states.uncertainty(_measured_at(scene, request)) > scene.states.doubtful).cpu().numpy()
+        return scene.states.guesses(_measured_at(scene, request)).cpu().numpy()
 
     def _revealable(self, scene: Scene, request: LayerRequest) -> bool:
         measured = self.since_reference and request.frame == scene.reference_frame

@@ -13,7 +13,7 @@ from degense.engine.layers.layer import MOVED, Layer, LayerRequest
 from degense.engine.motion import spurious
 from degense.engine.scene import NO_OBSERVABILITY, Scene
 from degense.engine.scene.clip_query import decode_frame, decode_splats, splat_semantics
-from degense.engine.scene.uncertainty import DOUBTFUL, NEIGHBOURS, SPREADS, SURE
+from degense.engine.scene.uncertainty import DOUBTFUL, NEIGHBOURS, RELATIVE, SPREADS, SURE
 from degense.engine.semantics.prompts import PromptSet
 
 
@@ -172,8 +172,8 @@ LAYERS: dict[str, Layer] = {
             "scalar",
             "How far tissue has moved since the reference frame: ‖μ(t) − μ(reference)‖, blended over the Gaussians of a pixel. "
             "Instruments, blood and char that come and go are looked through: what counts is the tissue behind them. "
-            f"Hatched where it may be off by more than {DOUBTFUL:.0%} of the scene's depth (layer Displacement uncertainty): a guess. "
-            f"Elsewhere nine of ten places are within {SURE:.1%} of it.",
+            f"Hatched where it may be off by more than {DOUBTFUL:.0%} of the scene's depth and {RELATIVE:.0%} of itself: a guess "
+            f"(layer Displacement uncertainty). Elsewhere nine of ten places are within {SURE:.1%} of the depth.",
             _displacement,
             _displacement_splats,
             lambda scene: scene.unit,

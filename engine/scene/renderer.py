@@ -78,7 +78,7 @@ class Renderer:
                 value = np.where(np.isfinite(tissue), tissue, value)
             if name == "uncertainty":
                 hidden = image[..., -1] > 0.5 * alpha
-                value = np.where(hidden[..., None] & np.isfinite(value), np.float32(1 / self.states.unit), value)
+                value = np.where(hidden[..., None] & np.isfinite(value), np.float32(self.states.depth), value)
             out[name] = np.ascontiguousarray(value[..., 0] if value.shape[-1] == 1 else value)
         return out
 

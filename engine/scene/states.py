@@ -13,7 +13,7 @@ from degense.engine.field import SceneModel
 from degense.engine.field.live import LiveField
 from degense.engine.latest import Latest
 from degense.engine.motion import displacement
-from degense.engine.scene.uncertainty import DOUBTFUL, error_bound, revealed_around
+from degense.engine.scene.uncertainty import error_bound, is_guess, revealed_around
 from degense.engine.splats import Splats
 
 STATE_BYTES = 1 << 30
@@ -61,9 +61,13 @@ class States:
         return displacement(self.advected_means(frame), self.advected_means(self.reference_frame))
 
     @property
-    def doubtful(self) -> float:
-        """The error bound from which a displacement is a guess, clip units: `DOUBTFUL` of the scene's depth, which is 1 to the model."""
-        return DOUBTFUL / self.unit
+    def depth(self) -> float:
+        """The scene's depth, which is 1 to the model, clip units."""
+        return 1 / self.unit
+
+    def guesses(self, frame: float) -> Tensor:
+        """Of which Gaussians the displacement is a guess, bool [N]."""
+        return is_guess(self.uncertainty(frame), self.displacement(frame), self.depth)
 
     def uncertainty(self, frame: float) -> Tensor:
         """How far off the displacement of each Gaussian [N] may be, clip units: kept in nine of ten places. See `error_bound`.
@@ -72,8 +76,8 @@ class States:
         ValueError for a run that does not say what its recording reveals.
         """
         moved = self.advected_means(frame) - self.advected_means(self.reference_frame)
-        bound = error_bound(moved, self._revealed_around, 1 / self.unit)
-        return bound if frame == self.reference_frame else torch.where(self.model.persistent, bound, 1 / self.unit)
+        bound = error_bound(moved, self._revealed_around, self.depth)
+        return bound if frame == self.reference_frame else torch.where(self.model.persistent, bound, self.depth)
 
     @cached_property
     def _revealed_around(self) -> Tensor:

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
+import numpy as np
 import torch
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+Bounds = TypeVar("Bounds", Tensor, np.ndarray)
+
 REVEALED = 0.5  # motion observability from which a Gaussian's motion counts as shown by the recording
 NEIGHBOURS = 32
 SPREADS = 1.4  # so many root mean squares of the differences are the bound, which is kept in nine of ten places (docs/decisions/0038)
-DOUBTFUL = 0.01  # of the scene's depth: a displacement whose bound is larger is a guess,
-SURE = 0.005  # and nine of ten of the others are within this (docs/decisions/0038)
+DOUBTFUL = 0.01  # of the scene's depth: a displacement whose bound is larger than this, and
+RELATIVE = 0.5  # than this share of itself, is a guess,
+SURE = 0.005  # and nine of ten of the others are within this share of the depth (docs/decisions/0038)
 ROWS = 1 << 16  # Gaussians at a time
+
+
+def is_guess(bound: Bounds, displacement: Bounds, depth: float) -> Bounds:
+    """Which displacements are guesses, bool like `bound`, their `error_bound`; both in the unit of `depth`, the scene's."""
+    return (bound > DOUBTFUL * depth) & (bound > RELATIVE * displacement)
 
 
 def revealed_around(means: Float[Tensor, "n 3"], observability: Float[Tensor, " n"]) -> Int[Tensor, "n k"]:

@@ -8,6 +8,7 @@ from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.layers import LAYERS, LayerImage, LayerRequest, layer_range
 from degense.engine.layers.layer import MASK_COLOURS, colourise
+from degense.engine.scene.uncertainty import is_guess
 from degense.engine.semantics.prompts import DECODERS, PromptSet
 
 PROMPTS = ("gallbladder", "liver")
@@ -119,11 +120,14 @@ def test_a_displacement_that_nothing_reveals_is_marked_as_a_guess(scene):
     """Nothing but the uncertainty decides, pixel by pixel and Gaussian by Gaussian; the value itself stays."""
     layer, observability = LAYERS["displacement"], LAYERS["observability"]
     image, bound = layer.image(scene, request()), LAYERS["uncertainty"].image(scene, request()).values
-    limit = scene.states.doubtful
-    assert np.array_equal(image.uncertain, bound > limit)
+    depth = scene.states.depth
+    assert np.array_equal(image.uncertain, is_guess(bound, image.values, depth))
     assert 0 < image.uncertain.mean() < 1
     assert np.isfinite(image.values[image.uncertain]).all()
-    assert np.array_equal(layer.uncertain_splats(scene, request()), LAYERS["uncertainty"].splats(scene, request()) > limit)
+    assert np.array_equal(
+        layer.uncertain_splats(scene, request()),
+        is_guess(LAYERS["uncertainty"].splats(scene, request()), layer.splats(scene, request()), depth),
+    )
     np.testing.assert_array_equal(observability.splats(scene, request()), scene.observability.numpy())
     assert layer_range(scene, observability, request(), "frame") == (0.0, 1.0)
 
@@ -136,7 +140,8 @@ def test_displacement_and_where_it_is_a_guess_take_one_drawing(scene, monkeypatc
     image = LAYERS["displacement"].image(scene, request(7))
     assert drawn == [("displacement", "uncertainty")]
     assert np.array_equal(image.values, scene.render(7, None, ("displacement",))["displacement"], equal_nan=True)
-    assert np.array_equal(image.uncertain, scene.render(7, None, ("uncertainty",))["uncertainty"] > scene.states.doubtful)
+    bound = scene.render(7, None, ("uncertainty",))["uncertainty"]
+    assert np.array_equal(image.uncertain, is_guess(bound, image.values, scene.states.depth))
 
 
 def test_at_the_reference_frame_nothing_is_a_guess(scene):

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from degense.engine.scene import uncertainty
-from degense.engine.scene.uncertainty import NEIGHBOURS, SPREADS, error_bound, revealed_around
+from degense.engine.scene.uncertainty import NEIGHBOURS, SPREADS, error_bound, is_guess, revealed_around
 
 
 def line(count):
@@ -68,3 +68,9 @@ def test_a_scene_draws_it_of_tissue_and_never_beyond_its_depth(scene):
             type(scene.states)(scene.model, scene.states.unit, scene.frames, 0, None).uncertainty(5)
     finally:
         scene.states.observability = everything
+
+
+def test_a_guess_may_be_off_by_much_of_the_depth_and_of_itself():
+    bound = np.array([0.9, 1.1, 1.1, 6.0])
+    displacement = np.array([0.0, 0.5, 4.0, 4.0])
+    assert is_guess(bound, displacement, 100.0).tolist() == [False, True, False, True]

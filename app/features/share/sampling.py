@@ -116,7 +116,7 @@ def _align_signs(quats: np.ndarray) -> None:
 
 
 def _certain(scene: Scene, frame: float) -> np.ndarray:
-    """1 for Gaussians whose displacement is no guess (`States.doubtful`), uint8 [N]; all where the run does not tell."""
+    """1 for Gaussians whose displacement is no guess (`States.guesses`), uint8 [N]; all where the run does not tell."""
     if scene.observability is None:
         return np.ones(len(scene.model), np.uint8)
-    return (scene.states.uncertainty(frame) <= scene.states.doubtful).cpu().numpy().view(np.uint8)
+    return (~scene.states.guesses(frame)).cpu().numpy().view(np.uint8)

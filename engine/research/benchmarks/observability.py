@@ -15,7 +15,7 @@ from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.surgeries import DEVELOP
 from degense.engine.scene import Scene
-from degense.engine.scene.uncertainty import DOUBTFUL, SURE
+from degense.engine.scene.uncertainty import DOUBTFUL, RELATIVE, SURE, is_guess
 from degense.engine.training import TrainConfig, train
 
 #: Surgeries of the family on which neither the bound nor what counts as a guess was chosen, and nothing is reported.
@@ -45,7 +45,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
 
 
 def errors(scene: Scene, clip: Clip) -> np.ndarray:
-    """Of every third frame's tissue pixels: error of the displacement, and its bound, as shares of the scene's depth, float32 [2, n]."""
+    """Error of the displacement, its bound and itself as shares of the scene's depth, float32 [3, n]; tissue pixels of every third frame."""
     truth, found = clip.truth(), []
     if truth is None:
         raise DegenseError(f"{clip.name} has no exact truth.")
@@ -54,14 +54,14 @@ def errors(scene: Scene, clip: Clip) -> np.ndarray:
             drawn = scene.render(frame, None, ("displacement", "uncertainty"))
             off = np.abs(drawn["displacement"] - np.linalg.norm(truth.displacement[frame].astype(np.float64), axis=-1))
             counted = np.isfinite(off) & clip.valid(frame)
-            found.append(np.stack([off[counted], drawn["uncertainty"][counted]]) * scene.states.unit)
+            found.append(np.stack([values[counted] for values in (off, drawn["uncertainty"], drawn["displacement"])]) / scene.states.depth)
     return np.concatenate(found, 1).astype(np.float32)
 
 
 def figures(told: np.ndarray) -> dict[str, Cell]:
     """The columns of a row of the first table, from what `errors` returns."""
-    off, bound = told
-    guess, good = bound > DOUBTFUL, off <= SURE
+    off, bound, moved = told
+    guess, good = is_guess(bound, moved, 1.0), off <= SURE
     by_chance, best = float(off.mean()), risk(off, off).mean()
     return {
         "error": 1000 * by_chance,
@@ -86,8 +86,8 @@ def bounds_table(words: str, rows: list[dict[str, Cell]]) -> Table:
         "observability-bounds",
         "The bound on the error of displacement, and what counts as a guess",
         f"{words}Tissue pixels of every third frame; lengths as thousandths of the scene's depth. A bound of more than {1000 * DOUBTFUL:g} "
-        f"is a guess; an error of at most {1000 * SURE:g} is good. Order: mean error of the surest share, over all shares (the curve "
-        "below), 0 by chance, 100 at best.",
+        f"and {RELATIVE:.0%} of the displacement is a guess; an error of at most {1000 * SURE:g} is good. Order: mean error of the surest "
+        "share, over all shares (the curve below), 0 by chance, 100 at best.",
         [
             Column("surgery", "surgery"),
             Column("error", "mean error"),
@@ -105,7 +105,7 @@ def bounds_table(words: str, rows: list[dict[str, Cell]]) -> Table:
 
 def curve_table(words: str, told: np.ndarray) -> Table:
     """The second table: risk against coverage."""
-    off, bound = told
+    off, bound, _ = told
     curves = {"uncertainty": risk(off, bound), "best": risk(off, off), "chance": np.full(len(off), off.mean())}
     ends = [round(len(off) * step / STEPS) - 1 for step in range(1, STEPS + 1)]
     rows: list[dict[str, Cell]] = [

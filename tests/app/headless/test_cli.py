@@ -17,6 +17,7 @@ import pytest
 from degense.app.cli.main import main
 from degense.app.cli.parser import build_parser
 from degense.app.features.cameras.state import Stop, save_path
+from degense.engine.scene.uncertainty import is_guess
 from degense.widgets.splats.camera_moves import orbit
 from tests.app.conftest import RUN_ARGUMENTS
 
@@ -133,10 +134,12 @@ def test_segment_writes_what_the_engine_says(run, scene, tmp_path, capsys):
 
 def test_raw_displacement_says_how_much_of_it_is_a_guess(run, tmp_path, scene, capsys, monkeypatch):
     half = np.nanmedian(scene.render(5, what=("uncertainty",))["uncertainty"]) * scene.states.unit
-    monkeypatch.setattr("degense.engine.scene.states.DOUBTFUL", half)
+    monkeypatch.setattr("degense.engine.scene.uncertainty.DOUBTFUL", half)
     out = tmp_path / "d.npy"
     assert main(["render", str(run), "--frame", "5", "--layer", "displacement", "--out", str(out)]) == 0
-    share = (scene.render(5, what=("uncertainty",))["uncertainty"] > scene.states.doubtful).mean()
+    drawn = scene.render(5, what=("uncertainty", "displacement"))
+    share = is_guess(drawn["uncertainty"], drawn["displacement"], scene.states.depth).mean()
+    assert 0 < share < 1
     assert f"{share:.1%} of the pixels hold a guess" in capsys.readouterr().out
     assert main(["render", str(run), "--frame", "5", "--layer", "support", "--out", str(out)]) == 0  # as earlier versions call it
     assert np.array_equal(np.load(out) < 0.5, scene.render(5, what=("observability",))["observability"] < 0.5)

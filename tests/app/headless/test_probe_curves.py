@@ -16,6 +16,7 @@ from degense.app.features.viewer.view_rendering import ViewRequest, draw_view
 from degense.app.session.targets import Found, Region, Spot, inside_of, material
 from degense.app.session.view_state import Prompt, ViewState
 from degense.engine.errors import DegenseError, RunError
+from degense.engine.scene.uncertainty import is_guess
 
 LOOK = ViewState(prompts=(Prompt("gallbladder", (230, 159, 0)), Prompt("liver", (86, 180, 233))))
 
@@ -132,9 +133,10 @@ def result_of(steps):
 def test_a_guess_is_called_one(scene, monkeypatch):
     """Under the cursor, in the legend's words and in the 3D view: only where the displacement is one."""
     half = np.nanmedian(scene.render(5, what=("uncertainty",))["uncertainty"]) * scene.states.unit
-    monkeypatch.setattr("degense.engine.scene.states.DOUBTFUL", half)
+    monkeypatch.setattr("degense.engine.scene.uncertainty.DOUBTFUL", half)
     maps = result_of(probe_maps(scene, 5))
-    guesses = scene.render(5, what=("uncertainty",))["uncertainty"] > scene.states.doubtful
+    drawn = scene.render(5, what=("uncertainty", "displacement"))
+    guesses = is_guess(drawn["uncertainty"], drawn["displacement"], scene.states.depth)
     for wanted in (True, False):
         y, x = np.argwhere(guesses == wanted)[0]
         assert dict(maps.rows(int(x), int(y)))["displacement"].endswith("(a guess)") == wanted

@@ -10,7 +10,7 @@ from degense.engine.research.benchmarks.observability import bounds_table, curve
 def test_figures_by_hand():
     off = np.array([0.001, 0.002, 0.006, 0.02])
     bound = np.array([0.002, 0.02, 0.005, 0.03])
-    found = figures(np.stack([off, bound]))
+    found = figures(np.stack([off, bound, np.zeros(4)]))
     assert found["kept"] == 75
     assert found["guesses"] == 50
     assert found["kept_sure"] == 50  # .001 and .006 are sure
@@ -25,16 +25,16 @@ def test_figures_by_hand():
 
 def test_the_best_order_is_the_errors_own_and_any_order_ends_at_the_mean():
     off = np.random.default_rng(0).exponential(0.01, 500)
-    assert figures(np.stack([off, off]))["order"] == pytest.approx(100)
-    assert abs(figures(np.stack([off, np.random.default_rng(1).random(500)]))["order"]) < 20
-    rows = curve_table("", np.stack([off, off])).rows
+    assert figures(np.stack([off, off, off]))["order"] == pytest.approx(100)
+    assert abs(figures(np.stack([off, np.random.default_rng(1).random(500), off]))["order"]) < 20
+    rows = curve_table("", np.stack([off, off, off])).rows
     assert [row["share"] for row in rows] == [10 * k for k in range(1, 11)]
     assert rows[-1]["uncertainty"] == pytest.approx(rows[-1]["chance"]) == pytest.approx(rows[-1]["best"])
     assert rows[0]["best"] < rows[0]["chance"]
 
 
 def test_curves_are_drawn_where_a_table_has_some(tmp_path):
-    told = np.random.default_rng(0).random((2, 200)) * 0.01
+    told = np.random.default_rng(0).random((3, 200)) * 0.01
     assert draw_curves(curve_table("", told), tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 5000
     assert not draw_curves(bounds_table("", [figures(told)]), tmp_path / "b.png")
