@@ -45,7 +45,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
 
 
 def errors(scene: Scene, clip: Clip) -> np.ndarray:
-    """Error of the displacement, its bound and itself as shares of the scene's depth, float32 [3, n]; tissue pixels of every third frame."""
+    """Error of the displacement, its bound and itself as shares of the scene's depth, float32 [3, n]; tissue of every third frame."""
     truth, found = clip.truth(), []
     if truth is None:
         raise DegenseError(f"{clip.name} has no exact truth.")
