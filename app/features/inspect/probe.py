@@ -224,6 +224,9 @@ class Probe(QObject):
             probe.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))
         probe.similarity.setVisible(bool(curves.similarity))
         self.panel.set_cursor(self.session.frame)
+        if not self.dock.isVisible():
+            value = dict(means(curves, self.session.frame))[shown]
+            self.shell.say(f"Followed, {curves.where}: {get_layer(shown).title.lower()} {value}. Curves, below, shows its course.")
         self._show_values()
         self._guides.refresh()
         self.shell.refresh()
