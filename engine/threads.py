@@ -20,6 +20,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from degense.engine.profile import part
+
 numba.config.THREADING_LAYER = "workqueue"
 KERNEL_LOCK = threading.RLock()
 
@@ -49,11 +51,12 @@ def run_kernel(kernel: Callable[..., None], *arguments) -> None:
     `counter`, int64 [1], starts at zero; the kernel draws from it with `take_ticket` until there is no work left.
     """
     counter = np.zeros(1, np.int64)
-    helpers = [_HELPERS.submit(kernel, *arguments, counter) for _ in range(torch.get_num_threads() - 1)]
-    kernel(*arguments, counter)
-    for helper in helpers:
-        if not helper.cancel():
-            helper.result()
+    with part(f"kernel {kernel.__module__.rpartition('.')[2]}.{kernel.__name__.strip('_')}"):
+        helpers = [_HELPERS.submit(kernel, *arguments, counter) for _ in range(torch.get_num_threads() - 1)]
+        kernel(*arguments, counter)
+        for helper in helpers:
+            if not helper.cancel():
+                helper.result()
 
 
 @intrinsic

@@ -105,6 +105,7 @@ def _training(command: Command) -> None:
         help="any other setting, repeatable; --set help explains them all",
     )
     sub.add_argument("--resume", action="store_true", help="go on from the last checkpoint in RUN")
+    sub.add_argument("--profile", action="store_true", help="print where the time goes; RUN/profile.json and RUN/profile.svg keep it")
     sub.add_argument("--logger", choices=("tensorboard",), help="also write every term of the loss to RUN/tensorboard (extra tensorboard)")
     sub.add_argument("--events", action="store_true", help="one JSON object a line on standard output; `stop` on standard input stops")
     add_clip_options(sub)

@@ -7,8 +7,10 @@ import importlib
 import json
 import os
 import signal
+import sys
 import threading
 import traceback
+from contextlib import nullcontext
 from types import FrameType
 
 from degense.app.cli.options import chosen_encoder, clip_options, refuse_non_empty
@@ -44,8 +46,10 @@ def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
         importlib.import_module("degense.engine.research")  # adds teachers and distillations that a run may have begun with
     from degense.app.features.train.job import parse_settings
     from degense.engine.data.readers import open_clip
+    from degense.engine.profile import recording
     from degense.engine.training import TrainConfig
     from degense.engine.training import train as run_training
+    from degense.engine.training.config import choose_device
 
     config = TrainConfig.preset_of(
         options.preset,
@@ -59,6 +63,7 @@ def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
     if options.system:
         config = importlib.import_module("degense.engine.research.systems").training_of(options.system, config)
     clip = open_clip(options.clip, clip_options(options))
+    recorder = recording(choose_device(config.device).type) if options.profile else nullcontext()
     board = TensorBoardEvents(options.out) if options.logger == "tensorboard" else None
     stopped = False
 
@@ -71,14 +76,19 @@ def _train(options: argparse.Namespace, report: Events, stop: StopFlag) -> None:
 
     encoder = chosen_encoder(options)
     try:
-        run = run_training(
-            clip, options.out, config, teacher=options.teacher, encoder=encoder, resume=options.resume, events=tell, stop=stop
-        )
+        with recorder as profile:
+            run = run_training(
+                clip, options.out, config, teacher=options.teacher, encoder=encoder, resume=options.resume, events=tell, stop=stop
+            )
     finally:
         if board is not None:
             board.close()
     if run is None and not stopped:  # it had not come to its first step
         report(Stopped(0))
+    if profile is not None and options.out.is_dir():
+        from degense.app.cli.profile_report import write_profile
+
+        print(write_profile(profile, options.out), file=sys.stderr, flush=True)
 
 
 def list_settings(preset: str) -> None:

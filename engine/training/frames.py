@@ -15,6 +15,7 @@ from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.errors import ClipError
 from degense.engine.latest import Latest
+from degense.engine.profile import part
 
 Item = TypeVar("Item")
 CACHE_BYTES = 3 << 29
@@ -53,17 +54,20 @@ class TrainingFrames:
 
     def image(self, index: int) -> np.ndarray:
         """RGB uint8 at the working size."""
-        image = self.clip.frame(index)
+        with part("decode"):
+            image = self.clip.frame(index)
         return image if self.scale == 1.0 else cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
 
     def valid(self, index: int) -> np.ndarray:
         """bool at the working size: a reduced pixel is valid when every pixel under it is."""
-        valid = self.clip.valid(index)
+        with part("decode"):
+            valid = self.clip.valid(index)
         return valid if self.scale == 1.0 else cv2.resize(valid.astype(np.float32), self.size, interpolation=cv2.INTER_AREA) > 0.999
 
     def depth(self, index: int) -> np.ndarray:
         """float32 at the working size, normalised unit, 0 where unknown or absurd; nearest, since depths across an edge must not mix."""
-        depth = self.clip.depth(index)
+        with part("decode"):
+            depth = self.clip.depth(index)
         if self.scale != 1.0:
             depth = cv2.resize(depth, self.size, interpolation=cv2.INTER_NEAREST)
         depth = depth * np.float32(self.unit)

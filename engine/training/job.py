@@ -19,6 +19,7 @@ from degense.engine.events import Done, Events, Preview, Reliability, Stage, Sto
 from degense.engine.field import SceneModel
 from degense.engine.field.static_gaussians import find_moving
 from degense.engine.files import replacing
+from degense.engine.profile import part
 from degense.engine.semantics import TextEncoder, open_encoder, save_encoder
 from degense.engine.store import Run
 from degense.engine.store.migrations import current_settings
@@ -80,7 +81,8 @@ def train(
         inputs = prepare(clip, run, config, teacher, encoder, device, events, stop)
     except Cancelled:
         return None
-    model = build_model(inputs, config)
+    with part("initialise"):
+        model = build_model(inputs, config)
     if run is None:
         run = _create(out, inputs, config, model)
     training = TrainingRun(run, inputs, model, config, events, stop, started)
@@ -148,7 +150,10 @@ class TrainingRun:
         self._begun = self._last_preview = self._last_checkpoint = time.perf_counter()
         past = [report for report in read_progress(run.path / "metrics.jsonl") if report.iteration <= self.trainer.iteration]
         self._begun -= (past[-1].seconds or 0.0) if past else 0.0
-        finished = self._steps() and self._distil()
+        finished = self._steps()
+        if finished:
+            with part("semantics"):
+                finished = self._distil()
         if self.trainer.device.type == "cuda":
             torch.cuda.synchronize()
         seconds = spent + time.perf_counter() - self.started
@@ -157,7 +162,8 @@ class TrainingRun:
             self._leave("stopped")
             self.events(Stopped(self.trainer.iteration))
             return None
-        self._finish()
+        with part("save"):
+            self._finish()
         self.events(Done(str(run.path)))
         return run
 
@@ -170,7 +176,8 @@ class TrainingRun:
             while trainer.iteration < total:
                 if self.stop():
                     return False
-                trainer.step()
+                with part("joint" if trainer.deforms else "coarse"):
+                    trainer.step()
                 now = trainer.iteration
                 if now - last >= REPORT_EVERY or now == total:
                     clock = time.perf_counter()
@@ -193,10 +200,12 @@ class TrainingRun:
         self.events(progress)
         now = time.perf_counter()
         if now - self._last_preview > PREVIEW_SECONDS or progress.iteration == self.config.iterations:
-            self.events(write_preview(self.run, self.trainer))
+            with part("preview"):
+                self.events(write_preview(self.run, self.trainer))
             self._last_preview = now
         if now - self._last_checkpoint > self.config.checkpoint_seconds:
-            save_checkpoint(self.run.path / "checkpoints", self.trainer.state())
+            with part("save"):
+                save_checkpoint(self.run.path / "checkpoints", self.trainer.state())
             self._last_checkpoint = time.perf_counter()
 
     def _distil(self) -> bool:
@@ -225,14 +234,16 @@ class TrainingRun:
     def _finish(self) -> None:
         """Save the model and what is known of its motion; checkpoints go."""
         run, trainer = self.run, self.trainer
-        run.info["moving"] = exclude_static(trainer)
+        with part("static Gaussians"):
+            run.info["moving"] = exclude_static(trainer)
         if self.inputs.semantics is not None and (share := self.inputs.semantics.disagreement) is not None:
             words = f"this teacher calls the same place differently in {share:.0%} of the frames"
             run.info["teacher"] |= {"disagreement": share, "provenance": f"{run.info['teacher']['provenance']}; {words}"}
             self.events(Reliability(words))
         run.save_model(trainer.model)
         if trainer.flow is not None:
-            run.save_observability(motion_observability(trainer.model, trainer.frames, trainer.flow))
+            with part("observability"):
+                run.save_observability(motion_observability(trainer.model, trainer.frames, trainer.flow))
         run.info["state"] = "finished"
         run.save()
         for file in (run.path / "checkpoints").iterdir():

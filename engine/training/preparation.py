@@ -14,6 +14,7 @@ from degense.engine.data.poses import find_cameras, with_cameras
 from degense.engine.errors import Cancelled, DegenseError
 from degense.engine.events import Events, Stage, Step
 from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.profile import part
 from degense.engine.progress import Progress
 from degense.engine.semantics import TextEncoder
 from degense.engine.semantics.teachers import CostlyTeacher, Teacher, default_teacher, teacher_by_name, with_cached_targets
@@ -74,11 +75,13 @@ def prepare(
     name = teacher or default_teacher(clip)
     if clip.poses != "given":
         if run is None:
-            clip = find_cameras(clip, begin_stage("poses", events, stop), labelled=name == "labels")
+            with part("poses"):
+                clip = find_cameras(clip, begin_stage("poses", events, stop), labelled=name == "labels")
         else:
             clip = with_cameras(clip, run.cameras, run.info.get("provenance", {}).get("poses", "as the run has them"))
     tell = begin_stage("load", events, stop)
-    frames = TrainingFrames(clip, config.max_pixels, device)
+    with part("load"):
+        frames = TrainingFrames(clip, config.max_pixels, device)
     if encoder is not None and name == "none":
         raise DegenseError("an encoder gives a teacher's classes their vectors, and there is no teacher; choose one, or no encoder")
     chosen = None if name == "none" else teacher_by_name(name, clip, encoder)
@@ -86,19 +89,29 @@ def prepare(
     semantics = None
     if chosen is not None:
         tell = begin_stage("teacher", events, stop)
-        chosen = with_cached_targets(chosen, tell)
-        semantics = SemanticTargets(chosen, frames, tell, guided=config.guided, rarity=config.rarity, max_rank=config.max_rank)
+        with part("teacher"):
+            chosen = with_cached_targets(chosen, tell)
+            semantics = SemanticTargets(chosen, frames, tell, guided=config.guided, rarity=config.rarity, max_rank=config.max_rank)
     flow = None
     if config.flow > 0 and len(clip.train_frames) > 1:
-        tell = begin_stage("flow", events, stop)
-        tools = semantics.tools if semantics is not None else None
-        kinds = {"constancy": config.flow_constancy, "precision": config.flow_precision, "depth_precision": config.depth_precision}
-        flow = FlowSupervision(frames, lambda f, text: tell(0.7 * f, text), tools, **kinds)
-        if config.flow_inference:
-            flow.completed = inferred_pairs(flow, lambda f, text: tell(0.7 + 0.2 * f, text))
-        if semantics is not None:
-            semantics.propagate(flow, lambda f, text: tell(0.9 + 0.1 * f, text))
+        with part("flow"):
+            flow = _flow_of(frames, semantics, config, begin_stage("flow", events, stop))
     return Inputs(clip, frames, flow, name, chosen, semantics)
+
+
+def _flow_of(frames: TrainingFrames, semantics: SemanticTargets | None, config: TrainConfig, tell: Progress) -> FlowSupervision:
+    """Optical flow of the training frames, completed where it is not seen; labels of a sparse teacher propagate along it."""
+    tools = semantics.tools if semantics is not None else None
+    kinds = {"constancy": config.flow_constancy, "precision": config.flow_precision, "depth_precision": config.depth_precision}
+    with part("measure"):
+        flow = FlowSupervision(frames, lambda f, text: tell(0.7 * f, text), tools, **kinds)
+    if config.flow_inference:
+        with part("infer"):
+            flow.completed = inferred_pairs(flow, lambda f, text: tell(0.7 + 0.2 * f, text))
+    if semantics is not None:
+        with part("propagate labels"):
+            semantics.propagate(flow, lambda f, text: tell(0.9 + 0.1 * f, text))
+    return flow
 
 
 def build_model(inputs: Inputs, config: TrainConfig) -> SceneModel:

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from degense.engine.events import Events, Rollback
 from degense.engine.field import SceneModel
-from degense.engine.raster import rasterize
+from degense.engine.profile import part, renamed_at_gradient
+from degense.engine.raster import Render, rasterize
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
@@ -130,13 +131,40 @@ class Trainer:
         semantic = self.semantics is not None and self.iteration % self.config.semantic_every == 0
         index = self._next_frame(semantic)
         set_rates(self.optimizer, self.config, self.progress, self.rate_scale)
-        frame, camera, pair = self.frames[index], self.frames.cameras[index], self._pair(index)
+        camera, pair = self.frames.cameras[index], self._pair(index)
         asked = self.times[index], view_and_lens(camera, self.device), *(() if pair is None else (self.times[pair.to],))
-        self._make_passes(asked)
-        field = FieldState(*self.passes("field", *asked))
+        with part("prepare passes"):
+            self._make_passes(asked)
+        with part("field"):
+            field = FieldState(*self.passes("field", *asked))
         offsets = torch.zeros(len(field.means), 2, device=self.device, requires_grad=self.densifies)
-        render = rasterize(field.splats, field.features, camera, screen_offsets=offsets, clean=True)
-        losses = {"deformation": Loss(field.loss, field.terms)}
+        with part("raster"):
+            render = rasterize(field.splats, field.features, camera, screen_offsets=offsets, clean=True)
+        renamed_at_gradient(field.features, "field backward")
+        renamed_at_gradient(render.image, "raster backward")
+        with part("losses"):
+            losses, squared_error = self._losses(index, pair, field, render, semantic=semantic)
+            loss = reduce(add, (found.total for found in losses.values()))
+        self.optimizer.zero_grad(set_to_none=True)
+        with part("losses backward"):
+            loss.backward()
+        with part("optimiser"):
+            self.optimizer.step()
+        self.sums.add(loss, squared_error, losses)
+        with part("density"):
+            if offsets.grad is not None:
+                self.density.observe(offsets.grad, render.radii, field.opacities, camera.width / 2)
+                self.unseen.discard(index)
+            self.iteration += 1
+            self._densify()
+        with part("guard"):
+            self._guard()
+
+    def _losses(
+        self, index: int, pair: Pair | None, field: FieldState, render: Render, *, semantic: bool
+    ) -> tuple[dict[str, Loss], Tensor]:
+        """The parts of the loss of a frame that was drawn, and its mean squared error."""
+        frame, losses = self.frames[index], {"deformation": Loss(field.loss, field.terms)}
         *found, squared_error = self.passes("frame", render.image, render.alpha, frame.image, frame.valid, frame.depth)
         losses["frame"] = Loss(*found)
         if self.flow is not None and pair is not None and field.other_means is not None:
@@ -146,17 +174,7 @@ class Trainer:
             losses["smoothness"] = Loss(*self.passes("smoothness", self._smoothness_weight))
         if semantic:
             losses["semantic"] = self._semantic_loss(index)
-        loss = reduce(add, (part.total for part in losses.values()))
-        self.optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        self.optimizer.step()
-        self.sums.add(loss, squared_error, losses)
-        if offsets.grad is not None:
-            self.density.observe(offsets.grad, render.radii, field.opacities, camera.width / 2)
-            self.unseen.discard(index)
-        self.iteration += 1
-        self._densify()
-        self._guard()
+        return losses, squared_error
 
     def _make_passes(self, asked: tuple[Tensor, ...]) -> None:
         """Make what reads the model, when the Gaussians or the stage have changed: before any gradient of this step is on its way."""

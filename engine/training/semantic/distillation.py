@@ -16,6 +16,7 @@ from torch import Tensor
 
 from degense.engine.cuda_graphs import graphed
 from degense.engine.field import SceneModel
+from degense.engine.profile import part, renamed_at_gradient
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import backproject
 from degense.engine.splats import Splats
@@ -108,10 +109,12 @@ def distill(
     """
     random = np.random.default_rng(config.seed)
     if config.consensus and not targets.sparse:
-        consensus = Consensus(model, targets, frames, config.seed, lambda f, text: progress(0.3 * f, text))
+        with part("consensus"):
+            consensus = Consensus(model, targets, frames, config.seed, lambda f, text: progress(0.3 * f, text))
         targets = targets.replaced(consensus.answer)
     if config.lift:
-        latents, coefficients = backproject_features(model, targets, frames, lambda f, text: progress(0.3 + 0.1 * f, text))
+        with part("back-projection"):
+            latents, coefficients = backproject_features(model, targets, frames, lambda f, text: progress(0.3 + 0.1 * f, text))
         model.canonical["semantics"].data.copy_(latents)
         model.set_semantic_coefficients(coefficients)
     distance, labelled = angular if config.angular else l1, targets.frames
@@ -128,14 +131,21 @@ def distill(
                 group["lr"] = group["first"] * config.rate_final ** (step / steps)
             order = order or [labelled[k] for k in random.permutation(len(labelled))]
             frame = order.pop()
-            means, quats, scales, opacities, latents, regularizer = scene(moments[frame])
+            with part("field"):
+                means, quats, scales, opacities, latents, regularizer = scene(moments[frame])
             splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
-            latent = draw_latents(splats, frames.cameras[frame], detached=True)
-            terms = {**targets.loss(latent, frame, distance, config.region), "delta_semantics": regularizer / config.semantic}
-            loss = Loss.of("semantic", terms, zero)
+            with part("raster"):
+                latent = draw_latents(splats, frames.cameras[frame], detached=True)
+            renamed_at_gradient(latents, "field backward")
+            renamed_at_gradient(latent, "raster backward")
+            with part("losses"):
+                terms = {**targets.loss(latent, frame, distance, config.region), "delta_semantics": regularizer / config.semantic}
+                loss = Loss.of("semantic", terms, zero)
             optimizer.zero_grad(set_to_none=True)
-            loss.total.backward()
-            optimizer.step()
+            with part("losses backward"):
+                loss.total.backward()
+            with part("optimiser"):
+                optimizer.step()
             sums.add(loss.total, zero, {"semantic": loss})
             if step % REPORT_EVERY == 0:
                 progress(0.4 + 0.6 * step / steps, "refining semantics")
