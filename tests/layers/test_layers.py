@@ -285,8 +285,7 @@ def test_the_range_of_a_frame_and_of_the_sequence(scene):
 def test_a_range_is_never_empty(scene):
     low, high = layer_range(scene, LAYERS["displacement"], request(scene.reference_frame), "frame")
     assert low == 0 < high
-    behind = np.diag([1.0, 1.0, -1.0, 1.0])
-    behind[:3, 3] = [0, 0, -1e4]
+    behind = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, -1e4], [0, 0, 0, 1]])
     nowhere = Camera(32, 24, 30.0, 30.0, 16, 12, behind)
     assert np.isnan(LAYERS["depth"].image(scene, request(camera=nowhere)).values).all()
     assert layer_range(scene, LAYERS["depth"], request(camera=nowhere), "frame") == (0.0, 1.0)
@@ -294,11 +293,8 @@ def test_a_range_is_never_empty(scene):
 
 def test_pictures_become_colours(scene):
     for layer in LAYERS.values():
-        image = layer.image(scene, request())
-        picture = colourise(image, 0.0, 1.0, layer.cmap)
-        assert picture.shape == (48, 64, 3)
-        assert picture.dtype == np.uint8
+        picture = colourise(layer.image(scene, request()), 0.0, 1.0, layer.cmap)
+        assert (picture.shape, picture.dtype) == ((48, 64, 3), np.uint8)
     mask = colourise(LayerImage(np.array([[0, 1, 2, 8]], np.uint8), "", "mask"), 0, 1)
     assert np.array_equal(mask[0], [(0, 0, 0), MASK_COLOURS[0], MASK_COLOURS[1], MASK_COLOURS[0]])
-    colour = colourise(LayerImage(np.array([[[0, 0.5, 1]]], np.float32), "", "colour"), 0, 1)
-    assert colour.tolist() == [[[0, 128, 255]]]
+    assert colourise(LayerImage(np.array([[[0, 0.5, 1]]], np.float32), "", "colour"), 0, 1).tolist() == [[[0, 128, 255]]]
