@@ -49,6 +49,7 @@ class Settings:
     training: dict[str, Any] = field(default_factory=dict)  # what the training dialog was last started with
     #: Trainings that run, are paused or wait, the first first (`TrainingJob.to_json`); offered again at the next start.
     trainings: tuple[dict[str, Any], ...] = ()
+    trainings_at_once: float = 0.0  # 0: what fits beside the window
     toured: bool = False  # whether the tour was shown, which comes by itself once
     geometry: str = ""  # the window's size and docks, as Qt saves them, base64
     state: str = ""
@@ -112,7 +113,13 @@ class SettingsFile:
 
 
 #: What numbers may be.
-LIMITS = {"text_size": (0.8, 2.0), "speed": (0.05, 16.0), "autosave": (0.0, 60.0), "undo_memory": (16.0, 8192.0)}
+LIMITS = {
+    "text_size": (0.8, 2.0),
+    "speed": (0.05, 16.0),
+    "autosave": (0.0, 60.0),
+    "undo_memory": (16.0, 8192.0),
+    "trainings_at_once": (0.0, 64.0),
+}
 
 
 def _texts(value: Any) -> bool:

@@ -97,6 +97,7 @@ class PreferencesDialog(forms.Dialog):
         self.background = forms.choice("3D background", [(name, name.capitalize()) for name in get_args(Background)])
         self.autosave = forms.decimal("Autosave", *LIMITS["autosave"], 0.5, " min", "only when asked")
         self.undo = forms.decimal("Undo memory", *LIMITS["undo_memory"], 64, " MB", decimals=0)
+        self.trainings = forms.decimal("Trainings at once", *LIMITS["trainings_at_once"], 1, "", "what fits", decimals=0)
         self.shortcuts = ShortcutTable(preferences.registry)
         page = QWidget()
         form = QFormLayout(page)
@@ -111,6 +112,12 @@ class PreferencesDialog(forms.Dialog):
                 "How long after a change it is saved. A journal keeps every change in between, also over a crash.",
             ),
             ("Undo memory", self.undo, settings.undo_memory, "What undo may hold; beyond it the oldest steps are forgotten."),
+            (
+                "Trainings at once",
+                self.trainings,
+                settings.trainings_at_once,
+                "How many of the queue run beside each other and share the cores: by itself one for four cores, or what a GPU holds.",
+            ),
         ):
             forms.enter(control, given)
             form.addRow(title, forms.column(control, forms.label(words, secondary=True), margin=0, spacing=3))
@@ -122,6 +129,7 @@ class PreferencesDialog(forms.Dialog):
         self.background.currentIndexChanged.connect(lambda: preferences.change("3D background", background=self.background.currentData()))
         self.autosave.valueChanged.connect(lambda minutes: preferences.change("Autosave", autosave=minutes))
         self.undo.valueChanged.connect(lambda megabytes: preferences.change("Undo memory", undo_memory=megabytes))
+        self.trainings.valueChanged.connect(lambda number: preferences.change("Trainings at once", trainings_at_once=number))
         self.shortcuts.changed.connect(preferences.keep_shortcuts)
 
 

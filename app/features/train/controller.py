@@ -5,19 +5,22 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 from filelock import FileLock
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QMessageBox
 
 from degense.app.features.documents.controller import Documents
-from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob, TrainingQueue
+from degense.app.features.train.job import CLIP_OPTIONS, TrainingJob
 from degense.app.features.train.monitor import TrainingMonitor
+from degense.app.features.train.previews import Previews
 from degense.app.features.train.process import TrainingProcess
+from degense.app.features.train.queue import TrainingQueue
+from degense.app.features.train.slots import environment_of, fitting
+from degense.app.features.train.stage_words import stage_words
 from degense.app.shell.messages import Choice
 from degense.app.shell.shell import Shell
 from degense.engine.errors import DegenseError
@@ -25,35 +28,31 @@ from degense.engine.events import Done, Event, Failed, Preview, Reliability, Rol
 
 log = logging.getLogger(__name__)
 
-STAGES = {
-    "poses": "Finding the camera",
-    "load": "Reading the clip",
-    "teacher": "Asking the teacher what is where",
-    "flow": "Measuring motion",
-    "coarse": "Coarse: static Gaussians",
-    "joint": "Joint: motion, colour and semantics",
-    "semantics": "Semantics: what is where",
-}
-
 
 class Training(QObject):
-    """One training at a time, beside everything else; others wait in the queue."""
+    """Trainings beside everything else, so many at a time as the settings say or the machine holds; others wait in the queue.
+
+    The monitor shows one of those that run: `process`.
+    """
 
     def __init__(self, shell: Shell) -> None:
         super().__init__(shell)
         self.shell, self.session, self.worker, self.documents = shell, shell.session, shell.worker, shell.service(Documents)
         self.monitor = TrainingMonitor()
         self.dock = shell.add_dock("Training", self.monitor)
-        self.queue = TrainingQueue()
+        self.queue = TrainingQueue(self.slots)
+        self.processes: dict[int, TrainingProcess] = {}  # by slot
         self.process: TrainingProcess | None = None
+        self.previews = Previews(self.monitor, shell.worker, lambda: self.process.job if self.process is not None else None)
         self._kept: tuple[dict[str, Any], ...] = ()
-        self._pausing = False
-        self._observed: tuple[int, np.ndarray] | None = None
+        self._pausing: set[TrainingProcess] = set()
+        self._stages: dict[TrainingProcess, str] = {}
         self._then: Callable[[], object] | None = None
         monitor = self.monitor
         monitor.cancel_requested.connect(self.cancel)
         monitor.pause_requested.connect(self.pause)
         monitor.resume_requested.connect(self.resume_paused)
+        monitor.chosen.connect(lambda row: self._show(list(self.processes.values())[row]))
         monitor.queue.removed.connect(self.queue.remove)
         monitor.queue.raised.connect(self.queue.raise_)
         if self.documents is not None:
@@ -66,7 +65,11 @@ class Training(QObject):
 
     @property
     def running(self) -> bool:
-        return self.process is not None and self.process.running
+        return any(process.running for process in self.processes.values())
+
+    def slots(self) -> int:
+        """Trainings at once."""
+        return int(self.shell.settings.value.trainings_at_once) or fitting()
 
     def ask(self, labels: Path | None = None) -> None:
         """Show the dialog, and start or queue what it says; a folder of label maps becomes the teacher."""
@@ -78,7 +81,7 @@ class Training(QObject):
 
             clip, answers = with_labels(clip, labels), {**answers, "labels": str(labels)}
         settings = self.shell.settings
-        busy = self.running or self.queue.paused is not None
+        busy = self.queue.full
         from degense.app.features.train.train_dialog import TrainDialog
 
         dialog = TrainDialog(clip, answers, settings.value.training, busy, self.shell)
@@ -111,27 +114,29 @@ class Training(QObject):
         """Train as soon as it is this job's turn."""
 
         def add() -> None:
+            waits = self.queue.full
             self.queue.add(job)
-            if self.running or self.queue.paused is not None:
+            if waits:
                 self.shell.say(f"{job.out.name} waits for its turn.")
             self._next()
 
         self.shell.attempt(add)
 
     def pause(self) -> None:
-        """Let the training save, and leave the machine to others until `resume_paused`."""
-        if self.process is not None and self.process.running:
-            self._pausing = True
-            self.process.stop()
+        """Let all trainings save, and leave the machine to others until `resume_paused`."""
+        for process in self.processes.values():
+            if process.running:
+                self._pausing.add(process)
+                process.stop()
 
     def resume_paused(self) -> None:
         self.queue.resume()
         self._next()
 
     def cancel(self) -> None:
-        """Ask it to save and stop; one that is paused has done so, and makes room for the next to be paused."""
+        """Ask the one that is shown to save and stop; one that is paused has done so, and makes room for the next to be paused."""
         if self.process is not None:
-            self._pausing = False
+            self._pausing.discard(self.process)
             self.process.stop()
         elif self.queue.paused is not None:
             self.queue.forget_paused()
@@ -170,19 +175,32 @@ class Training(QObject):
         self.monitor.set_progress(*read_progress(job.out / "metrics.jsonl"))
 
     def _next(self) -> None:
-        """Train in a process of its own, if it is anybody's turn."""
-        job = self.queue.next()
-        if job is None:
-            return
-        process = TrainingProcess(job, self)
-        process.told.connect(self._take)
-        process.finished.connect(self._finished)
-        process.stopped.connect(self._stopped)
-        process.failed.connect(self._failed)
-        self.process, self._pausing, self._observed = process, False, None
-        self._show_monitor(job)
-        process.start()
-        self.shell.refresh()
+        """Train in processes of their own those whose turn it is."""
+        while (job := self.queue.next()) is not None:
+            slots = self.slots()
+            number = next(number for number in range(len(self.processes) + 1) if number not in self.processes)
+            process = TrainingProcess(job, self, environment=environment_of(job, number, slots))
+            process.told.connect(partial(self._take, process))
+            process.finished.connect(partial(self._finished, process))
+            process.stopped.connect(partial(self._stopped, process))
+            process.failed.connect(partial(self._failed, process))
+            self.processes[number] = process
+            self._show(process)
+            process.start()
+            self.shell.refresh()
+
+    def _show(self, process: TrainingProcess) -> None:
+        """Let the monitor show this one of those that run."""
+        self.process = process
+        self._show_monitor(process.job)
+        if stage := self._stages.get(process):
+            self.monitor.set_stage(stage)
+        self._name_running()
+
+    def _name_running(self) -> None:
+        running = list(self.processes.values())
+        row = running.index(self.process) if self.process in running else -1
+        self.monitor.set_running([process.job.out.name for process in running], row)
 
     def _show_queue(self) -> None:
         self.monitor.queue.set_runs([f"{job.out.name} ({job.preset})" for job in self.queue.waiting])
@@ -197,8 +215,10 @@ class Training(QObject):
         """Whether the window may close now. If a training runs, the user is asked, and `close` is called once it has stopped."""
         if not self.running:
             return True
-        waiting = len(self.queue.waiting)
+        waiting, several = len(self.queue.waiting), len(self.processes) > 1
         others = f", and so is the queue of {waiting}" if waiting else ""
+        what = f"{len(self.processes)} trainings are running. Stop them" if several else "A training is running. Stop it"
+        later = "Each saves a checkpoint; at the next start they are" if several else "It saves a checkpoint; at the next start it is"
 
         def stop() -> None:
             self._then = close
@@ -206,24 +226,26 @@ class Training(QObject):
 
         self.shell.ask(
             "training runs",
-            f"A training is running. Stop it and close? It saves a checkpoint; at the next start it is offered again{others}.",
+            f"{what} and close? {later} offered again{others}.",
             Choice("Stop and save", stop),
             Choice("Keep it running", escape=True),
             icon=QMessageBox.Icon.NoIcon,
         )
         return False
 
-    def _take(self, event: Event) -> None:
+    def _take(self, process: TrainingProcess, event: Event) -> None:
         monitor = self.monitor
+        if words := stage_words(event):
+            self._stages[process] = words
+        if process is not self.process:
+            return
         match event:
-            case Stage(stage):
-                monitor.set_stage(STAGES.get(stage, stage))
-            case Step(stage, fraction):
-                monitor.set_stage(f"{STAGES.get(stage, stage)}: {fraction:.0%}")
+            case Stage() | Step():
+                monitor.set_stage(self._stages[process])
             case TrainingProgress():
                 monitor.set_progress(event)
             case Preview(path, frame):
-                self._preview(path, frame)
+                self.previews.show(process.job, path, frame)
             case Reliability(words):
                 monitor.note(words)
             case Rollback(iteration, reason):
@@ -231,62 +253,48 @@ class Training(QObject):
             case Done() | Stopped() | Failed():  # the process says so when it has ended
                 pass
 
-    def _preview(self, path: str, frame: int) -> None:
-        """Show a preview at once, and beside it the recorded frame, which the worker reads the first time."""
-        picture = cv2.imread(path, cv2.IMREAD_COLOR)
-        if picture is None or self.process is None:
-            return
-        job = self.process.job
-        known = self._observed is not None and self._observed[0] == frame
-        self.monitor.set_preview(picture[..., ::-1].copy(), self._observed[1] if known and self._observed else None)
-        if not known and not self.worker.busy("observed"):
-
-            def found(rgb: np.ndarray) -> None:
-                if self.process is not None and self.process.job is job:
-                    self._observed = (frame, rgb)
-                    self.monitor.set_preview(picture[..., ::-1].copy(), rgb)
-
-            self.worker.submit("observed", lambda: _recorded(job, frame), found, log.warning)
-
-    def _finished(self, run: str) -> None:
-        assert self.process is not None
-        job = self.process.job
-        self.monitor.finish(f"Finished: {Path(run).name}")
-        nothing_waits = not self.queue.waiting
+    def _finished(self, process: TrainingProcess, run: str) -> None:
+        job = process.job
+        if process is self.process:
+            self.monitor.finish(f"Finished: {Path(run).name}")
+        last = not self.queue.waiting and len(self.processes) == 1
         still_there = self.session.scene is None and (self.session.clip is None or self.session.clip.path == job.clip)
-        if self._end() and still_there and nothing_waits and self.documents is not None:
+        if self._end(process) and still_there and last and self.documents is not None:
             self.documents.open_path(Path(run))
         else:
             self.shell.say(f"{run} is finished; open it from the File menu or Train ▸ Runs.", 30)
 
-    def _stopped(self) -> None:
-        if self._pausing:
-            self.monitor.pause("Paused. The machine is free; Resume goes on exactly where it was.")
-        else:
-            self.monitor.cancelled("Stopped; the checkpoint can be resumed.")
-        self._end(paused=self._pausing)
+    def _stopped(self, process: TrainingProcess) -> None:
+        paused = process in self._pausing
+        if process is self.process:
+            if paused:
+                self.monitor.pause("Paused. The machine is free; Resume goes on exactly where it was.")
+            else:
+                self.monitor.cancelled("Stopped; the checkpoint can be resumed.")
+        self._end(process, paused=paused)
 
-    def _failed(self, message: str) -> None:
-        self.monitor.fail(message)
-        if self._end():
+    def _failed(self, process: TrainingProcess, message: str) -> None:
+        if process is self.process:
+            self.monitor.fail(message)
+        if self._end(process):
             self.shell.show_error(message)
 
-    def _end(self, paused: bool = False) -> bool:
-        """Forget the process and turn to the next. False when the window closes now."""
-        assert self.process is not None
-        self.process.deleteLater()
-        self.process = None
-        self.queue.ended(paused=paused)
-        then, self._then = self._then, None
-        if then is not None:
-            then()
-        else:
-            self._next()
-        return then is None
-
-
-def _recorded(job: TrainingJob, frame: int) -> np.ndarray:
-    """A frame of the clip that a job trains on, as it was recorded."""
-    from degense.engine.data.readers import ClipOptions, open_clip
-
-    return open_clip(job.clip, ClipOptions(**job.clip_options())).frame(frame)
+    def _end(self, process: TrainingProcess, paused: bool = False) -> bool:
+        """Forget the process and turn to the next, or show another that runs. False when the window closes now."""
+        self.processes = {number: other for number, other in self.processes.items() if other is not process}
+        self._pausing.discard(process)
+        self._stages.pop(process, None)
+        process.deleteLater()
+        if process is self.process:
+            self.process = None
+        self.queue.ended(process.job, paused=paused)
+        if self._then is not None:
+            if not self.running:
+                then, self._then = self._then, None
+                then()
+            return False
+        self._next()
+        if self.process is None and self.processes:
+            self._show(next(iter(self.processes.values())))
+        self._name_running()
+        return True

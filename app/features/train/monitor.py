@@ -71,6 +71,7 @@ class TrainingMonitor(QWidget):
 
     cancel_requested = Signal()
     pause_requested = Signal()
+    chosen = Signal(int)  # (row of `set_running`) another training is to be shown
     resume_requested = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -83,6 +84,8 @@ class TrainingMonitor(QWidget):
         font.setBold(True)
         self._heading.setFont(font)
         self._stage = forms.label("–", name="State")
+        self.running = forms.choice("Training that is shown", [])
+        self.running.activated.connect(self.chosen.emit)
         self._bar = QProgressBar(textVisible=True)
         self._bar.setAccessibleName("Progress")
         self._cancel = forms.button("Cancel", self._ask_to_stop, "Stop training; the state so far is saved as a checkpoint")
@@ -119,13 +122,14 @@ class TrainingMonitor(QWidget):
             split.addWidget(part)
         split.setSizes([300, 300, 300, 160])
         buttons = forms.row(self._pause, self._cancel, 0)
-        side = forms.column(self._heading, self._stage, self._bar, facts, self._note, 0, buttons, margin=0)
+        side = forms.column(self.running, self._heading, self._stage, self._bar, facts, self._note, 0, buttons, margin=0)
         forms.row((side, 1), (split, 3), spacing=10, parent=self).setContentsMargins(8, 0, 8, 6)
 
     def reset(self) -> None:
         """As if nothing had been trained."""
         self._clear()
         self._enter("idle", "No training is running")
+        self.set_running((), -1)
         self._heading.setText("Training")
 
     def start(self, title: str = "") -> None:
@@ -134,6 +138,13 @@ class TrainingMonitor(QWidget):
         self._heading.setText(title or "Training")
         self._bar.setRange(0, 0)
         self._enter("running", "Starting…")
+
+    def set_running(self, names: Sequence[str], row: int) -> None:
+        """The trainings that run, of which this one is shown; a menu of them where there are several."""
+        self.running.clear()
+        self.running.addItems(list(names))
+        self.running.setCurrentIndex(row)
+        self.running.setVisible(len(names) > 1)
 
     def set_stage(self, text: str) -> None:
         self._stage.setText(text)

@@ -6,10 +6,11 @@ import json
 import logging
 import sys
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
-from PySide6.QtCore import QObject, QProcess, QTimer, Signal
+from PySide6.QtCore import QObject, QProcess, QProcessEnvironment, QTimer, Signal
 
 from degense.app.features.train.job import TrainingJob
 from degense.engine.events import Done, Event, Failed, Stopped, from_json
@@ -46,7 +47,7 @@ class EventLines:
 
 
 class TrainingProcess(QObject):
-    """A running training.
+    """A running training, in a process with more variables in its environment.
 
     Exactly one of the last three is emitted.
     """
@@ -56,7 +57,13 @@ class TrainingProcess(QObject):
     stopped = Signal()  # it was stopped on request; a checkpoint is kept when it had got that far
     failed = Signal(str)  # (message) in words for the user
 
-    def __init__(self, job: TrainingJob, parent: QObject | None = None, command: Sequence[str] | None = None) -> None:
+    def __init__(
+        self,
+        job: TrainingJob,
+        parent: QObject | None = None,
+        command: Sequence[str] | None = None,
+        environment: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         super().__init__(parent)
         self.job = job
         self._command = list(command or [sys.executable, "-m", "degense.app", *job.arguments()])
@@ -66,6 +73,10 @@ class TrainingProcess(QObject):
         self._run: str | None = None
         self._stopping, self.running = False, True
         self._process = QProcess(self)
+        variables = QProcessEnvironment.systemEnvironment()
+        for name, value in environment.items():
+            variables.insert(name, value)
+        self._process.setProcessEnvironment(variables)
         self._process.setWorkingDirectory(str(Path.cwd()))
         self._process.readyReadStandardOutput.connect(self._read)
         self._process.readyReadStandardError.connect(self._read_complaints)

@@ -13,12 +13,19 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
 
 from degense.app.application import FEATURES
+from degense.app.features.train import controller
 from degense.app.features.train.job import TrainingJob
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.shell import Shell
 from degense.engine.events import Event, TrainingProgress, read_progress
 from degense.engine.training import TrainConfig
 from tests.app import installed as on
+
+
+@pytest.fixture(autouse=True)
+def one_at_a_time(monkeypatch):
+    """As on a machine with few cores, however many this one has."""
+    monkeypatch.setattr(controller, "fitting", lambda: 1)
 
 
 @pytest.fixture
@@ -150,7 +157,7 @@ def test_pause_go_on_queue_and_cancel(qtbot, with_clip, tmp_path, screenshot, mo
     assert read_progress(tmp_path / "run" / "metrics.jsonl")[-1].seconds > seconds
     screenshot(with_clip, "train-resumed")
     with_clip.registry.run("train.cancel")
-    qtbot.waitUntil(lambda: training.queue.running is not None and training.queue.running.out.name == "second")
+    qtbot.waitUntil(lambda: bool(training.queue.running) and training.queue.running[0].out.name == "second")
     with_clip.registry.run("train.cancel")
     qtbot.waitUntil(lambda: not training.running)
     assert monitor.state == "cancelled"
@@ -263,3 +270,28 @@ def test_the_queue_outlives_the_program(qtbot, with_clip, tmp_path, screenshot):
         assert not on.training(again).running
     assert SettingsFile(tmp_path / "settings.json").value.trainings == ()
     again.close()
+
+
+def test_two_trainings_beside_each_other(qtbot, with_clip, tmp_path):
+    """The settings say two: both run, either can be watched, and they are paused together and kept."""
+    on.preferences(with_clip).change("Trainings at once", trainings_at_once=2.0)
+    training, monitor, clip = on.training(with_clip), on.training(with_clip).monitor, with_clip.session.clip.path
+    for name in ("first", "second", "third"):
+        training.start(TrainingJob(clip, tmp_path / name, "quick", iterations=100_000, device="cpu"))
+    assert [job.out.name for job in training.queue.running] == ["first", "second"]
+    assert waiting(monitor) == ["third (quick)"]
+    assert [monitor.running.itemText(row) for row in range(monitor.running.count())] == ["first", "second"]
+    assert monitor.running.currentText() == "second"
+    qtbot.waitUntil(lambda: all((tmp_path / name / "metrics.jsonl").is_file() for name in ("first", "second")))
+    monitor.running.setCurrentIndex(0)
+    monitor.running.activated.emit(0)
+    assert training.process.job.out.name == "first"
+    assert monitor._heading.text() == "clip → first"
+    qtbot.waitUntil(lambda: monitor._facts["Loss"].text() != "–")
+    with_clip.registry.run("train.pause")
+    qtbot.waitUntil(lambda: not training.running)
+    assert monitor.state == "paused"
+    assert sorted(job.out.name for job in training.queue.jobs) == ["first", "second", "third"]
+    with_clip.close()
+    qtbot.waitUntil(lambda: not with_clip.isVisible())
+    assert len(json.loads((tmp_path / "settings.json").read_text())["trainings"]) == 3

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from degense.app.features.runs.run_summaries import list_runs, training_answers
-from degense.app.features.train.job import TrainingJob, TrainingQueue, parse_settings
+from degense.app.features.train.job import TrainingJob, parse_settings
+from degense.app.features.train.queue import TrainingQueue
 from degense.app.features.train.settings_help import TEACHER_WORDS, settings_of
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.teachers import MAKERS
@@ -30,21 +31,42 @@ def test_one_at_a_time_and_nobody_overtakes_who_is_paused(tmp_path):
     assert queue.waiting == (third, second)
     with pytest.raises(DegenseError, match="queue already"):
         queue.add(replace(first, preset="best"))
-    queue.ended(paused=True)
+    queue.ended(first, paused=True)
     assert queue.next() is None
     first.out.mkdir()
     (first.out / "run.json").touch()
     queue.resume()
     assert queue.next() == replace(first, resume=True)
-    queue.ended(paused=True)
+    queue.ended(queue.running[0], paused=True)
     queue.forget_paused()
     assert queue.next() is None  # the next waits for somebody to go on
     assert queue.jobs == (third, second)  # third has no checkpoint yet: it begins anew
     queue.resume()
     assert queue.next() == third
     queue.remove(0)
-    queue.ended()
+    queue.ended(third)
     assert queue.next() is None
+
+
+def test_several_at_a_time_are_paused_and_resumed_together(tmp_path):
+    slots = 2
+    queue = TrainingQueue(lambda: slots)
+    first, second, third = (replace(JOB, out=tmp_path / name) for name in ("a", "b", "c"))
+    for job in (first, second, third):
+        assert queue.full == (job == third)
+        queue.add(job)
+    assert [queue.next(), queue.next(), queue.next()] == [first, second, None]
+    queue.ended(first, paused=True)
+    assert queue.next() is None  # the other is being paused too
+    queue.ended(second, paused=True)
+    assert (queue.running, queue.paused, queue.jobs) == ((), first, (first, second, third))
+    queue.forget_paused()
+    assert (queue.paused, queue.waiting) == (second, (third,))
+    queue.resume()
+    assert [queue.next(), queue.next()] == [second, third]
+    slots = 3
+    queue.add(first)
+    assert queue.next() == first
 
 
 def test_what_is_not_done_is_kept(tmp_path):
