@@ -48,12 +48,16 @@ def _printable(scores: dict[str, Any]) -> dict[str, Any]:
     return {key: _printable(value) if isinstance(value, dict) else value for key, value in scores.items() if key not in NOT_PRINTED}
 
 
-#: Needs a display, so it is not one of "all".
-OF_THE_WINDOW = {
+#: Measure the program around the engine, and are not among "all": one needs a display, one hours.
+OF_THE_PROGRAM = {
     "window": (
         "degense.app.research.window_bench",
         "how instant the window is: first frame, scrubbing, prompts, brush, stalls (needs a display)",
-    )
+    ),
+    "batch": (
+        "degense.app.research.batch_bench",
+        "many clips: a batch against the same commands one by one, and on Dask workers of which one is killed",
+    ),
 }
 
 
@@ -66,7 +70,7 @@ def bench(options: argparse.Namespace) -> None:
     """List benchmarks, run some, or make the page of saved tables."""
     commands, names = research(), options.names
     if not names:
-        print(commands.list_benchmarks(OF_THE_WINDOW))
+        print(commands.list_benchmarks(OF_THE_PROGRAM))
         return
     if names[0] == "report":
         print(commands.report_benchmarks(names[1:], options.out))
@@ -79,7 +83,7 @@ def bench(options: argparse.Namespace) -> None:
             bar.close()
             print(section, end="\n\n", flush=True)
 
-        commands.run_benchmarks(names, OF_THE_WINDOW, show, bar, clips=options.clip, **about)
+        commands.run_benchmarks(names, OF_THE_PROGRAM, show, bar, clips=options.clip, **about)
 
 
 def compare(options: argparse.Namespace) -> None:

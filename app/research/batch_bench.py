@@ -1,0 +1,153 @@
+"""A batch against the same commands one by one, and on two Dask workers of which one is killed. `degense bench batch` prints it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from degense.engine.data.synthetic import PhantomOptions, make_phantom
+from degense.engine.errors import DegenseError
+from degense.engine.processes.capacity import NUMERIC, cores, thread_environment, trainings_at_once
+from degense.engine.progress import Progress
+from degense.engine.research.bench.run import BenchOptions
+from degense.engine.research.bench.table import Column, Table
+from degense.engine.research.surgeries import DEVELOP
+
+#: Clips, their frames and size, and further options of the trainings.
+FULL = (20, 17, (96, 80), ("--preset", "quick"))
+QUICK = (20, 5, (48, 40), ("--preset", "quick", "--iterations", "75", "--max-gaussians", "200", "--set", "semantic_steps=10"))
+ASKED = ("--prompt", "liver", "--export", "ply")
+#: Often enough for a killed training to have one.
+CHECKPOINTS = ("--set", "checkpoint_seconds=1")
+
+
+def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
+    """The table of batches. DegenseError when one of the commands fails."""
+    count, frames, (width, height), settings = QUICK if options.quick else FULL
+    said = (*settings, *CHECKPOINTS, "--device", options.device)
+    clips = [options.scratch / "clips" / f"{seed:03d}" for seed in DEVELOP[:count]]
+    for done, clip in enumerate(clips):
+        progress(0.05 * done / count, "drawing clips")
+        make_phantom(clip, PhantomOptions(frames, width, height, int(clip.name), kind="family"))
+    slots = trainings_at_once(options.device)
+    table = Table(
+        "batch",
+        "Many clips",
+        f"{count} surgeries of the family (seeds {DEVELOP[0]} to {DEVELOP[count - 1]}), {frames} frames of {width} × {height}, "
+        f"{' '.join(settings)}. Each is trained, scored, asked one question and exported: by four commands, each with all {cores()} cores; "
+        f"by a batch with one slot, so one after the other in one process with all cores; by a batch with {slots} slots; and by a batch on "
+        "two Dask workers of one thread each, one of which is killed (SIGKILL) in its first training. `eval` alone measures speed too. Equal: "
+        "models with the bits that slots of one thread give.",
+        [
+            Column("what", "what"),
+            Column("seconds", "seconds", 1),
+            Column("ratio", "of the commands", 3),
+            Column("of_slot", "of one slot", 3),
+            Column("equal", "equal models", 0),
+        ],
+    )
+    words = ["batch", *map(str, clips), *said, *ASKED, "--json"]
+    place = {name: options.scratch / name for name in ("alone", "one", "slots", "dask")}
+    found = {"four commands each": one_by_one(clips, said, place["alone"], lambda f, told: progress(0.05 + 0.4 * f, told))}
+    found["batch, 1 slot"] = batch([*words, "--out", str(place["one"]), "--slots", "1"], lambda f: progress(0.45 + 0.25 * f, "1 slot"))
+    several = f"batch, {slots} slots"
+    found[several] = batch([*words, "--out", str(place["slots"]), "--slots", str(slots)], lambda f: progress(0.7 + 0.15 * f, several))
+    workers = "two Dask workers, one killed"
+    if options.device == "cpu":
+        found[workers] = on_workers(words, place["dask"], lambda f: progress(0.85 + 0.15 * f, workers))
+    alone, in_one = found["four commands each"], found["batch, 1 slot"]
+    table.rows += [{"what": what, "seconds": s, "ratio": s / alone, "of_slot": s / in_one, "equal": None} for what, s in found.items()]
+    if options.device == "cpu" and cores() == slots:
+        table.rows[-1]["equal"] = equal_models(place["slots"], place["dask"])
+    yield table
+
+
+def one_by_one(clips: Sequence[Path], said: Sequence[str], out: Path, progress: Progress) -> float:
+    """Seconds of the commands that a batch stands for."""
+    begun = time.perf_counter()
+    for done, clip in enumerate(clips):
+        progress(done / len(clips), f"{clip.name} by itself")
+        folder = out / clip.name
+        for command in (
+            ("train", clip, "--out", folder, *said),
+            ("eval", folder, "--json", out / f"{clip.name}.json"),
+            ("query", folder, "liver", "--json", out / f"{clip.name}-answers.json"),
+            ("export", folder, "--format", "ply", "--prompt", "liver", "--out", out / f"{clip.name}.ply"),
+        ):
+            _call([sys.executable, "-m", "degense.app", *map(str, command)])
+    return time.perf_counter() - begun
+
+
+def batch(words: Sequence[str], progress: Any, heard: Any = None) -> float:
+    """Seconds of a batch; `progress(share)` hears how much is done and `heard(event)` every event."""
+    begun, ended, total = time.perf_counter(), 0, 1
+    command = [sys.executable, "-m", "degense.app", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        for line in process.stdout:
+            event = json.loads(line)
+            total = event.get("jobs", total) if event["event"] == "batch" else total
+            ended += event.get("state") in ("done", "failed")
+            progress(ended / total)
+            if heard is not None:
+                heard(event)
+        if process.wait() != 0:
+            raise DegenseError(f"The batch failed: {process.stderr.read()[-500:]}.")
+    return time.perf_counter() - begun
+
+
+def on_workers(words: Sequence[str], out: Path, progress: Any) -> float:
+    """Seconds of a batch on two Dask workers, one of which is killed in its first training."""
+    out.mkdir(parents=True)
+    file, folder = out.with_suffix(".json"), out.with_suffix(".workers")
+    shown = ("--no-dashboard", "--scheduler-file", str(file))
+    processes = [_start(("-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", *shown))]
+    for name in ("w0", "w1"):
+        own = ("--name", name, "--nthreads", "1", "--no-nanny", "--local-directory", str(folder))
+        processes.append(_start(("-m", "distributed.cli.dask_worker", *shown, *own)))
+    killed: list[bool] = []
+
+    def heard(event: dict[str, Any]) -> None:
+        if not killed and event.get("stage") == "train" and event["fraction"] > 0.3:
+            processes[1].kill()
+            killed.append(True)
+
+    try:
+        while not file.is_file():
+            time.sleep(0.1)
+        address = json.loads(file.read_text(encoding="utf-8"))["address"]
+        return batch([*words, "--out", str(out), "--cluster", address], progress, heard)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def equal_models(one: Path, other: Path) -> int:
+    """How many runs of two batches have models that are equal to the last bit."""
+
+    def sums(folder: Path) -> dict[str, str]:
+        files = (folder / "runs").glob("*/model.safetensors")
+        return {file.parent.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+
+    return len(sums(one).items() & sums(other).items())
+
+
+def _start(words: Sequence[str]) -> subprocess.Popen[bytes]:
+    environment = {**os.environ, **thread_environment(1)}
+    return subprocess.Popen([sys.executable, *words], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def _call(command: Sequence[str]) -> None:
+    environment = {name: value for name, value in os.environ.items() if name not in NUMERIC}
+    found = subprocess.run(command, env=environment, capture_output=True, text=True)
+    if found.returncode:
+        raise DegenseError(f"{' '.join(command[3:5])} failed: {found.stderr[-500:]}.")
