@@ -42,9 +42,9 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         "Many clips",
         f"{count} surgeries of the family (seeds {DEVELOP[0]} to {DEVELOP[count - 1]}), {frames} frames of {width} × {height}, "
         f"{' '.join(settings)}. Each is trained, scored, asked one question and exported: by four commands, each with all {cores()} cores; "
-        f"by a batch with one slot, so one after the other in one process with all cores; by one with {slots} slots; and by one on "
-        "two Dask workers of one thread each, one of which is killed (SIGKILL) in its first training. `eval` alone measures speed too. Equal: "
-        "models with the bits that slots of one thread give.",
+        f"by a batch with one slot, so in one process with all cores; by one with {slots} slots; and by one on two Dask workers of one "
+        "thread each, of which one is killed (SIGKILL) in its first training. `eval` alone measures speed too. Equal: models with the bits "
+        "that slots of one thread give.",
         [
             Column("what", "what"),
             Column("seconds", "seconds", 1),
