@@ -22,7 +22,7 @@ from degense.engine.research.surgeries import DEVELOP
 
 #: Clips, their frames and size, and further options of the trainings.
 FULL = (20, 17, (96, 80), ("--preset", "quick"))
-QUICK = (20, 5, (48, 40), ("--preset", "quick", "--iterations", "75", "--max-gaussians", "200", "--set", "semantic_steps=10"))
+QUICK = (6, 5, (48, 40), ("--preset", "quick", "--iterations", "75", "--max-gaussians", "200", "--set", "semantic_steps=10"))
 ASKED = ("--prompt", "liver", "--export", "ply")
 #: Often enough for a killed training to have one.
 CHECKPOINTS = ("--set", "checkpoint_seconds=1")
