@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 
 from degense.app.batch.child import order, start
 from degense.app.batch.folder import BatchFolder
@@ -33,10 +33,22 @@ def slots_for(jobs: Sequence[BatchJob], device: str) -> int:
 def run_here(
     folder: BatchFolder, jobs: Sequence[BatchJob], slots: int, device: str, progress: BatchProgress, stop: Callable[[], bool]
 ) -> None:
-    """Do the jobs; returns when all have ended, or `stop()` turned true and those that ran have saved what they had."""
+    """Do the jobs; returns when all have ended, or `stop()` turned true and those that ran have saved what they had.
+
+    A KeyboardInterrupt ends them at once.
+    """
     waiting = deque(jobs)
+    found = [_Slot(folder, number, slots, device, progress, stop) for number in range(slots)]
     with ThreadPoolExecutor(slots, thread_name_prefix="slot") as threads:
-        futures = [threads.submit(_Slot(folder, number, slots, device, progress, stop), waiting) for number in range(slots)]
+        futures = [threads.submit(slot, waiting) for slot in found]
+        try:
+            while wait(futures, timeout=1.0).not_done:
+                pass
+        except KeyboardInterrupt:
+            waiting.clear()
+            for slot in found:
+                slot.kill()
+            raise
     for future in futures:
         future.result()
 
@@ -62,6 +74,11 @@ class _Slot:
         finally:
             if self._process is not None:
                 self._process.close()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        if self._process is not None:
+            self._process.kill()
 
     def _do(self, job: BatchJob) -> None:
         name, progress = job.name, self._progress

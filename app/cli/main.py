@@ -14,7 +14,7 @@ USER_ERROR, INTERRUPTED = 2, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; the exit status: 0 done, 1 the diagnostics found something, 2 an error in plain words, 130 interrupted."""
+    """Run a command; the exit status: 0 done, 1 diagnostics or jobs of a batch failed, 2 an error in words, 130 interrupted."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     parser, commands = build_parser()
     if not arguments or (not arguments[0].startswith("-") and arguments[0] not in commands):

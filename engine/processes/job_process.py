@@ -71,6 +71,10 @@ class JobProcess:
                 return answer
             tell(answer)
 
+    def kill(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+
     def close(self) -> None:
         """End the process: its input closes, then it is terminated, then killed."""
         process = self._process

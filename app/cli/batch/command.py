@@ -91,7 +91,8 @@ def _run(options: argparse.Namespace, folder: BatchFolder, jobs: Sequence[BatchJ
     from degense.app.batch.report import write_report
 
     view = JsonLines() if options.json else TerminalTable() if sys.stderr.isatty() else PlainLines()
-    finished = [job for job in jobs if job not in left]
+    names = {job.name for job in left}
+    finished = [job for job in jobs if job.name not in names]
     progress = BatchProgress(jobs, finished, view.changed)
     view.begin(progress)
     with StopFlag() as stop:
