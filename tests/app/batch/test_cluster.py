@@ -73,7 +73,7 @@ def workers(tmp_path_factory) -> Iterator[Cluster]:
 @QUIET
 def test_stopped_then_a_worker_is_lost_and_the_bits_are_the_same(workers, make_job, tmp_path, trained_once):
     folder = BatchFolder(tmp_path / "out")
-    jobs = folder.begin([make_job(name) for name in ("a", "b", "c")])
+    jobs = folder.begin([make_job(name) for name in ("a", "b")])
     trained: list[str] = []
     progress = BatchProgress(jobs, [], lambda job: trained.append(job.words) if " of " in job.words else None)
     run_on_cluster(workers.address, folder, jobs, 1, progress, lambda: bool(trained))
