@@ -152,16 +152,25 @@ class Answers:
         pieces = self._pieces([to])
         if self._shared_by(pieces).any():
             raise NeedsRun(SHARED)
-        sums, weights = np.zeros((self.columns.frames, 2)), np.zeros(self.columns.frames)
-        for other, keep in pieces:
-            rows = slice(None) if keep is None else keep
-            frames, sizes = self.columns.frame_of(other)[rows], self.columns.sizes(other)[rows].astype(np.float64)
-            weights += np.bincount(frames, sizes, self.columns.frames)
-            for axis in range(2):
-                sums[:, axis] += np.bincount(frames, sizes * self.columns.centres(other)[rows, axis], self.columns.frames)
+        middles = [self._middle(piece) for piece in pieces]
+        weights = [self._size(piece) for piece in pieces]
+        if len(pieces) == 1:
+            middle, weight = middles[0], weights[0]
+        else:
+            weight = np.sum(weights, 0, dtype=np.float64) if pieces else np.zeros(self.columns.frames)
+            total = np.zeros((self.columns.frames, 2)) + sum(m * w[:, None] for m, w in zip(middles, weights, strict=True))
+            middle = total / np.maximum(weight, 1)[:, None]
         frames = self.columns.frame_of(thing)
-        middle = sums[frames] / np.maximum(weights[frames, None], 1)
-        return towards(self.columns.centres(thing) - middle, direction) & (weights[frames] > 0)
+        return towards(self.columns.centres(thing) - middle[frames], direction) & (weight[frames] > 0)
+
+    def _middle(self, chosen: Chosen) -> np.ndarray:
+        """Of a mask in each frame, [F, 2]."""
+        thing, keep = chosen
+        if keep is None:
+            return self.columns.middle(thing)
+        frames, sizes = self.columns.frame_of(thing)[keep], self.columns.sizes(thing)[keep].astype(np.float64)
+        sums = [np.bincount(frames, sizes * places, self.columns.frames) for places in self.columns.centres(thing)[keep].T]
+        return np.stack(sums, 1) / np.maximum(np.bincount(frames, sizes, self.columns.frames), 1)[:, None]
 
     def _extreme(self, thing: str, keep: np.ndarray | None, largest: bool) -> np.ndarray:
         """In each frame the first of the largest, or smallest, objects of those that are kept."""

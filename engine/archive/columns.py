@@ -29,6 +29,11 @@ class Columns:
         found = self._column("pixels", thing)
         return np.zeros(self.frames, np.uint32) if found is None else found
 
+    def middle(self, thing: str) -> np.ndarray:
+        """Of its mask in each frame, [F, 2], pixels; 0 where there is none."""
+        found = self._column("middle", thing)
+        return np.zeros((self.frames, 2), np.float32) if found is None else found
+
     def overlap(self, one: str, other: str) -> np.ndarray | None:
         """Pixels that both masks hold in each frame, [F]; None where that is none anywhere."""
         return self._column("overlap", *sorted((one, other)))

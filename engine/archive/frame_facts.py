@@ -12,10 +12,12 @@ import numpy as np
 
 from degense.engine.semantics.relations import CONTACT, ENCLOSED, NEAR, filled, gap_to, hull
 
-#: What a column holds. Of each frame: `counts`, the objects of a thing, `pixels`, of its mask, `confidence`, `displacement` at
-#: `PERCENTILES`, and `overlap`, the pixels that two masks share. Of each object: `sizes` and `centres`, pixels, and whether it stands in
+#: What a column holds. Of each frame: `counts`, the objects of a thing, `pixels` and `middle` of its mask, `confidence`, `displacement`
+#: at `PERCENTILES`, and `overlap`, the pixels that two masks share. Of each object: `sizes` and `centres`, pixels, and whether it stands in
 #: a relation.
-Kind = Literal["counts", "pixels", "confidence", "displacement", "overlap", "sizes", "centres", "touching", "near", "inside", "between"]
+Kind = Literal[
+    "counts", "pixels", "middle", "confidence", "displacement", "overlap", "sizes", "centres", "touching", "near", "inside", "between"
+]
 #: (kind, thing, other thing or ""). The others of `between` may be two classes, see `joined`.
 Key = tuple[Kind, str, str]
 PERCENTILES = (50, 90, 99)
@@ -35,6 +37,7 @@ def frame_facts(masks: Mapping[str, np.ndarray], classes: Sequence[str]) -> dict
     objects = {name: Objects(mask) for name, mask in masks.items() if mask.any()}
     for name, of_name in objects.items():
         facts |= {("counts", name, ""): np.array([len(of_name.sizes)]), ("pixels", name, ""): np.array([of_name.sizes.sum()])}
+        facts["middle", name, ""] = np.average(of_name.centres, 0, of_name.sizes)[None]
         facts |= {("sizes", name, ""): of_name.sizes, ("centres", name, ""): of_name.centres}
     for to in objects:
         gaps, diagonal = gap_to(masks[to]), math.hypot(*masks[to].shape)

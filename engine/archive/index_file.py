@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -160,7 +161,9 @@ def open_index(path: Path, write: bool = False) -> Iterator[IndexFile]:
         raise DegenseError(f"{path} cannot be opened ({error}).") from error
     with closing(connection):
         try:
-            connection.executescript("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0;")
+            connection.executescript(
+                "PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0; PRAGMA cache_size = -65536;"
+            )
             if not write:
                 connection.execute("PRAGMA query_only = ON")
             tables = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY name LIMIT 50").fetchall()
@@ -202,19 +205,24 @@ def _checked(number: Any, path: Any, stamp: Any, error: Any, facts: Any) -> Inde
     if not all(isinstance(text, str) and len(text) <= LONGEST_TEXT for text in (path, stamp, error, facts)) or type(number) is not int:
         raise ValueError("no text")
     place = PurePosixPath(path)
-    if place.is_absolute() or ".." in place.parts or "\\" in path or ":" in path or "\0" in path:
+    if not {"", ".", ".."}.isdisjoint(path.split("/")) or not {"\\", ":", "\0"}.isdisjoint(path):
         raise ValueError("a path that leaves the folder")
     if error:
         return IndexedRun(number, place, stamp, error)
-    known = json.loads(facts)
+    return IndexedRun(number, place, stamp, "", *_facts(facts))
+
+
+@lru_cache(maxsize=256)
+def _facts(text: str) -> tuple[int, tuple[int, int], float, str, Things]:
+    """Frames, size, frame rate, unit and things; runs of one kind of clip have them in common."""
+    known = json.loads(text)
     frames, (width, height), fps = known["frames"], known["size"], float(known["fps"])
     classes, kinds = known["things"]["classes"], known["things"]["kinds"]
-    if not (
-        type(frames) is int and 1 <= frames <= MOST_FRAMES and 1 <= int(width) <= 16_384 and 1 <= int(height) <= 16_384 and 0 < fps < 1e6
-    ):
+    sane = type(frames) is int and 1 <= frames <= MOST_FRAMES and 0 < fps < 1e6
+    if not sane or not all(1 <= int(side) <= MOST_SIDE for side in (width, height)):
         raise ValueError("impossible numbers")
     things = Things(_texts(classes), tuple((_text(name), _texts(members)) for name, members in kinds), bool(known["things"]["closed"]))
-    return IndexedRun(number, place, stamp, "", frames, (int(width), int(height)), fps, _text(known["unit"]), things)
+    return frames, (int(width), int(height)), fps, _text(known["unit"]), things
 
 
 def _text(value: Any) -> str:

@@ -22,6 +22,7 @@ from degense.engine.vocabulary.questions import Noun
 FORMATS: dict[str, tuple[str, tuple[int, ...]]] = {
     "counts": ("<u2", ()),
     "pixels": ("<u4", ()),
+    "middle": ("<f4", (2,)),
     "confidence": ("<f2", ()),
     "displacement": ("<f4", (len(PERCENTILES),)),
     "overlap": ("<u4", ()),
@@ -29,7 +30,7 @@ FORMATS: dict[str, tuple[str, tuple[int, ...]]] = {
     "centres": ("<f4", (2,)),
     **dict.fromkeys(("touching", "near", "inside", "between"), ("?", ())),
 }
-OF_FRAMES = ("counts", "pixels", "confidence", "displacement", "overlap")
+OF_FRAMES = ("counts", "pixels", "middle", "confidence", "displacement", "overlap")
 #: Small pictures of a run: so many evenly spaced ones, beside that of the frame in which each thing is largest.
 PICTURES, LONGER_SIDE, JPEG_QUALITY = 32, 128, 70
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +15,23 @@ from degense.engine.archive.columns import Columns
 from degense.engine.archive.index_file import IndexedRun, IndexFile
 from degense.engine.archive.names import NeedsRun, Things
 from degense.engine.errors import PromptError
-from degense.engine.semantics.moments import Moment, expressions, frames_of, moments
+from degense.engine.semantics.moments import Moment, expressions, frames_of
 from degense.engine.vocabulary.questions import Expression, Question, heads, read_question
+
+
+class FoundMoments(Sequence[Moment]):
+    """Moments of a run as numbers [n, 3] of first, last and peak, and areas [n]; each is made when it is looked at."""
+
+    def __init__(self, frames: np.ndarray, areas: np.ndarray) -> None:
+        self._frames, self._areas = frames, areas
+
+    def __len__(self) -> int:
+        return len(self._areas)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return FoundMoments(self._frames[index], self._areas[index])
+        return Moment(*self._frames[index].tolist(), float(self._areas[index]))
 
 
 @dataclass(frozen=True)
@@ -23,7 +40,7 @@ class Hit:
 
     run: IndexedRun
     answering: int  # frames
-    moments: tuple[Moment, ...]
+    moments: Sequence[Moment]
 
 
 @dataclass(frozen=True)
@@ -106,14 +123,37 @@ def _asked(index: IndexFile, runs: list[IndexedRun], question: Question, unanswe
 
 
 def _hits(columns: Columns, question: Question, areas: dict[Expression, np.ndarray]) -> list[Hit]:
-    timed = bool(question.times)
-    kept = None if timed else (areas[question.what] == 0 if question.absent else areas[question.what] > 0)
-    some = np.ones(len(columns.runs), bool) if kept is None else np.logical_or.reduceat(kept, columns.starts[:-1])
+    starts, area = columns.starts, areas[question.what]
+    if question.times:
+        kept = np.zeros(columns.frames, bool)
+        for first, end in pairwise(starts):
+            if question.absent or area[first:end].any():
+                kept[first:end] = frames_of(question, {part: values[first:end] for part, values in areas.items()})
+    else:
+        kept = area == 0 if question.absent else area > 0
+    frames, most = _moments(kept, area, starts)
+    answering = np.add.reduceat(kept.astype(np.int64), starts[:-1])
+    ends = np.searchsorted(frames[:, 0], starts)
     hits = []
-    for number in np.flatnonzero(some):
-        run, frames = columns.runs[number], slice(columns.starts[number], columns.starts[number + 1])
-        of_run = frames_of(question, {part: values[frames] for part, values in areas.items()}) if kept is None else kept[frames]
-        if of_run.any():
-            width, height = run.size
-            hits.append(Hit(run, int(of_run.sum()), moments(of_run, areas[question.what][frames] / (width * height))))
+    for number in np.flatnonzero(answering):
+        run, rows = columns.runs[number], slice(ends[number], ends[number + 1])
+        pixels = run.size[0] * run.size[1]
+        hits.append(Hit(run, int(answering[number]), FoundMoments(frames[rows] - starts[number], most[rows] / pixels)))
     return hits
+
+
+def _moments(kept: np.ndarray, area: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`semantics.moments.moments` of runs end to end, which begin at `starts`: first, last and peak [n, 3], and the area there [n]."""
+    before, after = np.roll(kept, 1), np.roll(kept, -1)
+    before[starts[:-1]], after[starts[1:] - 1] = False, False
+    first, last = np.flatnonzero(kept & ~before), np.flatnonzero(kept & ~after)
+    if not len(first):
+        return np.zeros((0, 3), np.int64), np.zeros(0)
+    inside = np.flatnonzero(kept)
+    lengths = last - first + 1
+    begins = np.concatenate([[0], lengths.cumsum()[:-1]])
+    values = area[inside]
+    most = np.maximum.reduceat(values, begins)
+    candidates = np.flatnonzero(values == np.repeat(most, lengths))
+    peak = inside[candidates[np.searchsorted(candidates, begins)]]
+    return np.stack([first, last, peak], 1), most
