@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from degense.app.cli.options import asked_prompts
+from degense.app.cli.options import anonymised_scene, asked_prompts
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.cameras.state import Stop, load_path
 from degense.app.features.movies.movie import RECORDING, MovieOptions, make_movie, view_of
@@ -22,7 +22,7 @@ def movie(options: argparse.Namespace) -> None:
     names = [name.strip() for name in options.layers.split(",")]
     layers = tuple(name if name == RECORDING else get_layer(name).name for name in names)
     view_state = view_of(asked_prompts(options))
-    scene = Scene.open(options.run_folder)
+    scene = anonymised_scene(Scene.open(options.run_folder), options)
     stops = checked_path(scene, options.cameras) if options.cameras is not None else ()
     wanted = MovieOptions(view_state, layers, options.size, options.fps, None, stops, options.time, options.titled)
     print(run_steps(make_movie(scene, options.out, wanted), Bar()))

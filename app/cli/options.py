@@ -11,6 +11,7 @@ from degense.engine.errors import DegenseError
 
 if TYPE_CHECKING:
     from degense.engine.data.readers import ClipOptions
+    from degense.engine.scene import Scene
     from degense.engine.semantics import TextEncoder
     from degense.engine.semantics.prompts import PromptSet
 
@@ -35,6 +36,25 @@ def asked_prompts(options: argparse.Namespace) -> PromptSet:
     from degense.engine.semantics.prompts import PromptSet
 
     return PromptSet.chosen(options.prompts, options.decoder, options.threshold)
+
+
+def anonymised_scene(scene: Scene, options: argparse.Namespace) -> Scene:
+    """The scene as `--anonymise` and `--cover` want it shown. DegenseError for a cover without the other, or of another size."""
+    if options.cover is not None and not options.anonymise:
+        raise DegenseError("--cover blacks out a region of what is anonymised; give --anonymise too.")
+    if not options.anonymise:
+        return scene
+    from degense.engine.scene.anonymous import anonymised, read_cover
+
+    return anonymised(scene, None if options.cover is None else read_cover(options.cover, scene.clip_size))
+
+
+def refuse_cover(options: argparse.Namespace) -> None:
+    """DegenseError where Gaussians themselves are written, which hold burnt-in text at any place."""
+    if options.cover is not None:
+        raise DegenseError(
+            "Gaussians cannot be covered; train the clip with the text outside of its masks, or write a movie or pictures instead."
+        )
 
 
 def refuse_non_empty(folder: Path) -> None:

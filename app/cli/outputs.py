@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from degense.app.cli.movies import checked_path
-from degense.app.cli.options import asked_prompts, chosen_encoder
+from degense.app.cli.options import anonymised_scene, asked_prompts, chosen_encoder, refuse_cover
 from degense.app.cli.terminal import Bar, run_steps
-from degense.app.features.annotate.label_sets import annotated, at_frames, label_source, write_labels
+from degense.app.features.annotate.label_sets import annotated, at_frames, label_source, names_of, write_labels
 from degense.app.features.export.formats import ExportOptions, draw_frames, export_movie, get_format
 from degense.app.features.movies.movie import MovieOptions, make_movie, view_of
 from degense.app.features.prompts.segment import write_clip_masks
@@ -37,7 +37,7 @@ def render(options: argparse.Namespace) -> None:
     layer = get_layer(options.layer)
     options.layer = layer.name
     wanted = ExportOptions(asked_prompts(options), layer=options.layer, span=options.range)
-    scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
+    scene = anonymised_scene(Scene.open(options.run_folder, encoder=chosen_encoder(options)), options)
     if options.cameras is not None:
         view_state = view_of(wanted.prompt_set, layer.name, options.range)
         path = MovieOptions(view_state, (layer.name,), stops=checked_path(scene, options.cameras))
@@ -91,7 +91,7 @@ def segment(options: argparse.Namespace) -> None:
     from degense.engine.scene.clip_query import decode_frame
 
     prompts = asked_prompts(options)
-    scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
+    scene = anonymised_scene(Scene.open(options.run_folder, encoder=chosen_encoder(options)), options)
     if options.frames is not None:
         _segment_clip(scene, prompts, options)
         return
@@ -124,7 +124,9 @@ def export(options: argparse.Namespace) -> None:
         return
     from degense.engine.scene import Scene
 
-    scene = Scene.open(options.path)
+    if options.format in ("ply", "spz", "gltf", "ply-sequence"):
+        refuse_cover(options)
+    scene = anonymised_scene(Scene.open(options.path), options)
     frames: Sequence[int] | None = None
     if options.frames == "labelled":
         frames = label_source(scene, "annotations", prompts).frames
@@ -138,7 +140,8 @@ def share(options: argparse.Namespace) -> None:
     from degense.engine.scene import Scene
 
     prompts = asked_prompts(options)
-    print(run_steps(share_scene(Scene.open(options.run_folder), options.out, prompts), Bar()))
+    refuse_cover(options)
+    print(run_steps(share_scene(anonymised_scene(Scene.open(options.run_folder), options), options.out, prompts), Bar()))
 
 
 def _annotations_of_clip(options: argparse.Namespace) -> Steps[str]:
@@ -151,4 +154,6 @@ def _annotations_of_clip(options: argparse.Namespace) -> Steps[str]:
     maps = annotated(subject.work, subject.clip)
     if options.frames not in (None, "labelled"):
         maps = at_frames(maps, range(len(subject.clip))[slice(*options.frames)])
+    if options.anonymise:
+        maps = replace(maps, names=names_of(None, len(maps.names)))
     return write_labels(options.format, maps, options.out)

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from degense.app.cli.arguments.anonymise_options import add_anonymise_options as _anonymise
 from degense.app.cli.arguments.argument_types import frame_range as _frame_range
 from degense.app.cli.arguments.argument_types import labelled_or_range as _labelled_or_range
 from degense.app.cli.arguments.argument_types import number_range as _range
@@ -122,6 +123,7 @@ def _scores(command: Command) -> None:
     sub.add_argument("--json", type=Path, metavar="FILE", help="write the scores there too")
     sub.add_argument("--lpips", action="store_true", help="score LPIPS too; downloads its network when it is missing (extra lpips)")
     sub.add_argument("--report", type=Path, metavar="FOLDER", help="write report.json, report.md and report.html there, with pictures")
+    _anonymise(sub)
     add_clip_options(sub)
 
     sub = command("compare", "scores:compare", "train and score the systems that the paper compares on one clip")
@@ -164,6 +166,7 @@ def _outputs(command: Command) -> None:
     sub.add_argument("--range", type=_range, metavar="LOW:HIGH", help="values of the first and last colour (default: from the frames)")
     _prompts(sub, required=False)
     sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
+    _anonymise(sub)
 
     sub = command("segment", "outputs:segment", "write the masks of prompts")
     _run_and_frames(sub)
@@ -177,6 +180,7 @@ def _outputs(command: Command) -> None:
     )
     _prompts(sub, required=True)
     sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
+    _anonymise(sub)
 
 
 def _questions(command: Command) -> None:
@@ -225,14 +229,17 @@ def _exports(command: Command) -> None:
         help="label maps of what the run answers or of what was annotated (default: annotations, if there are any and no prompts)",
     )
     _prompts(sub, required=False)
+    _anonymise(sub)
 
     sub = command("movie", "movies:movie", "write a movie of layers, side by side, through time or along a camera path")
     add_movie_options(sub)
+    _anonymise(sub)
     _prompts(sub, required=False)
 
     sub = command("share", "outputs:share", "write a run as one web page that turns and plays in any browser, from disk")
     sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
     sub.add_argument("--out", type=Path, required=True, metavar="FILE", help="page to write (.html)")
+    _anonymise(sub)
     _prompts(sub, required=False)
 
 

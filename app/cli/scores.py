@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from degense.app.cli.arguments.sweep_options import sweep_of
-from degense.app.cli.options import clip_options
+from degense.app.cli.options import anonymised_scene, clip_options
 from degense.app.cli.terminal import Bar, table
 from degense.app.cli.training import StopFlag
 from degense.engine.errors import Cancelled, ClipError
@@ -26,6 +26,7 @@ def evaluate(options: argparse.Namespace) -> None:
     from degense.engine.metrics.evaluate import evaluate as score
     from degense.engine.metrics.image import fetch_lpips
     from degense.engine.scene import Scene
+    from degense.engine.scene.anonymous import AnonymousClip, anonymous_scores, read_cover
 
     if options.lpips:
         fetch_lpips()
@@ -40,7 +41,11 @@ def evaluate(options: argparse.Namespace) -> None:
     print(table(_printable(scores)))
     if options.report:
         with closing(Bar()) as bar:
-            paths = research().report_run(scene, clip, scores, options.report, bar)
+            shown = anonymised_scene(scene, options)
+            if shown is not scene:
+                scores = anonymous_scores(scores)
+                shown.clip = clip = AnonymousClip(clip, None if options.cover is None else read_cover(options.cover, scene.clip_size))
+            paths = research().report_run(shown, clip, scores, options.report, bar)
         print(paths)
 
 

@@ -157,8 +157,9 @@ class Answers:
         if len(pieces) == 1:
             middle, weight = middles[0], weights[0]
         else:
-            weight = np.sum(weights, 0, dtype=np.float64) if pieces else np.zeros(self.columns.frames)
-            total = np.zeros((self.columns.frames, 2)) + sum(m * w[:, None] for m, w in zip(middles, weights, strict=True))
+            weight, total = np.zeros(self.columns.frames), np.zeros((self.columns.frames, 2))
+            for of_piece, size in zip(middles, weights, strict=True):
+                weight, total = weight + size, total + of_piece * size[:, None]
             middle = total / np.maximum(weight, 1)[:, None]
         frames = self.columns.frame_of(thing)
         return towards(self.columns.centres(thing) - middle[frames], direction) & (weight[frames] > 0)

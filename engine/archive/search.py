@@ -31,7 +31,8 @@ class FoundMoments(Sequence[Moment]):
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
             return FoundMoments(self._frames[index], self._areas[index])
-        return Moment(*self._frames[index].tolist(), float(self._areas[index]))
+        first, last, peak = self._frames[index].tolist()
+        return Moment(first, last, peak, float(self._areas[index]))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -104,3 +105,13 @@ def test_the_own_loader_makes_no_objects(tag, tmp_path):
     (tmp_path / "boxes.yaml").write_text(f"0: !!python/{tag}", encoding="utf-8")
     with pytest.raises(ClipError, match="without objects"):
         read_yaml(tmp_path / "boxes.yaml")
+
+
+def test_the_tests_that_the_threat_model_names_exist():
+    page = (ROOT / "docs" / "threat-model.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", page)
+    assert len(named) > 20
+    missing = [f"{path}::{name}" for path, name in named if f"def {name}(" not in (ROOT / path).read_text(encoding="utf-8")]
+    assert not missing
+    rows = [row for row in page.splitlines() if row.startswith("| ") and not row.startswith(("| what", "|---"))]
+    assert not [row for row in rows if "::" not in row]

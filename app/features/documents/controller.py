@@ -12,6 +12,7 @@ from degense.app.features.documents.autosave import Autosave
 from degense.app.features.documents.facts import Facts
 from degense.app.session.sample import demo_run, is_demo
 from degense.app.session.session_file import DamagedSession
+from degense.app.shell.logs import hide_names
 from degense.app.shell.shell import Shell
 
 if TYPE_CHECKING:
@@ -84,6 +85,7 @@ class Documents(QObject):
         """Open a run folder or a clip. `options` are `ClipOptions` that the user gave."""
         if not self.autosave.may_leave(lambda: self.open_path(path, options)):
             return
+        hide_names(path)
         self.loading.emit(path.name)
         if (path / "run.json").is_file():
             self._load(path, lambda: _open_run(path), lambda scene: self._show_scene(path, scene))

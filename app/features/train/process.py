@@ -13,6 +13,7 @@ from types import MappingProxyType
 from PySide6.QtCore import QObject, QProcess, QProcessEnvironment, QTimer, Signal
 
 from degense.app.features.train.job import TrainingJob
+from degense.app.shell.logs import hide_names
 from degense.engine.events import Done, Event, Failed, Stopped, from_json
 
 log = logging.getLogger(__name__)
@@ -87,6 +88,7 @@ class TrainingProcess(QObject):
         self._patience.timeout.connect(self._insist)
 
     def start(self) -> None:
+        hide_names(*(Path(word) for word in self._command[1:] if Path(word).is_absolute()))
         log.info("starting %s", " ".join(self._command))
         self._process.start(self._command[0], self._command[1:])
 
