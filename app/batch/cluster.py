@@ -82,11 +82,11 @@ def do_on_worker(words: dict[str, Any], topic: str) -> dict[str, Any]:
         return halted
 
     def tell(stage: str, fraction: float, said: str) -> None:
-        worker.log_event(topic, [words["job"]["name"], stage, fraction, said])
+        worker.log_event(topic, [words["job"]["name"], stage, fraction, f"{said} on {worker.name}".strip()])
 
     if stop():
         return {"outcome": "stopped", "words": ""}
-    tell("", 0.0, f"on {worker.name}")
+    tell("", 0.0, "")
     process = _idle.pop() if _idle else start(_environment(worker.state.nthreads))
     try:
         answer = process.do(words, lambda said: tell(said["stage"], said["fraction"], said["words"]), stop)

@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 from degense.app.batch import folder as batch_folder
+from degense.app.batch import work
 from degense.app.batch.folder import BatchFolder
 from degense.app.batch.report import rows_of, write_report
 from degense.app.batch.work import do_job
@@ -53,7 +54,8 @@ def test_a_run_that_was_trained_otherwise_is_not_touched(trained, make_job):
     assert (trained.path / "runs" / "a" / "metrics.jsonl").read_text() == log
 
 
-def test_stopped_and_resumed_to_the_same_bits(trained_once, make_job, tmp_path, one_thread):
+def test_stopped_and_resumed_to_the_same_bits(trained_once, make_job, tmp_path, one_thread, monkeypatch):
+    monkeypatch.setattr(work, "TELL_SECONDS", 0.0)
     folder = BatchFolder(tmp_path / "out")
     [job] = folder.begin([make_job()])
     seen: list[str] = []
