@@ -49,7 +49,7 @@ class HexPlane(nn.Module):
         No gradient reaches `points`: a field that can be changed by moving the query point is one more way to explain colour by motion.
         """
         points = inside(points.detach())
-        return sampler(points)(points, list(self.space), self.lines(t))
+        return sampler(points, self.space[0].shape[-1])(points, list(self.space), self.lines(t))
 
     def smoothness(self) -> tuple[Tensor, Tensor, Tensor]:
         """Regularisers of the planes, each a mean of squares or absolutes.
@@ -69,12 +69,15 @@ def inside(points: Tensor) -> Tensor:
     return points.nan_to_num().clamp(-1.0, 1.0)
 
 
-def sampler(points: Tensor) -> Callable[[Tensor, Sequence[Tensor], Sequence[Tensor]], Tensor]:
-    """`sample_levels`, or its fused twin for tensors like these, if there is one (float32; on a GPU where Triton is installed)."""
+def sampler(points: Tensor, channels: int) -> Callable[[Tensor, Sequence[Tensor], Sequence[Tensor]], Tensor]:
+    """`sample_levels`, or its fused twin for tensors like these, if there is one.
+
+    That is for float32; on a CPU where the channels of a level fill its blocks, on a GPU where Triton is installed.
+    """
     if points.dtype != torch.float32:
         return sample_levels
     if points.device.type == "cpu":
-        return hexplane_cpu.sample
+        return sample_levels if channels % hexplane_cpu.BLOCK else hexplane_cpu.sample
     if find_spec("triton") is None:
         return sample_levels
     from degense.engine.field import hexplane_cuda

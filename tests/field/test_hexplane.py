@@ -37,6 +37,19 @@ def test_twin_matches_a_loop(channels):
     np.testing.assert_allclose(twin.numpy(), brute(points, space, line), atol=1e-12)
 
 
+@pytest.mark.parametrize("channels", [4, 12])
+def test_channels_that_fill_no_block_are_left_to_the_twin(channels):
+    """The fused gradient writes whole blocks: beyond the end of such planes."""
+    torch.manual_seed(channels)
+    plane, points = HexPlane(channels, 6, 4, (1,)), torch.rand(50, 3) * 2 - 1
+    plane(points, 0.3).square().sum().backward()
+    found = [level.grad.clone() for level in plane.parameters()]
+    plane.zero_grad()
+    sample_levels(points, list(plane.space), plane.lines(0.3)).square().sum().backward()
+    for one, other in zip(found, plane.parameters(), strict=True):
+        torch.testing.assert_close(one, other.grad)
+
+
 def test_fused_values_and_gradients_match_the_twin_in_float64():
     torch.manual_seed(3)
     points = torch.rand(500, 3) * 2 - 1
