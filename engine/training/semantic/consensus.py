@@ -27,6 +27,8 @@ from degense.engine.training.semantic.vectors import shares_of, words_of
 COLOR_SCALE = 0.1  # of 1: difference of colour from which on a Gaussian counts as something else than before
 PRIOR_PIXELS = 0.5  # pixels' worth of the clip's mean that every Gaussian begins with
 LEAST = 1e-3  # of a share of votes: what all frames deny may still be
+AROUND = 0.01  # the same for the regions around: what is small lies among others
+NEAR = 0.05  # of the picture's width: how far the regions around reach at least
 ROUNDS = 2  # in all but the first, frames vote with the consensus of the round before
 MOST_VOTERS = 64  # frames that vote, evenly spread; a long clip has more
 SCORE_BYTES = 1 << 29  # of what is known of frames, kept
@@ -73,12 +75,13 @@ class Consensus:
     """What each pixel of a clip's frames is called, by all frames together.
 
         log q₀(word) = log p(word | votes of the other frames) + log p(word | look) − ½ log p(word) + λ [the frame's own word] + const
-        log q(word) = log q₀(word) + 4 e log p(word | q₀ of the regions around)
+        log q(word) = log q₀(word) + 2 e log(p(word | q₀ of the regions around) + `AROUND`)
 
     The third term takes back half of the clip's frequencies of words, which both before it contain. λ ≥ 0 is `own_weight`, the log odds
     that the teacher is right where not all agree, e = 1 / (1 + exp λ): one that does not err is right where the scene is blurred and where
     regions of like colour meet. The regions (`Regions`) settle where one place and one look do not: whole regions called by another name
-    for a while, and boundaries that wander.
+    for a while, and boundaries that wander. They reach farther, the more often votes and looks, which hold all frames, contradict each
+    other: by that share of the picture's width beyond `NEAR`.
 
     The model's geometry is finished. The targets, which are the teacher's answers, are told their `disagreement`.
     """
@@ -106,7 +109,8 @@ class Consensus:
             self._votes, self._usual = votes, torch.cat(called).mean(0).clamp_min(1e-4)
             self._appearance = Appearance(torch.cat(seen), torch.cat(called), seed)
             self._scores = Latest(self._scores.limit)
-            self._own = own_weight(self._contested(voters))
+            contested, pixels = self._contested(voters)
+            self._own, self._reach = own_weight(contested), NEAR + float(contested[3] - contested[0]) / max(pixels, 1)
             self._regions.clear()
             for frame in voters:
                 told = self._told(frame)
@@ -117,8 +121,8 @@ class Consensus:
 
     def shares(self, frame: int) -> Float[Tensor, "pixels words"]:
         """q of each pixel of a frame, rows of sum 1."""
-        around = (self._regions.read(frame) + LEAST * self._usual).log()
-        return torch.softmax(self._before_regions(frame, self._told(frame)) + 4 * around / (1 + math.exp(self._own)), 1)
+        around = (self._regions.read(frame, self._reach) + AROUND).log()
+        return torch.softmax(self._before_regions(frame, self._told(frame)) + 2 * around / (1 + math.exp(self._own)), 1)
 
     def _before_regions(self, frame: int, told: Tensor) -> Tensor:
         """log q₀, but for a constant: float [H × W, K]."""
@@ -158,17 +162,18 @@ class Consensus:
         features = look(self._frames.image(frame))
         return torch.from_numpy(features.reshape(-1, features.shape[2])).to(self._frames.device)
 
-    def _contested(self, frames: list[int]) -> Tensor:
-        """Of how many pixels the teacher alone, the votes alone, the looks alone say something else than both others; of how many not all
-        three say the same: int64 [4]."""
-        counts = torch.zeros(4, dtype=torch.int64, device=self._usual.device)
+    def _contested(self, frames: list[int]) -> tuple[Tensor, int]:
+        """Of how many pixels the teacher alone, the votes alone, the looks alone say something else than both others, and of how many not
+        all three say the same, int64 [4]; and how many there are."""
+        counts, told = torch.zeros(4, dtype=torch.int64, device=self._usual.device), 0
         for frame in frames:
             own, raters = self._told(frame), self._raters(frame)
             self._scores.keep(frame, self._score(*raters))
             teacher, votes, looks = (values[own.sum(1) > 0].argmax(1) for values in (own, *raters))
             alone = [(votes == looks) & (teacher != votes), (teacher == looks) & (votes != looks), (teacher == votes) & (looks != votes)]
             counts += torch.stack([*alone, ~((teacher == votes) & (votes == looks))]).sum(1)
-        return counts
+            told += len(teacher)
+        return counts, told
 
 
 def agreed_answers(consensus: Consensus, targets: SemanticTargets) -> dict[str, Tensor]:

@@ -22,8 +22,7 @@ from degense.engine.semantics.masks.superpixels import REGION_SIZE, superpixels
 from degense.engine.training.frames import TrainingFrames
 
 MOST_REGIONS = 600  # of a frame
-PLACE_SCALE = 0.15  # of the picture's width: distance between places in the scene at which a region counts e^(−½)
-COLOR_SCALE = 8.0  # CIELAB units: difference of colours at which it does
+COLOR_SCALE = 5.0  # CIELAB units: difference of colours at which a region counts e^(−½)
 ROWS = 128  # regions asked at once
 KEPT = 128  # frames whose regions are kept
 
@@ -33,7 +32,7 @@ class FrameRegions(NamedTuple):
 
     of_pixel: Tensor  # int64 [P]
     size: Tensor  # float [K], pixels
-    traits: Tensor  # float [K, 6]; place among the canonical Gaussians and CIELAB, in units of the scales above
+    traits: Tensor  # float [K, 6]; place among the canonical Gaussians in widths of the picture, CIELAB in units of `COLOR_SCALE`
 
 
 class Regions:
@@ -58,10 +57,13 @@ class Regions:
         self._traits.append(regions.traits)
         self._sums.append(shares.new_zeros(len(regions.size), shares.shape[1]).index_add_(0, regions.of_pixel, shares))
 
-    def read(self, frame: int) -> Float[Tensor, "pixels words"]:
-        """The shares of the votes around each pixel's region, rows of sum 1:  Σ_s exp(−‖traits − traits_s‖² / 2) Σ_p∈s shares_p."""
-        regions, traits, sums = self._of(frame), torch.cat(self._traits), torch.cat(self._sums)
-        votes = torch.cat([torch.exp(torch.cdist(rows, traits).square() / -2) @ sums for rows in regions.traits.split(ROWS)])
+    def read(self, frame: int, reach: float) -> Float[Tensor, "pixels words"]:
+        """The shares of the votes around each pixel's region, rows of sum 1:  Σ_s exp(−‖traits − traits_s‖² / 2) Σ_p∈s shares_p, with
+        places divided by `reach`, the distance in widths of the picture at which a region counts e^(−½)."""
+        regions, sums = self._of(frame), torch.cat(self._sums)
+        scale = sums.new_tensor([1 / reach] * 3 + [1.0] * 3)
+        traits = torch.cat(self._traits) * scale
+        votes = torch.cat([torch.exp(torch.cdist(rows, traits).square() / -2) @ sums for rows in (regions.traits * scale).split(ROWS)])
         shares = votes / votes.sum(1, keepdim=True).clamp_min(1e-12)
         return shares[regions.of_pixel]
 
@@ -77,7 +79,7 @@ class Regions:
         drawn = rasterize(splats, self._model.canonical["means"].detach(), self._frames.cameras[frame])
         places = drawn.image.reshape(-1, 3) / drawn.alpha.reshape(-1, 1).clamp_min(1e-3)
         size = torch.bincount(of_pixel).to(colors)
-        traits = torch.cat([places / (PLACE_SCALE * self._width), colors / COLOR_SCALE], 1)
+        traits = torch.cat([places / self._width, colors / COLOR_SCALE], 1)
         return FrameRegions(of_pixel, size, _means(of_pixel, traits, size))
 
 

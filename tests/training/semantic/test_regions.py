@@ -10,7 +10,7 @@ from degense.engine.raster import rasterize
 from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
-from degense.engine.training.semantic.regions import COLOR_SCALE, PLACE_SCALE, Regions
+from degense.engine.training.semantic.regions import COLOR_SCALE, Regions
 from tests.fakes import MemoryClip
 
 CPU = torch.device("cpu")
@@ -34,7 +34,7 @@ def traits_of(frames, model, frame):
     places = weights @ model.canonical["means"].detach().double().numpy() / np.maximum(weights.sum(1), 1e-3)[:, None]
     lab = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB).reshape(-1, 3)
     width = frames.size[0] / frames.cameras[0].fx
-    traits = np.concatenate([places / (PLACE_SCALE * width), lab / COLOR_SCALE], 1)
+    traits = np.concatenate([places / (0.15 * width), lab / COLOR_SCALE], 1)
     return of_pixel, np.stack([traits[of_pixel == k].mean(0) for k in range(of_pixel.max() + 1)])
 
 
@@ -52,10 +52,10 @@ def test_votes_are_weighed_by_place_in_the_scene_and_colour(stage):
     far = ((traits[3][:, None] - np.concatenate([traits[0], traits[2]])[None]) ** 2).sum(-1)
     expected = np.exp(-far / 2) @ np.concatenate([sums[0], sums[2]])
     expected = (expected / expected.sum(1, keepdims=True))[of_pixel[3]]
-    np.testing.assert_allclose(regions.read(3), expected, atol=2e-3)
+    np.testing.assert_allclose(regions.read(3, 0.15), expected, atol=2e-3)
     regions.clear()
     regions.add(2, torch.eye(3)[torch.zeros(96 * 80, dtype=torch.int64)])
-    assert (regions.read(3)[:, 0] > 0.999).all()
+    assert (regions.read(3, 0.15)[:, 0] > 0.999).all()
 
 
 class TwoColors(MemoryClip):
@@ -75,6 +75,6 @@ def test_a_region_that_is_called_otherwise_for_most_of_the_clip_is_called_as_wha
         names = truth.copy()
         names[30:44, 20:34] = frame > 0
         regions.add(frame, torch.eye(2)[torch.from_numpy(names.ravel())])
-    said = regions.read(0).argmax(1).reshape(80, 96).numpy()
+    said = regions.read(0, 0.15).argmax(1).reshape(80, 96).numpy()
     assert (said == truth).mean() > 0.97
     assert (said[30:44, 20:34] == 0).all()
