@@ -62,7 +62,7 @@ def ssim_map(image: Channels, target: Channels) -> Channels:
     Gaussian window 11 × 11, σ 1.5, zeros outside, C1 = 0.01², C2 = 0.03² for values in [0, 1] (Wang et al. 2004).
     """
     if image.device.type == "cuda" and image.dtype == torch.float32 and not target.requires_grad and find_spec("triton") is not None:
-        from degense.engine.training.ssim_cuda import similarity
+        from degense.engine.training.fused.ssim_cuda import similarity
 
         return similarity(image, target, _window_on(image.device, image.dtype))
     moments = _Blur.apply(torch.cat([image, target, image * image, target * target, image * target], 2))

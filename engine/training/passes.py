@@ -15,8 +15,9 @@ from degense.engine.raster import Render, camera_depths, rasterize
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.flow.motion_error import motion_error, surface_visibility
+from degense.engine.training.fused.frame_cpu import frame_loss
 from degense.engine.training.loss_terms import Loss
-from degense.engine.training.losses import inverse_depth, nearest_neighbours, photometric, rigidity
+from degense.engine.training.losses import inverse_depth, nearest_neighbours, photometric, rigidity, window
 
 NEIGHBOURS = 6
 Neighbours = tuple[Tensor, Tensor]
@@ -100,6 +101,9 @@ class FrameLoss:
 
         `image`, float [H, W, 4], is colour and blended z; `recorded`, `visible` and `known` are a `Frame`.
         """
+        if image.device.type == "cpu" and image.dtype == torch.float32:
+            weights = (1 - self.config.ssim, self.config.ssim, self.depth)
+            return frame_loss(image, alpha, (recorded, visible, known), weights, window())
         color, target, valid = image[..., :3], recorded.float() / 255, visible.float()
         terms = dict(zip(("l1", "ssim"), photometric(color, target, valid, self.config.ssim), strict=True))
         if self.depth > 0:
