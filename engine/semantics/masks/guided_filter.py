@@ -130,7 +130,7 @@ def _fit(means, m, level, wide, out):
 
 
 # Loops over a row, each of few arrays: what a compiler turns into vector instructions.
-@njit(inline="always")
+@njit(error_model="numpy")
 def _product(a0, b0, a1, b1, a2, b2, out):
     for x in range(len(out)):
         out[x] = a0[x] * b0[x] + a1[x] * b1[x] + a2[x] * b2[x]
@@ -142,7 +142,7 @@ def _add(out, row):
         out[x] += row[x]
 
 
-@njit(inline="always")
+@njit(error_model="numpy")
 def _across(row, wide, out):
     """Sums of a row's windows; `wide` is lent."""
     for x in range(len(row)):
@@ -150,16 +150,18 @@ def _across(row, wide, out):
     _slide(wide, out)
 
 
-@njit(inline="always")
+@njit(error_model="numpy")
 def _across_product(a, b, wide, out):
     for x in range(len(a)):
         wide[x + RADIUS] = a[x] * b[x]
     _slide(wide, out)
 
 
-@njit(inline="always")
+@njit(error_model="numpy")
 def _slide(wide, out):
-    wide[:RADIUS], wide[len(wide) - RADIUS :] = wide[RADIUS], wide[len(wide) - RADIUS - 1]
+    last = len(wide) - RADIUS - 1
+    for x in range(RADIUS):
+        wide[x], wide[last + 1 + x] = wide[RADIUS], wide[last]
     for x in range(len(out)):
         total = wide[x]
         for step in range(1, SIZE):
