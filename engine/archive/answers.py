@@ -162,7 +162,9 @@ class Answers:
                 weight, total = weight + size, total + of_piece * size[:, None]
             middle = total / np.maximum(weight, 1)[:, None]
         frames = self.columns.frame_of(thing)
-        return towards(self.columns.centres(thing) - middle[frames], direction) & (weight[frames] > 0)
+        holds = weight[frames] > 0
+        holds[holds] = towards(self.columns.centres(thing)[holds] - middle[frames[holds]], direction)
+        return holds
 
     def _middle(self, chosen: Chosen) -> np.ndarray:
         """Of a mask in each frame, [F, 2]."""

@@ -58,8 +58,8 @@ def extreme(mask: np.ndarray, largest: bool) -> np.ndarray:
 
 def towards(way: np.ndarray, direction: tuple[int, int]) -> np.ndarray:
     """Which ways float [n, 2], (x, y), lie within the sector of a direction, bool [n]."""
-    along = way @ np.array(direction)
-    return (along > 0) & (along >= math.cos(SECTOR) * np.linalg.norm(way, axis=1))
+    along = way @ np.array(direction, way.dtype)
+    return (along > 0) & (along >= math.cos(SECTOR) * np.hypot(*way.T))
 
 
 def gap_to(mask: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from degense.engine.research.bench.table import Column, Table
 
 #: Clips, and the frames of each; the largest archive is that of the questions.
 ARCHIVES, QUICK_ARCHIVES = ((125, 250, 500, 1_000), 2_000), ((2, 4), 100)
-WIDTH, HEIGHT = 160, 128
+WIDTH, HEIGHT = 80, 64
 CLASSES = ("liver", "gallbladder", "fat", "connective tissue", "grasper", "hook")
 #: Films that are drawn; each clip is one of them from another frame on.
 FILMS = 8
@@ -118,8 +118,8 @@ def _film(seed: int, frames: int) -> Observed:
         masks, taken = {}, np.zeros((HEIGHT, WIDTH), bool)
         for name, phase, speed in reversed([*zip(classes, phases, speeds, strict=True)]):
             angle, tool = phase + speed * frame, name in ("grasper", "hook")
-            middle = WIDTH / 2 + 40 * np.cos(angle), HEIGHT / 2 + 40 * np.sin(1.7 * angle)
-            radius = (0.0 if np.sin(0.3 * angle) < -0.5 else 14.0) if tool else 30.0
+            middle = WIDTH / 2 + 20 * np.cos(angle), HEIGHT / 2 + 20 * np.sin(1.7 * angle)
+            radius = (0.0 if np.sin(0.3 * angle) < -0.5 else 7.0) if tool else 15.0
             masks[name] = ((x - middle[0]) ** 2 + 1.5 * (y - middle[1]) ** 2 < radius**2) & ~taken
             taken |= masks[name]
         for kind, members in things.kinds:
