@@ -43,8 +43,8 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         "batch",
         "Many clips",
         f"{count} surgeries of the family (seeds {DEVELOP[0]} to {DEVELOP[count - 1]}), {frames} frames of {width} × {height}, "
-        f"{' '.join(settings)}. Each is trained, scored, asked one question and exported: by four commands with all {cores()} cores (timed on "
-        f"the first {BY_COMMANDS}, times {count / BY_COMMANDS:g}); "
+        f"{' '.join(settings)}. Each is trained, scored, asked one question and exported: by four commands with all {cores()} cores (the "
+        f"first {BY_COMMANDS}, times {count / BY_COMMANDS:g}); "
         f"by a batch with one slot, so in one process with all cores; by one with {slots} slots; and by one on two Dask workers of one "
         "thread each, of which one is killed (SIGKILL) in its first training. `eval` alone measures speed too. Equal: models with the bits "
         "that slots of one thread give.",
