@@ -1,6 +1,7 @@
 """The HexPlane on the CPU: a level's six look-ups, their product, and the scatter of its gradient, fused in numba.
 
-Threads share the work by channels, so that no two of them ever write to the same cell and the result does not depend on their timing.
+Threads share the work by channels, so that no two of them ever write to the same cell and the result does not depend on their timing. The
+kernels are compiled without `fastmath`: with it, one just compiled and the same one read back from numba's cache differ in their last bits.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ CHUNK = 256  # points a ticket stands for
 BLOCK = 8  # channels a task handles at once: one 256-bit register; a plane's channels are a multiple of it
 
 
-@njit(fastmath=True, cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def _six(space, line, x, y, z, fx, fy, fz, c):
     """The six samples of channel `c` in the cell (x, y, z), at the fractions (fx, fy, fz) of it: planes xy, xz, yz, then lines x, y, z.
 
@@ -42,7 +43,7 @@ def _six(space, line, x, y, z, fx, fy, fz, c):
     return a, b, d, e, f, g
 
 
-@njit(fastmath=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def sample_rows(points, space, line, out, first):
     """One level: the features of `points` [N, 3], into the columns of `out` [N, all levels' channels] from `first` on."""
     width, channels = space.shape[1], space.shape[3]
@@ -57,7 +58,7 @@ def sample_rows(points, space, line, out, first):
             row[c] = a * b * d * e * f * g
 
 
-@njit(fastmath=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _forward(points, space, line, out, first, counter):
     while True:
         begin = take_ticket(counter) * CHUNK
@@ -66,13 +67,13 @@ def _forward(points, space, line, out, first, counter):
         sample_rows(points[begin : begin + CHUNK], space, line, out[begin : begin + CHUNK], first)
 
 
-@njit(fastmath=True, cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def _scatter(row, first, values, weight):
     for c in range(BLOCK):
         row[first + c] += values[c] * weight
 
 
-@njit(fastmath=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _backward(points, space, line, grad, first_of_level, grad_space, grad_line, counter):
     count, width, channels = points.shape[0], space.shape[1], space.shape[3]
     half = np.float32(0.5 * (width - 1))

@@ -12,7 +12,7 @@ import pytest
 import degense.engine
 from degense.app.cli.main import main
 from degense.app.cli.training_events import TensorBoardEvents
-from degense.app.features.train.controller import STAGES as TITLES
+from degense.app.features.train.stage_words import STAGES as TITLES
 from degense.engine.errors import DegenseError
 from degense.engine.events import (
     NAMES,

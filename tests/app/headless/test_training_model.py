@@ -127,7 +127,7 @@ def test_every_setting_has_words_of_its_own():
     assert [setting.name for setting in changed if setting.changed] == ["flow"]
     assert [setting.name for setting in changed] == [n for names in GROUPS.values() for n in names if n not in ("preset", "given")]
     assert {"rate_planes", "rate_means"} <= set(GROUPS["Learning rates"])
-    assert {*MAKERS, "none"} - set(TEACHER_WORDS) <= {"degraded"}  # of experiments, where they have been imported
+    assert {*MAKERS, "none"} - set(TEACHER_WORDS) <= {"degraded", "unseen"}  # of experiments, where they have been imported
 
 
 def test_a_folder_of_runs_with_anything_in_it(tmp_path):
