@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 
 from degense.engine.clip import UNLABELLED
@@ -96,28 +97,61 @@ class Calibration:
         return {"reliability": bins, "error": error.value}
 
 
-class ConfidenceCalibration:
-    """Whether the confidence that the window shows beside a mask is the share of the mask that is right.
+class Reliability:
+    """How often what is said with some confidence is right, in `BINS` bins of the confidence."""
 
-    One pair for each non-empty mask: its confidence, and the share of its pixels, of those that count, that truly have the class.
-    `error` is the mean absolute difference of the two, `excess` the mean by which the confidence is higher.
+    def __init__(self) -> None:
+        self._sums = np.zeros((3, BINS))  # number, confidence, right
+
+    def add(self, said: np.ndarray, right: np.ndarray) -> None:
+        """Confidences in [0, 1], and whether they, or which share of each, are right: float [n] both."""
+        place = np.minimum((said * BINS).astype(int), BINS - 1)
+        for row, weight in enumerate((None, said, right)):
+            self._sums[row] += np.bincount(place, weight, BINS)
+
+    def result(self) -> dict[str, Any]:
+        """`reliability`, for each bin that has any their `number` and the means of `said` and `right`; `error`, the expected calibration
+        error: the mean absolute difference of the two means, weighted by the numbers, None without any."""
+        error, bins = Mean(), []
+        for n, said, right in zip(*self._sums, strict=True):
+            if n:
+                bins.append({"number": int(n), "said": float(said / n), "right": float(right / n)})
+                error.add(abs(said - right) / n, n)
+        return {"reliability": bins, "error": error.value}
+
+
+class ConfidenceCalibration:
+    """Whether the confidence of masks is the share of them that is right: of each mask, of its pixels, and of its objects.
+
+    One pair for each non-empty mask: its confidence, which the window shows, and the share of its pixels, of those that count, that truly
+    have the class. `error` is the mean absolute difference of the two, `excess` the mean by which the confidence is higher. `pixels` and
+    `objects`, the connected parts of masks, have reliability diagrams (`Reliability`).
     """
 
     def __init__(self) -> None:
         self._confidence, self._right, self._error = Mean(), Mean(), Mean()
+        self._pixels, self._objects = Reliability(), Reliability()
 
-    def add(self, confidence: float, mask: np.ndarray, index: int, truth: np.ndarray, valid: np.ndarray) -> None:
-        """One mask bool [H, W] of the class `index`, the true label map uint8 [H, W], and the pixels that count, bool [H, W]."""
+    def add(self, chances: np.ndarray, mask: np.ndarray, index: int, truth: np.ndarray, valid: np.ndarray) -> None:
+        """One mask bool [H, W] of the class `index`, the chance of each of its pixels to be right float [H, W], the true label map uint8
+        [H, W], and the pixels that count, bool [H, W]."""
         counted = mask & valid & (truth != UNLABELLED)
-        if counted.any():
-            right = float((truth[counted] == index).mean())
-            self._confidence.add(confidence)
-            self._right.add(right)
-            self._error.add(abs(confidence - right))
+        if not counted.any():
+            return
+        confidence, right = float(chances[mask].mean()), float((truth[counted] == index).mean())
+        self._confidence.add(confidence)
+        self._right.add(right)
+        self._error.add(abs(confidence - right))
+        said, right_at = chances[counted].astype(np.float64), truth[counted] == index
+        self._pixels.add(said, right_at)
+        count, parts = cv2.connectedComponents(mask.astype(np.uint8))
+        sizes, *sums = (np.bincount(parts[counted], weight, count)[1:] for weight in (None, said, right_at))
+        some = sizes > 0
+        self._objects.add(*(of_part[some] / sizes[some] for of_part in sums))
 
-    def result(self) -> dict[str, float | None]:
-        """`masks`, how many; means of `confidence` and `precision`; `error`, `excess`. None where no mask counts."""
+    def result(self) -> dict[str, Any]:
+        """`masks`, how many; means of `confidence` and `precision`; `error`, `excess`; `pixels`, `objects`. None where no mask counts."""
         confidence, right = self._confidence.value, self._right.value
         excess = confidence - right if confidence is not None and right is not None else None
         found = {"confidence": confidence, "precision": right, "error": self._error.value, "excess": excess}
-        return {"masks": int(self._error.weight), **found}
+        return {"masks": int(self._error.weight), **found, "pixels": self._pixels.result(), "objects": self._objects.result()}

@@ -29,7 +29,7 @@ def score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress)
     On those of `frames` that have a label map, or on all that have one where none of `frames` does (`mask_frames`).
     `miou` and `masks` are of what the window shows: each class a prompt, masks may overlap and leave pixels to no class. `miou_closed`
     and `masks_closed` are of closed-set label maps as the literature scores them: each pixel takes its most similar class, by the
-    similarity of a pixel ("argmax") and of its region ("rnse+argmax"). `confidence`: of the number shown beside a mask.
+    similarity of a pixel ("argmax") and of its region ("rnse+argmax"). `confidence`: of the masks shown, their pixels and objects.
     """
     labelled = set(clip.labelled_frames)
     scored = [i for i in frames if i in labelled] or sorted(labelled)
@@ -53,7 +53,7 @@ def score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress)
             closed[name].add(closed_set(similarities), labels, valid)
         for index in calibrations["rnse"].scored:
             mask = shown[DEFAULT_DECODER][index]
-            confidence.add(query.confidence(included[index], mask, asked[DEFAULT_DECODER].classes), mask, index, labels, valid)
+            confidence.add(query.chances(included[index], asked[DEFAULT_DECODER].classes), mask, index, labels, valid)
     results, closed_results = ({name: score.result() for name, score in kind.items()} for kind in (scores, closed))
     return {
         "miou": {decoder: values["miou"] for decoder, values in results.items()},

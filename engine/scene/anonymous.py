@@ -103,7 +103,7 @@ class _CoveredRenderer(Renderer):
 
     def __init__(self, scene: Scene, cover: np.ndarray | None) -> None:
         super().__init__(RUN_NAME, scene.states, scene.basis, scene.camera)
-        self._cover = cover
+        self.curve, self._cover = scene.renderer.curve, cover
 
     def draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
         drawn = super().draw(frame, camera, what)
@@ -128,7 +128,7 @@ class _CoveredRenderer(Renderer):
         splats = self.states.splats(frame, semantics=True)
         drawn = rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), camera, clean=True)
         shown = ~torch.from_numpy(self._cover).to(drawn.image.device)
-        return query_of(replace(drawn, image=drawn.image * shown[..., None], alpha=drawn.alpha * shown), self.basis)
+        return query_of(replace(drawn, image=drawn.image * shown[..., None], alpha=drawn.alpha * shown), self.basis, self.curve)
 
     def _check(self, frame: float, camera: Camera) -> None:
         if camera is not self.camera_at(frame):

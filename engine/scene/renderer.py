@@ -15,6 +15,7 @@ from degense.engine.raster import camera_depths, rasterize
 from degense.engine.scene.states import States
 from degense.engine.semantics import Basis
 from degense.engine.semantics.masks import FrameSemantics, query_of
+from degense.engine.semantics.masks.confidence import MARGINS_AS_CHANCES, ConfidenceCurve
 from degense.engine.splats import Splats
 
 CHANNELS = ("rgb", "depth", "latent", "displacement", "uncertainty", "motion", "observability", "before")
@@ -30,6 +31,7 @@ class Renderer:
 
     def __init__(self, name: str, states: States, basis: Basis | None, camera_at: Callable[[float], Camera]):
         self.name, self.states, self.basis, self.camera_at = name, states, basis, camera_at
+        self.curve: ConfidenceCurve = MARGINS_AS_CHANCES  # of the confidence of masks
         self._cache = Latest(FRAME_BYTES)
 
     def forget(self) -> None:
@@ -132,7 +134,7 @@ class Renderer:
         if self.basis is None:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
         splats = self.states.splats(frame, semantics=True)
-        return query_of(rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), camera, clean=True), self.basis)
+        return query_of(rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), camera, clean=True), self.basis, self.curve)
 
 
 def _blended(splats: Splats, values: Tensor, camera: Camera) -> np.ndarray:

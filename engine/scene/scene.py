@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,6 +20,7 @@ from degense.engine.scene.states import States
 from degense.engine.semantics import Basis, TextEncoder, open_encoder
 from degense.engine.semantics.examples import Example, split_examples
 from degense.engine.semantics.masks import FrameSemantics
+from degense.engine.semantics.masks.confidence import ConfidenceCurve
 from degense.engine.store import Run
 from degense.engine.vocabulary.questions import Question, heads, nouns_of, read_question
 
@@ -45,6 +47,8 @@ class Scene:
         self.states = States(model, run.info["unit"], self.frames, self.reference_frame, observability)
         self.time, self.splats = self.states.time, self.states.splats
         self.renderer = Renderer(self.name, self.states, basis, self.camera)
+        if (points := run.info.get("confidence")) is not None:
+            self.renderer.curve = _curve_of(points, run)
         self.render, self.render_rgb = self.renderer.render, self.renderer.render_rgb
         self._asked: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._vectors: dict[tuple[str, ...], np.ndarray] = {}  # of the last texts: those of the classes, again and again
@@ -184,6 +188,14 @@ class Scene:
         if self.clip is None:
             raise DegenseError(f"warp compares the scene with the recording, which is missing: {self.clip_missing}")
         return ObservedMotion(self.clip, self.reference_frame)
+
+
+def _curve_of(points: Any, run: Run) -> ConfidenceCurve:
+    """The run's curve of confidence; RunError where it is none."""
+    try:
+        return ConfidenceCurve.from_json(points)
+    except ValueError as error:
+        raise RunError(f"{run.path / 'run.json'} is damaged: {error}") from error
 
 
 def _find_clip(run: Run) -> tuple[Clip | None, str]:

@@ -29,6 +29,7 @@ from degense.engine.training.config import TrainConfig, choose_device
 from degense.engine.training.flow.observability import motion_observability
 from degense.engine.training.passes import draw
 from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
+from degense.engine.training.semantic.confidence import confidence_of
 from degense.engine.training.semantic.distillation import DISTILLATIONS, steps_of
 from degense.engine.training.trainer import Diverged, Trainer
 
@@ -236,6 +237,10 @@ class TrainingRun:
         run, trainer = self.run, self.trainer
         with part("static Gaussians"):
             run.info["moving"] = exclude_static(trainer)
+        if self.inputs.semantics is not None:
+            with part("confidence"):
+                curve = confidence_of(trainer.model, self.inputs.semantics, self.inputs.frames)
+            run.info["confidence"] = None if curve is None else curve.to_json()
         if self.inputs.semantics is not None and (share := self.inputs.semantics.disagreement) is not None:
             words = f"this teacher calls the same place differently in {share:.0%} of the frames"
             run.info["teacher"] |= {"disagreement": share, "provenance": f"{run.info['teacher']['provenance']}; {words}"}

@@ -119,7 +119,7 @@ class Trainer:
         """Let semantics learn what a consensus says (`agreed_answers`), or the teacher where that is empty."""
         self._consensus, self.semantics = consensus, self._told
         if self._told is not None and consensus:
-            self._told.disagreement = float(consensus["disagreement"])
+            self._told.disagreement, self._told.accuracy = (float(consensus[name]) for name in ("disagreement", "accuracy"))
             self.semantics = self._told.replaced(answers_of(consensus, self._told.labelled_frames))
 
     # -- one step --------------------------------------------------------------------------------------------------------------------------

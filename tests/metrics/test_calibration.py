@@ -78,14 +78,30 @@ def test_confidence_against_the_share_of_the_mask_that_is_right():
     truth = np.array([[0, 0, 1, 1, UNLABELLED]], np.uint8)
     valid = np.array([[True, True, True, False, True]])
     confidence = ConfidenceCalibration()
-    confidence.add(0.9, np.array([[True, True, True, True, True]]), 0, truth, valid)  # two of three that count
-    confidence.add(0.5, np.array([[False, False, True, False, False]]), 1, truth, valid)  # all
-    confidence.add(0.7, np.zeros((1, 5), bool), 1, truth, valid)  # shows nothing
-    assert confidence.result() == {
-        "masks": 2,
-        "confidence": pytest.approx(0.7),
-        "precision": pytest.approx(5 / 6),
-        "error": pytest.approx((0.9 - 2 / 3 + 0.5) / 2),
-        "excess": pytest.approx(0.7 - 5 / 6),
-    }
-    assert ConfidenceCalibration().result() == {"masks": 0, "confidence": None, "precision": None, "error": None, "excess": None}
+    everywhere = np.full((1, 5), 0.9)
+    confidence.add(everywhere, np.array([[True, True, True, True, True]]), 0, truth, valid)  # two of three that count
+    confidence.add(everywhere - 0.35, np.array([[False, False, True, False, False]]), 1, truth, valid)  # all
+    confidence.add(everywhere, np.zeros((1, 5), bool), 1, truth, valid)  # shows nothing
+    result = confidence.result()
+    assert result["masks"] == 2
+    assert result["confidence"] == pytest.approx((0.9 + 0.55) / 2)
+    assert result["precision"] == pytest.approx(5 / 6)
+    assert result["error"] == pytest.approx((0.9 - 2 / 3 + 0.45) / 2)
+    assert result["excess"] == pytest.approx(0.725 - 5 / 6)
+    low, high = result["pixels"]["reliability"]
+    assert (low["number"], low["said"], low["right"]) == (1, pytest.approx(0.55), 1.0)
+    assert (high["number"], high["said"], high["right"]) == (3, pytest.approx(0.9), pytest.approx(2 / 3))
+    assert result["pixels"]["error"] == pytest.approx((3 * (0.9 - 2 / 3) + 0.45) / 4)
+    assert result["objects"]["error"] == pytest.approx((0.9 - 2 / 3 + 0.45) / 2), "of two objects, whatever their size"
+    assert ConfidenceCalibration().result()["error"] is None
+
+
+def test_objects_are_the_connected_parts_of_a_mask():
+    truth = np.array([[0, 0, 1, 1, 0]], np.uint8)
+    confidence = ConfidenceCalibration()
+    confidence.add(np.array([[0.95, 0.97, 0.5, 0.25, 0.25]]), np.array([[True, True, False, True, True]]), 0, truth, np.ones((1, 5), bool))
+    bins = confidence.result()["objects"]["reliability"]
+    assert [(entry["number"], entry["said"], entry["right"]) for entry in bins] == [
+        (1, pytest.approx(0.25), 0.5),
+        (1, pytest.approx(0.96), 1),
+    ]

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 import torch
 
@@ -9,6 +10,7 @@ import degense.engine.training.job as training
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.events import Done, Reliability, Rollback, Stage, Stopped, TrainingProgress, read_progress
 from degense.engine.scene import Scene
+from degense.engine.semantics.masks.confidence import ConfidenceCurve
 from degense.engine.store import Run
 from degense.engine.store.files import read_json, read_tensors, write_json, write_tensors
 from degense.engine.training import TrainConfig, train
@@ -47,6 +49,7 @@ def test_it_learns_and_leaves_a_run(tmp_path, routing):
     told = [e.words for e in events if isinstance(e, Reliability)]
     assert told == ["this teacher calls the same place differently in 0% of the frames"]
     assert run.info["teacher"]["disagreement"] < 0.005
+    assert ConfidenceCurve.from_json(run.info["confidence"])(np.ones(1)) > 0.9, "where all is exact and no toss-up"
     assert run.info["teacher"]["provenance"].endswith(told[0])
     assert (tmp_path / "run" / "previews" / "last.png").stat().st_size > 100
     log = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]

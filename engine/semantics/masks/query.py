@@ -12,6 +12,7 @@ from torch import Tensor
 
 from degense.engine.raster import Render
 from degense.engine.semantics.basis import Basis, unit_rows
+from degense.engine.semantics.masks.confidence import MARGINS_AS_CHANCES, ConfidenceCurve
 from degense.engine.semantics.masks.decode import Decoded, Similarities, decode, owned
 from degense.engine.semantics.masks.rnse import Aggregation
 from degense.engine.semantics.masks.rnse_cpu import CpuAggregation
@@ -69,11 +70,16 @@ class FrameSemantics:
 
     Rendered are the colour uint8 [H, W, 3], the latent float32 [H, W, d], d the rank of the basis, whose zero and non-finite pixels have
     similarity 0, and the opacity `alpha` float32 [H, W], which weighs the similarity. Colours are None for latents that are no picture,
-    such as those of Gaussians; all decoders then work element by element.
+    such as those of Gaussians; all decoders then work element by element. `curve` tells chances from margins, as the run has it.
     """
 
     def __init__(
-        self, rgb: np.ndarray | Tensor | None, latent: np.ndarray | Tensor, basis: Basis, alpha: np.ndarray | Tensor | None = None
+        self,
+        rgb: np.ndarray | Tensor | None,
+        latent: np.ndarray | Tensor,
+        basis: Basis,
+        alpha: np.ndarray | Tensor | None = None,
+        curve: ConfidenceCurve = MARGINS_AS_CHANCES,
     ):
         if rgb is not None and (rgb.ndim != 3 or rgb.shape[2] != 3 or str(rgb.dtype).rpartition(".")[2] != "uint8" or 0 in rgb.shape):
             raise ValueError(f"rgb must be uint8 [H, W, 3] and not empty, not {rgb.dtype} {tuple(rgb.shape)}")
@@ -82,7 +88,7 @@ class FrameSemantics:
             raise ValueError(f"latent must be {(*size, basis.rank)}, not {tuple(latent.shape)}")
         if alpha is not None and tuple(alpha.shape) != size:
             raise ValueError(f"alpha must be {size}, not {tuple(alpha.shape)}")
-        self.basis = basis
+        self.basis, self.curve = basis, curve
         kind: type[Any] = TorchAggregation if isinstance(latent, Tensor) else CpuAggregation
         self._aggregation: Aggregation[Any] = kind(rgb, latent, alpha)
         self._has_picture = rgb is not None
@@ -122,14 +128,17 @@ class FrameSemantics:
         return PendingMasks(best, self._aggregation.numpy, asked, kind == "refined")
 
     def confidence(self, vectors: np.ndarray, mask: np.ndarray, classes: np.ndarray | None = None) -> float:
-        """How sure a mask is, in [0, 1]: mean refined similarity in it, less that of the best other class [n, D]; 0 for an empty mask."""
-        if not mask.any():
-            return 0.0
-        margin = self.refined(vectors)[mask]
-        rivals = self._rivals(vectors, classes)
-        if rivals is not None:
-            margin = margin - np.maximum(self.refined(rivals)[mask], 0.0)
-        return float(np.clip(margin, 0.0, 1.0).mean())
+        """The share of a mask that is expected to be right, in [0, 1]: the mean of `chances` in it; 0 for an empty mask."""
+        return float(self.chances(vectors, classes)[mask].mean()) if mask.any() else 0.0
+
+    def chances(self, vectors: np.ndarray, classes: np.ndarray | None = None) -> np.ndarray:
+        """The chance of each pixel, if a mask of the prompt holds it, to be right, float32 [H, W]; `classes` [n, D] are its rivals."""
+        return self.curve(self.margin(vectors, classes))
+
+    def margin(self, vectors: np.ndarray, classes: np.ndarray | None = None) -> np.ndarray:
+        """Refined similarity with the prompt, less that with the best other class [n, D], float32 [H, W] in [0, 1]."""
+        own, rivals = self.refined(vectors), self._rivals(vectors, classes)
+        return np.clip(own if rivals is None else own - np.maximum(self.refined(rivals), 0.0), 0.0, 1.0)
 
     def _best(self, vectors: np.ndarray, kind: Kind) -> Any:
         return self._aggregation.largest(self._found(np.atleast_2d(vectors), kind))
@@ -157,10 +166,10 @@ class FrameSemantics:
         return rivals if len(rivals) else None
 
 
-def query_of(drawn: Render, basis: Basis) -> FrameSemantics:
+def query_of(drawn: Render, basis: Basis, curve: ConfidenceCurve = MARGINS_AS_CHANCES) -> FrameSemantics:
     """The semantics of a frame drawn with colours and latents [H, W, 3 + d]; from a GPU nothing is read back."""
     rgb = (drawn.image[..., :3].clamp(0, 1) * 255 + 0.5).byte()
     latent = drawn.image[..., 3:]
     if rgb.is_cuda:
-        return FrameSemantics(rgb, latent, basis, drawn.alpha)
-    return FrameSemantics(rgb.numpy(), latent.numpy(), basis, drawn.alpha.numpy())
+        return FrameSemantics(rgb, latent, basis, drawn.alpha, curve)
+    return FrameSemantics(rgb.numpy(), latent.numpy(), basis, drawn.alpha.numpy(), curve)

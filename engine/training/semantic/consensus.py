@@ -83,7 +83,7 @@ class Consensus:
     for a while, and boundaries that wander. They reach farther, the more often votes and looks, which hold all frames, contradict each
     other: by that share of the picture's width beyond `NEAR`.
 
-    The model's geometry is finished. The targets, which are the teacher's answers, are told their `disagreement`.
+    The model's geometry is finished. The targets, which are the teacher's answers, are told their `disagreement` and `accuracy`.
     """
 
     def __init__(self, model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, seed: int, progress: Progress = silent):
@@ -117,7 +117,7 @@ class Consensus:
                 self._regions.add(frame, torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0))
             shares = self.shares
         otherwise = torch.cat([self._otherwise(frame) for frame in voters])
-        targets.disagreement = float(otherwise.float().mean())
+        targets.disagreement, targets.accuracy = float(otherwise.float().mean()), accuracy_of(contested, pixels)
 
     def shares(self, frame: int) -> Float[Tensor, "pixels words"]:
         """q of each pixel of a frame, rows of sum 1."""
@@ -178,17 +178,28 @@ class Consensus:
 
 def agreed_answers(consensus: Consensus, targets: SemanticTargets) -> dict[str, Tensor]:
     """All answers of a consensus as tensors, for a checkpoint: `words` [K, D], `index` int8 and `sure` float16 [T, H, W] of
-    the teacher's frames, and its `disagreement`."""
+    the teacher's frames, its `disagreement` and its `accuracy`."""
     words, index, sure = zip(*(consensus.answer(frame) for frame in targets.labelled_frames), strict=True)
     stacked = (torch.from_numpy(np.stack(values).astype(kind)) for values, kind in ((index, np.int8), (sure, np.float16)))
-    tensors = torch.from_numpy(words[0]), *stacked, torch.tensor(targets.disagreement)
-    return dict(zip(("words", "index", "sure", "disagreement"), tensors, strict=True))
+    tensors = torch.from_numpy(words[0]), *stacked, torch.tensor(targets.disagreement), torch.tensor(targets.accuracy)
+    return dict(zip(("words", "index", "sure", "disagreement", "accuracy"), tensors, strict=True))
 
 
 def answers_of(agreed: Mapping[str, Tensor], frames: Sequence[int]) -> Callable[[int], SureAnswer]:
     """The inverse of `agreed_answers`."""
     words, index, sure = (agreed[name].cpu().numpy() for name in ("words", "index", "sure"))
     return lambda frame: (words, index[(k := frames.index(frame))].astype(np.int32), sure[k].astype(np.float32))
+
+
+def accuracy_of(contested: Int[Tensor, " raters"], pixels: int) -> float:
+    """How often the teacher is right in a frame, in (0, 1], of so many pixels that it labels.
+
+    Raters that err independently agree as often as both are right, A_ij ≈ p_i p_j, since mistakes seldom are the same (Dawid & Skene 1979).
+    Of three,  p_teacher = √(A_teacher,votes A_teacher,looks / A_votes,looks).
+    """
+    teacher, votes, looks, none = contested.tolist()
+    with_votes, with_looks, others = (max(pixels - none + alone, 1) / max(pixels, 1) for alone in (looks, votes, teacher))
+    return min(math.sqrt(with_votes * with_looks / others), 1.0)
 
 
 def own_weight(contested: Int[Tensor, " raters"]) -> float:

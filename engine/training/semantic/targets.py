@@ -71,6 +71,7 @@ class SemanticTargets:
         self.pixelwise = teacher.pixelwise
         self.upsampled = guided and not teacher.pixelwise  # whether the teacher's vectors are upsampled to superpixels
         self.disagreement: float | None = None  # share of the pixels that it calls otherwise than its consensus, once that is known
+        self.accuracy = 1.0  # how often it is right in a frame, as its consensus finds; without one it is taken at its word
         self._rarity = rarity
         self._others: Callable[[int], SureAnswer] | None = None
         self._teacher, self._working = teacher, frames

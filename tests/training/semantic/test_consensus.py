@@ -11,7 +11,7 @@ from degense.engine.semantics.teachers import LabelTeacher
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
-from degense.engine.training.semantic.consensus import COLOR_SCALE, LEAST, PRIOR_PIXELS, Consensus, Votes, own_weight
+from degense.engine.training.semantic.consensus import COLOR_SCALE, LEAST, PRIOR_PIXELS, Consensus, Votes, accuracy_of, own_weight
 from degense.engine.training.semantic.targets import SemanticTargets
 from degense.engine.training.semantic.vectors import shares_of, words_of
 from degense.engine.training.trainer import Trainer
@@ -89,6 +89,7 @@ def test_a_teacher_is_corrected_by_itself_and_one_that_is_right_is_left_alone(st
         counted += np.count_nonzero(known)
     assert 1 - right / counted < (0.002 if share == 0 else 0.2 * share)
     assert targets.disagreement == pytest.approx(1 - told / counted, abs=0.02)
+    assert targets.accuracy == pytest.approx(told / counted, abs=0.03)
 
 
 def test_a_teacher_that_stands_alone_no_oftener_than_chance_is_right():
@@ -96,6 +97,18 @@ def test_a_teacher_that_stands_alone_no_oftener_than_chance_is_right():
     assert own_weight(torch.tensor([60, 20, 20, 100])) == 0
     assert own_weight(torch.tensor([0, 0, 0, 0])) > 0
     assert own_weight(torch.tensor([30, 30, 40, 100])) == pytest.approx(np.log(0.82 / 0.18), abs=1e-4)
+
+
+def test_the_accuracy_of_one_of_three_raters_follows_from_how_often_they_agree():
+    random, many = np.random.default_rng(0), 200_000
+    truth = random.integers(0, 50, many)
+    said = [np.where(random.random(many) < share, truth, random.integers(0, 50, many)) for share in (0.7, 0.9, 0.8)]
+    teacher, votes, looks = said
+    alone = [(votes == looks) & (teacher != votes), (teacher == looks) & (votes != looks), (teacher == votes) & (looks != votes)]
+    contested = torch.tensor([int(flags.sum()) for flags in (*alone, ~((teacher == votes) & (votes == looks)))])
+    assert accuracy_of(contested, many) == pytest.approx((teacher == truth).mean(), abs=0.01)
+    assert accuracy_of(torch.tensor([0, 0, 0, 0]), many) == 1.0
+    assert accuracy_of(torch.tensor([0, 0, 0, 0]), 0) == 1.0
 
 
 def test_mixtures_are_taken_apart():

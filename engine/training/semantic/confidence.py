@@ -1,0 +1,50 @@
+"""How often the masks of a trained scene are right, found without truth: from the teacher, and from how often that is right itself.
+
+A teacher that is right in a share p of its pixels, wherever the scene may err, agrees with a share p r of those masks of which a share r
+is right; p is known from the consensus of its frames (`accuracy_of`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from degense.engine.field import SceneModel
+from degense.engine.raster import rasterize
+from degense.engine.semantics.masks import query_of
+from degense.engine.semantics.masks.confidence import BINS, ConfidenceCurve
+from degense.engine.semantics.prompts import PromptVectors
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.semantic.targets import SemanticTargets
+from degense.engine.training.semantic.vectors import shares_of, words_of
+
+MOST_FRAMES = 24  # of the teacher's, evenly spread, that are compared
+
+
+@torch.no_grad()
+def confidence_of(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames) -> ConfidenceCurve | None:
+    """How the chance of a pixel to be right grows with its margin, on the teacher's frames; None in clips without classes, or masks.
+
+    `targets` are the teacher's own answers, with its `accuracy`.
+    """
+    classes = targets.classes
+    if classes is None:
+        return None
+    asked = PromptVectors(tuple(classes), classes=classes)
+    words, labelled, sums = words_of(targets.sample, classes), targets.labelled_frames, np.zeros((3, BINS))
+    for frame in (labelled[k] for k in np.unique(np.linspace(0, len(labelled) - 1, min(len(labelled), MOST_FRAMES)).round().astype(int))):
+        answer = targets.answer(frame)
+        assert answer is not None
+        vectors, index = answer
+        told = np.where(index >= 0, shares_of(vectors, words).argmax(1)[index], -1)
+        splats = model.at(frames.clip.time(frame)).splats
+        drawn = rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), frames.cameras[frame], clean=True)
+        query = query_of(drawn, targets.basis)
+        for k, mask in enumerate(query.decode(asked).masks):
+            held = mask & (told >= 0)
+            margin, agrees = query.margin(classes[k], classes)[held], told[held] == k
+            place = np.minimum((margin * BINS).astype(int), BINS - 1)
+            for row, weight in enumerate((None, margin, agrees)):
+                sums[row] += np.bincount(place, weight, BINS)
+    pixels, margins, agree = sums
+    return ConfidenceCurve.fitted(pixels, margins, agree / targets.accuracy) if pixels.any() else None
