@@ -30,7 +30,7 @@ class MaskStatistics:
 
     text: str
     area: float  # share of the frame that the mask covers
-    confidence: float  # in [0, 1]: mean refined similarity in the mask, less that of the best rival class (`FrameSemantics.confidence`)
+    confidence: float  # the share of the mask that is expected to be right, in [0, 1] (`FrameSemantics.confidence`)
     histogram: np.ndarray  # int [BINS]; pixels by the similarity that the decoder compares with the threshold
 
 
