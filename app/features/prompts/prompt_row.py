@@ -102,8 +102,7 @@ class PromptRow(QFrame):
         known = area is not None and confidence is not None and not self.negative
         self.answer.setText(f"{area:.1%} · {confidence:.2f}" if known else "")
         self.answer.setToolTip(
-            f"The mask covers {area:.1%} of the frame.\nConfidence {confidence:.2f}: the share of it that is expected to be "
-            "right."
+            f"The mask covers {area:.1%} of the frame.\nConfidence {confidence:.2f}: the share of it that is expected to be right."
             if known
             else ""
         )
