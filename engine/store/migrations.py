@@ -61,6 +61,14 @@ def existing_file(folder: Path, name: str) -> Path:
     return earlier if earlier.exists() and not path.exists() else path
 
 
+def current_consensus(consensus: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """A checkpoint's consensus of a teacher's frames (`engine.training.semantic.consensus.agreed_answers`), if it has one.
+
+    Up to decision 48 the accuracy of the teacher was not found: it is taken to be right where it says what the consensus says.
+    """
+    return {"accuracy": 1 - consensus["disagreement"], **consensus} if consensus else {}
+
+
 def current_progress(progress: dict[str, Any]) -> dict[str, Any]:
     """What a checkpoint says of a trainer's progress, by the names of today.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from degense.engine.errors import RunError
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
-from degense.engine.store.migrations import current_progress, current_tensors
+from degense.engine.store.migrations import current_consensus, current_progress, current_tensors
 
 PARTS = ("model", "moments", "density", "neighbours", "consensus")
 
@@ -44,4 +44,5 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
         state[part][rest] = value
     state["model"] = current_tensors(state["model"])
     state["moments"] = current_tensors(state["moments"])
+    state["consensus"] = current_consensus(state["consensus"])
     return state

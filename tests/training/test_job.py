@@ -14,6 +14,7 @@ from degense.engine.semantics.masks.confidence import ConfidenceCurve
 from degense.engine.store import Run
 from degense.engine.store.files import read_json, read_tensors, write_json, write_tensors
 from degense.engine.training import TrainConfig, train
+from degense.engine.training.checkpoint import load_checkpoint
 from tests.fakes import MemoryClip
 
 
@@ -149,6 +150,24 @@ def test_a_checkpoint_of_an_earlier_version_is_resumed_to_the_same_bits(tmp_path
     assert finished.info["state"] == "finished"
     whole, parts = (read_tensors(tmp_path / name / "model.safetensors") for name in ("whole", "parts"))
     assert set(whole) == set(parts)
+    assert [name for name in whole if not torch.equal(whole[name], parts[name])] == []
+
+
+def test_a_checkpoint_with_a_consensus_without_accuracy_is_resumed(tmp_path):
+    """Checkpoints of versions before decision 48 hold no accuracy of the teacher."""
+    clip, config = MemoryClip(), tiny(routing="coupled")
+    run_it(clip, tmp_path / "whole", config)
+    run_it(clip, tmp_path / "parts", config, stop_at=50)
+    (path,) = (tmp_path / "parts" / "checkpoints").glob("step-*.safetensors")
+    tensors = read_tensors(path)
+    tensors["consensus/disagreement"] += 0.25
+    del tensors["consensus/accuracy"]
+    write_tensors(path, tensors)
+    assert load_checkpoint(path.parent)["consensus"]["accuracy"] == 1 - tensors["consensus/disagreement"]
+    finished, _ = run_it(clip, tmp_path / "parts", tiny(), resume=True)
+    assert finished.info["state"] == "finished"
+    assert finished.info["teacher"]["disagreement"] == tensors["consensus/disagreement"]
+    whole, parts = (read_tensors(tmp_path / name / "model.safetensors") for name in ("whole", "parts"))
     assert [name for name in whole if not torch.equal(whole[name], parts[name])] == []
 
 
