@@ -22,6 +22,7 @@ Flow: TypeAlias = Float[np.ndarray, "height width 2"]
 FINEST = 200_000  # pixels: larger frames are matched at half resolution, where the same motion has as few pixels
 WINDOW = 7  # pixels: side of the window that `confidence` looks at
 LEAST_NOISE = 0.3  # grey levels: of rounding
+CHAINED = 0.8  # a chained flow is kept where the frames are at most so unlike after it as after the search that began there
 
 
 def flow_between(rgb_a: Rgb, rgb_b: Rgb, initial: Flow | None = None) -> Flow:
@@ -74,8 +75,8 @@ def follow(
     """Flow between the first frame and every later one, as it grows from frame to frame.
 
     Small steps are chained, which follows motion of any size but drifts; the result starts a search of its own between the two far frames,
-    which removes drift but may lose large motion; each pixel keeps the one after which the frames look more alike. Yields flow first →
-    frame and frame → first, float32 [H, W, 2] both, for the second frame, the third, …
+    which removes drift but may lose large motion; each pixel keeps the search unless the frames look clearly more alike after the chain.
+    Yields flow first → frame and frame → first, float32 [H, W, 2] both, for the second frame, the third, …
 
     Frames uint8 [H, W, 3] come in the order of time, near enough to each other for `flow_between`. `steps` are flow there and back between
     neighbouring frames, where it was measured already (`steps_between`).
@@ -146,10 +147,13 @@ def _texture(rgb: Rgb) -> np.ndarray:
 
 
 def _prolong(a: np.ndarray, b: np.ndarray, start: np.ndarray, chained: np.ndarray) -> np.ndarray:
-    """The better, pixel by pixel, of a chained flow a → b and of a search that begins there."""
+    """A search a → b that begins at a chained flow, or pixel by pixel the chained flow where it explains b clearly better.
+
+    Without a margin noise decides between two flows that explain b alike, pixel by pixel, and makes the flow rough.
+    """
     chained = np.where(np.isfinite(chained), chained, start)
     searched = _search(a, b, chained)
-    return np.where((_unlikeness(a, b, searched) <= _unlikeness(a, b, chained))[..., None], searched, chained)
+    return np.where((_unlikeness(a, b, chained) < CHAINED * _unlikeness(a, b, searched))[..., None], chained, searched)
 
 
 def _unlikeness(a: np.ndarray, b: np.ndarray, flow: np.ndarray) -> np.ndarray:
