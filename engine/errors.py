@@ -1,11 +1,18 @@
 """Errors that are meant to be read by the person at the screen."""
 
+#: Letters of an error that are shown: what a hostile file says of itself may be endless.
+LONGEST = 2000
+
 
 class DegenseError(Exception):
-    """What is wrong, where, and what to do, in one sentence.
+    """What is wrong, where, and what to do, in one sentence: a line of at most `LONGEST` letters.
 
     The command line prints it and exits with status 2; the window shows it in a dialog. Anything else that is raised is a defect.
     """
+
+    def __str__(self) -> str:
+        line = "".join(letter if letter.isprintable() else " " for letter in super().__str__())
+        return line if len(line) <= LONGEST else f"{line[: LONGEST - 1]}…"
 
 
 class ClipError(DegenseError):

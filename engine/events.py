@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeAlias, get_args, get_type_hints
+
+from degense.engine.untrusted import parse_json
 
 #: The stages of a training, in their order. `coarse` and `joint` are steps of the trainer; `semantics` is the distillation after them.
 STAGES = ("poses", "load", "teacher", "flow", "coarse", "joint", "semantics")
@@ -130,7 +131,7 @@ def read_progress(log: Path) -> list[TrainingProgress]:
     reports = []
     for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else ():
         with suppress(ValueError, TypeError):
-            reports.append(from_json({"event": "progress"} | json.loads(line)))
+            reports.append(from_json({"event": "progress"} | parse_json(line)))
     return [report for report in reports if isinstance(report, TrainingProgress)]
 
 

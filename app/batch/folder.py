@@ -14,11 +14,12 @@ from filelock import FileLock, Timeout
 from degense.app.batch.plan import BatchJob, with_own_names
 from degense.app.features.export.formats import FORMATS
 from degense.app.features.runs.run_summaries import SCORES
+from degense.engine import untrusted
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 from degense.engine.store.files import read_json, write_json
 
-FORMAT = 1
+FORMAT, LARGEST = 1, 16 << 20
 PATIENCE = 60.0  # seconds to wait for another process at the same job: one that was lost may still be ending
 ANSWERS = "answers.json"
 
@@ -82,9 +83,10 @@ class BatchFolder:
     def record(self, job: BatchJob) -> JobRecord:
         """What is known of a job; a record that cannot be read counts as none, for all that is done is checked on disk."""
         try:
-            data = json.loads(self._file(job, ".json").read_text(encoding="utf-8"))
-            record = JobRecord(dict(data["done"]), dict(data["seconds"]), str(data["failure"]))
-        except (OSError, ValueError, TypeError, KeyError):
+            data = untrusted.read_json(self._file(job, ".json"), LARGEST)
+            seconds = {str(stage): float(spent) for stage, spent in data["seconds"].items()}
+            record = JobRecord(dict(data["done"]), seconds, str(data["failure"]))
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return JobRecord({}, {})
         return record
 
@@ -117,7 +119,7 @@ class BatchFolder:
     def _begun(self, job: BatchJob) -> Any:
         """What a training that is not done was begun with; None where none was."""
         try:
-            begun = json.loads(self._file(job, ".json").read_text(encoding="utf-8"))["begun"]
+            begun = untrusted.read_json(self._file(job, ".json"), LARGEST)["begun"]
         except (OSError, ValueError, TypeError, KeyError):
             return None
         return begun if isinstance(begun, dict) and (self.run(job) / "run.json").is_file() else None

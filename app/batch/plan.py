@@ -8,7 +8,7 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from degense.app.features.export.formats import get_format
 from degense.app.features.train.job import TrainingJob
@@ -71,6 +71,8 @@ class BatchJob:
         try:
             own = {item.name: data[item.name] for item in fields(BatchJob) if item.name in data}
             own |= {name: tuple(own[name]) for name in ("prompts", "exports") if name in own}
+            if wrong := [name for name, value in own.items() if name != "training" and not _fits(value, get_type_hints(BatchJob)[name])]:
+                raise ValueError(f"{wrong[0]} cannot be {str(own[wrong[0]])[:80]!r}")
             job = BatchJob(**{**own, "training": TrainingJob.from_json(data["training"])})
             check_name(job.name)
         except (KeyError, TypeError, ValueError) as error:
@@ -108,6 +110,8 @@ class JobOptions:
 
     def job(self, clip: Path, name: str, base: Path) -> BatchJob:
         """The job of a clip; folders are meant as seen from `base`. DegenseError when something said is not allowed."""
+        for text in (str(clip), self.labels or "", self.teacher or ""):
+            check_text(text)
         said = asdict(self)
         own = {key: said.pop(key) for key in ("prompts", "decoder", "threshold", "exports", "scores")}
         said["labels"] = None if self.labels is None else str((base / self.labels).resolve())
@@ -126,12 +130,17 @@ def check(job: BatchJob) -> None:
     PromptSet.chosen(list(job.prompts), job.decoder, job.threshold)
     for name in job.exports:
         get_format(name)
-    for text in (*job.prompts, str(job.training.clip)):
-        if len(text) > LONGEST_TEXT or any(unicodedata.category(letter) == "Cc" for letter in text):
-            raise DegenseError(f"{text[:40]!r} is too long or holds control characters; give another prompt or path.")
+    for text in (*job.prompts, str(job.training.clip), str(job.training.out), job.training.teacher or "", job.training.labels or ""):
+        check_text(text)
     for what, given in (("prompt", [text.casefold() for text in job.prompts]), ("format", job.exports)):
         if len(set(given)) < len(given):
             raise DegenseError(f"{job.name} names a {what} twice; give each once.")
+
+
+def check_text(text: str) -> None:
+    """DegenseError for a prompt or path that nothing could be done with."""
+    if len(text) > LONGEST_TEXT or any(unicodedata.category(letter) in ("Cc", "Cs") for letter in text):
+        raise DegenseError(f"{text[:40]!r} is too long or holds control characters; give another prompt or path.")
 
 
 def check_name(name: str) -> None:
@@ -167,6 +176,15 @@ def with_own_names(jobs: Sequence[BatchJob]) -> list[BatchJob]:
         taken.add(name.casefold())
         found.append(replace(job, name=name))
     return found
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Whether a value of a kept job is of the kind of its field."""
+    if kind == tuple[str, ...]:
+        return all(isinstance(text, str) for text in value)
+    if isinstance(value, bool):
+        return kind is bool
+    return isinstance(value, kind) or (kind == (float | None) and isinstance(value, int))
 
 
 def _teacher(teacher: str | None, base: Path) -> str | None:

@@ -13,6 +13,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from degense.app.batch.plan import MOST_JOBS, BatchJob, JobOptions, check_name, name_of, with_own_names
 from degense.engine.errors import DegenseError
+from degense.engine.untrusted import read_bytes
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -32,11 +33,13 @@ def read_plan(path: Path) -> list[BatchJob]:
     DegenseError in one sentence for a file that is no plan.
     """
     try:
-        if (size := path.stat().st_size) > MOST_BYTES:
-            raise DegenseError(f"{path} has {size:,} bytes; a plan has at most {MOST_BYTES:,}.")
-        plan = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = read_bytes(path, MOST_BYTES)
     except OSError as error:
         raise DegenseError(f"{path} cannot be read: {error.strerror}.") from error
+    except ValueError as error:
+        raise DegenseError(f"{path} is no plan: {error}.") from error
+    try:
+        plan = tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # TOML and its encoding are ValueErrors
         raise DegenseError(f"{path} is not TOML ({error}); `degense batch --help` shows a plan.") from error
     return jobs_of(plan, path.resolve().parent, path.name)

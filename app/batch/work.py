@@ -16,7 +16,7 @@ from degense.app.batch.folder import ANSWERS, BatchFolder
 from degense.app.batch.plan import BatchJob
 from degense.app.features.runs.run_summaries import SCORES
 from degense.engine.errors import Cancelled, DegenseError
-from degense.engine.files import write_text
+from degense.engine.files import move, write_text
 from degense.engine.progress import Progress, Steps, finish
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Work:
         steps: Steps[str] = FORMATS[name].export(self.scene, draft / out.name, ExportOptions(self._prompts(), source="masks"))
         finish(steps, self.progress)
         _take_away(out)
-        (draft / out.name).replace(out)
+        move(draft / out.name, out)
         _take_away(draft)
 
     def _prompts(self) -> Any:

@@ -12,6 +12,7 @@ from typing import Any
 
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import free_path, replacing, write_text
+from degense.engine.untrusted import read_json
 
 NAME, BACKUPS = "session.json", "backups"
 #: The name of the view state among the states.
@@ -47,12 +48,10 @@ def clip_folder(clip: Path) -> Path:
 def read(path: Path) -> SavedSession:
     """The saved states; none when there is no file. DamagedSession when the file cannot be read or is no session file."""
     try:
-        if path.stat().st_size > LARGEST:
-            raise ValueError(f"more than {LARGEST >> 20} MiB")
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = read_json(path, LARGEST)
     except FileNotFoundError:
         return SavedSession()
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise DamagedSession(path, str(error)) from error
     match data:
         case {"id": str(id), "parts": dict(states)}:

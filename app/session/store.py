@@ -18,7 +18,7 @@ from degense.app.session.session_file import SavedSession
 from degense.app.session.state import PersistentState, Signal
 from degense.app.session.state_folder import JOURNAL, LOCK, PLACE
 from degense.engine.errors import DegenseError
-from degense.engine.files import write_text
+from degense.engine.files import make_folder, write_text
 
 
 class SessionStore:
@@ -127,7 +127,10 @@ class SessionStore:
         """
         try:
             if place not in self._locks:
-                place.mkdir(parents=place == self._home, exist_ok=True)
+                if place == self._home:
+                    make_folder(place)
+                else:
+                    place.mkdir(exist_ok=True)
                 lock = FileLock(place / LOCK, timeout=0)
                 lock.acquire()
                 self._locks[place] = lock
@@ -190,12 +193,17 @@ class SessionStore:
             raise
 
     def write_pending(self) -> None:
-        """Write the small states that changed since the last time into the journal. The window calls it every second."""
+        """Write the small states that changed since the last time into the journal, and have the disk keep it. Called every second."""
         if self.dirty or self._journal is not None:
             for name in sorted(self._pending):
                 self._append(name, self.states[name].to_json())
         self._pending.clear()
         self._write_journal()
+        if self._journal is not None:
+            try:
+                self._journal.sync()
+            except DegenseError as error:
+                self._set_problem(str(error))
 
     # After a crash
 

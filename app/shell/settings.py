@@ -15,6 +15,7 @@ from filelock import FileLock
 
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from degense.engine.untrusted import read_json
 
 log = logging.getLogger(__name__)
 
@@ -103,7 +104,7 @@ class SettingsFile:
     def _read(self) -> Settings:
         """What the file holds; what it held last where there is none, or a damaged one."""
         try:
-            return _parse(json.loads(self.path.read_text(encoding="utf-8")))
+            return _parse(read_json(self.path, 16 << 20))
         except (FileNotFoundError, NotADirectoryError):
             return self._held
         except (OSError, ValueError, TypeError) as error:

@@ -21,6 +21,7 @@ from degense.engine.annotation.formats.pictures import label_png, read_label_png
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import replacing, write_text
+from degense.engine.untrusted import read_json
 
 NAME, INDEX, FORMAT, LARGEST = "annotations", "annotations.json", 1, 64 << 20
 FILE = re.compile(r"\d{1,9}-[0-9a-f]{8}\.png")
@@ -87,16 +88,14 @@ def load(folder: Path, shape: tuple[int, int], count: int, original: Callable[[i
     """
     path = folder / INDEX
     try:
-        if path.stat().st_size > LARGEST:
-            raise ValueError(f"it is larger than {LARGEST >> 20} MB")
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = read_json(path, LARGEST)
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise RunError(f"{path} cannot be read ({error}); put it back from a backup, or move the folder away to start anew.") from error
     try:
         return _annotations(data, folder, shape, count, original)
-    except (KeyError, TypeError, ValueError, AttributeError, DegenseError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, DegenseError) as error:
         raise RunError(f"{path} does not hold annotations of this clip ({error}); put it back from a backup.") from error
 
 

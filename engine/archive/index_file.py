@@ -19,6 +19,7 @@ from degense.engine.archive.observed import FORMATS, Observed
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing
 from degense.engine.semantics.relations import CONTACT, ENCLOSED, NEAR
+from degense.engine.untrusted import parse_json
 
 INDEX = "degense-index.sqlite"
 #: Changes with the tables and with what the columns mean.
@@ -68,7 +69,7 @@ class IndexFile:
         rows = self._rows(f"SELECT id, path, stamp, error, facts FROM runs ORDER BY path LIMIT {MOST_RUNS}")
         try:
             return [_checked(*row) for row in rows]
-        except (TypeError, ValueError, KeyError, RecursionError) as error:
+        except (TypeError, ValueError, KeyError) as error:
             raise DegenseError(f"{self.path} is damaged; delete it, and it is made again.") from error
 
     def columns(self, kind: Kind, thing: str, other: str, lengths: dict[int, int]) -> dict[int, np.ndarray]:
@@ -215,7 +216,7 @@ def _checked(number: Any, path: Any, stamp: Any, error: Any, facts: Any) -> Inde
 @lru_cache(maxsize=256)
 def _facts(text: str) -> tuple[int, tuple[int, int], float, str, Things]:
     """Frames, size, frame rate, unit and things; runs of one kind of clip have them in common."""
-    known = json.loads(text)
+    known = parse_json(text)
     frames, (width, height), fps = known["frames"], known["size"], float(known["fps"])
     classes, kinds = known["things"]["classes"], known["things"]["kinds"]
     sane = type(frames) is int and 1 <= frames <= MOST_FRAMES and 0 < fps < 1e6

@@ -14,6 +14,8 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import IO, Any
 
+from degense.engine.untrusted import parse_json
+
 SAVE_SECONDS, TERMINATE_SECONDS = 30.0, 5.0
 POLL_SECONDS = 0.1
 MAX_LINE = 1 << 20
@@ -101,8 +103,8 @@ class JobProcess:
         with stream:
             while line := stream.readline(MAX_LINE):
                 try:
-                    answer = json.loads(line)
-                except (ValueError, RecursionError):
+                    answer = parse_json(line)
+                except ValueError:
                     continue
                 if isinstance(answer, dict):
                     self._answers.put(answer)

@@ -11,25 +11,27 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from degense.engine import untrusted
 from degense.engine.errors import RunError
 from degense.engine.files import replacing, write_text
 
-MAX_BYTES = 8 << 30
+MAX_BYTES, MAX_JSON = 8 << 30, 64 << 20
 
 
 def write_json(path: Path, values: Any) -> None:
     write_text(path, json.dumps(values, indent=1))
 
 
-def read_json(path: Path) -> Any:
-    """The values of a JSON file of at most 64 MB. Raises RunError in one sentence otherwise."""
+def read_json(path: Path, greatest: int = untrusted.GREATEST) -> Any:
+    """The values of a JSON file of at most 64 MB. Raises RunError in one sentence otherwise.
+
+    `greatest` is the largest whole number that may be in it.
+    """
     try:
-        if path.stat().st_size > 64 << 20:
-            raise RunError(f"{path} is larger than 64 MB, which no run of ours writes")
-        return json.loads(path.read_text(encoding="utf-8"))
+        return untrusted.read_json(path, MAX_JSON, greatest)
     except FileNotFoundError as error:
         raise RunError(f"{path} is missing, so this is not a complete run") from error
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise RunError(f"{path} cannot be read: {error}") from error
 
 
@@ -48,13 +50,12 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
     The format holds no code; header and sizes are checked against the file's length before anything is allocated.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise RunError(f"{path} is larger than {MAX_BYTES >> 30} GB")
+        untrusted.check_regular(path, MAX_BYTES)
         with safe_open(str(path), framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - a handle, not a dict
     except FileNotFoundError as error:
         raise RunError(f"{path} is missing, so this is not a complete run") from error
-    except (OSError, SafetensorError) as error:
+    except (OSError, ValueError, SafetensorError) as error:
         raise RunError(f"{path} is damaged or not a safetensors file: {error}") from error
 
 

@@ -19,9 +19,11 @@ from degense.engine.clip import Clip
 from degense.engine.errors import RunError
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.field.model import CANONICAL
+from degense.engine.files import make_folder
 from degense.engine.semantics import Basis
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
 from degense.engine.store.migrations import current_tensors, existing_file
+from degense.engine.store.run_info import check_info, plane_numbers
 
 FORMAT = 1
 MAX_FRAMES, MAX_GAUSSIANS, MAX_SIDE = 1_000_000, 10_000_000, 16_384
@@ -44,7 +46,7 @@ class Run:
             raise RunError(f"{path} is not empty and not a run; choose another folder")
         try:
             for folder in (path, path / "checkpoints", path / "previews"):
-                folder.mkdir(parents=True, exist_ok=True)
+                make_folder(folder)
         except OSError as error:
             raise RunError(f"{path} cannot be made: {error.strerror}") from error
         run = cls(
@@ -77,9 +79,7 @@ class Run:
             raise RunError(f"{path / 'run.json'} was not written by degense")
         if info["format"] > FORMAT:
             raise RunError(f"{path} was written by a newer degense (format {info['format']}, this one reads {FORMAT}); update to open it")
-        missing = {"config", "field", "cameras", "clip", "unit", "state"} - set(info)
-        if missing:
-            raise RunError(f"{path / 'run.json'} lacks {', '.join(sorted(missing))}; the file is damaged")
+        check_info(info, path / "run.json")
         return cls(path, info)
 
     def save(self) -> None:
@@ -147,7 +147,10 @@ def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: P
     try:
         if (count := len(canonical["means"])) > MAX_GAUSSIANS:
             raise RunError(f"{path} claims {count} Gaussians; at most {MAX_GAUSSIANS} are read")
-        model = SceneModel(FieldConfig.from_json(field), tensors["bounds"], canonical)
+        config = FieldConfig.from_json(field)
+        if plane_numbers(config) > sum(tensor.numel() for tensor in tensors.values()):
+            raise RunError(f"{path} is too small for the planes in run.json; one of them is damaged")
+        model = SceneModel(config, tensors["bounds"], canonical)
         moving, semantic_coefficients = tensors.pop("moving", None), tensors.pop("semantic_coefficients", None)
         model.load_state_dict(tensors)
         if moving is not None:
@@ -174,7 +177,7 @@ def cameras_from_json(values: dict[str, Any], path: Path) -> list[Camera]:
         count, viewmats = int(values["count"]), np.asarray(values["viewmats"], np.float64)
         width, height = int(values["width"]), int(values["height"])
         fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise RunError(f"{path}: the cameras cannot be read ({error})") from error
     sane = 1 <= count <= MAX_FRAMES and 1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and np.isfinite([fx, fy, cx, cy]).all()
     if not sane or viewmats.shape not in ((1, 4, 4), (count, 4, 4)) or not np.isfinite(viewmats).all():

@@ -29,7 +29,7 @@ def save_checkpoint(folder: Path, state: dict[str, Any]) -> None:
 
 def load_checkpoint(folder: Path) -> dict[str, Any]:
     """The last state saved in `folder`. RunError when there is none or it is damaged."""
-    plain = read_json(folder / "last.json")
+    plain = read_json(folder / "last.json", 1 << 128)  # the states of random generators have so many bits
     if not isinstance(plain, dict) or not isinstance(plain.get("iteration"), int):
         raise RunError(f"{folder / 'last.json'} is not a checkpoint of ours")
     path = folder / f"step-{plain['iteration']:07d}.safetensors"

@@ -5,6 +5,9 @@ from __future__ import annotations
 import gzip
 import json
 import struct
+import time
+import tracemalloc
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 
 from degense.engine.annotation.edits import named_classes
 from degense.engine.annotation.formats import LABEL_FORMATS, MapSet
+from degense.engine.annotation.formats.map_set import MOST_REGIONS
 from degense.engine.errors import ClipError
 from tests.annotation.label_maps import COCO_ONE, NAMES, SHAPE, maps_of, read_all, three_classes
 
@@ -129,3 +133,49 @@ def test_a_gzip_bomb_is_not_unpacked(tmp_path, maps):
         for _ in range(64):
             file.write(bytes(1 << 20))
     assert np.array_equal(LABEL_FORMATS["nifti"].read(path, SHAPE, NAMES).read(2), maps.read(2))
+
+
+def test_many_entries_of_a_long_clip_are_matched_in_time(tmp_path):
+    """20,000 pictures of a clip of 5,000 frames: each was compared with all."""
+    names = tuple(f"frame_{index:05d}" for index in range(5000))
+    images = [{"id": index, "file_name": f"x_{index % 5000}.png", "width": 64, "height": 48} for index in range(20_000)]
+    path = text("a.json", json.dumps({**COCO_ONE, "images": images, "annotations": []}))(tmp_path)
+    begin = time.process_time()
+    assert len(LABEL_FORMATS["coco"].read(path, SHAPE, names).frames) == 5000
+    assert time.process_time() - begin < 10
+
+
+def test_more_regions_than_anybody_draws_are_refused(tmp_path, maps):
+    path = yolo("\n".join(["0 0.1 0.1 0.2 0.1 0.2 0.2"] * (MOST_REGIONS + 1)))(tmp_path)
+    with pytest.raises(ClipError, match="more than 20,000 regions"):
+        read_all("yolo", path)
+
+
+def test_a_length_in_a_dicom_file_takes_no_memory(tmp_path, maps):
+    """Of its first element with a length of four bytes: the file is read once, whole, and holds no more."""
+    path = tmp_path / "a.dcm"
+    list(LABEL_FORMATS["dicom-seg"].write(maps, path))
+    data = bytearray(path.read_bytes())
+    at = data.index(b"OB", 132)
+    data[at + 4 : at + 8] = (2**32 - 2).to_bytes(4, "little")
+    path.write_bytes(data)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ClipError):
+            LABEL_FORMATS["dicom-seg"].read(path, SHAPE, NAMES)
+        assert tracemalloc.get_traced_memory()[1] < 256 << 20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_dicom_file_with_a_byte_changed_is_read_or_refused(tmp_path, maps, seed):
+    """Its values are found to be none when they are asked for, in many ways."""
+    path = tmp_path / "a.dcm"
+    list(LABEL_FORMATS["dicom-seg"].write(maps, path))
+    data, rng = bytearray(path.read_bytes()), np.random.default_rng(seed)
+    for place in rng.integers(132, 1200, 4):
+        data[place] ^= 1 << rng.integers(8)
+    path.write_bytes(data)
+    with suppress(ClipError):
+        read_all("dicom-seg", path)

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from degense.engine.data.files.point_files import read_points
+from degense.engine.data.files.point_files import MOST_PLACES, read_points
 from degense.engine.errors import ClipError
 
 SIZE = 64, 48
@@ -68,3 +68,17 @@ def test_tracks_of_another_clip_and_no_file_are_refused(tmp_path):
         read_points(tmp_path / "short.npz", 5, SIZE)
     with pytest.raises(ClipError, match="no file of points"):
         read_points(tmp_path / "absent.json", 5, SIZE)
+
+
+def test_more_places_than_memory_holds_are_refused_before_they_are_made(tmp_path):
+    """A few kilobytes of text that name points of an endless clip."""
+    frames = MOST_PLACES // 100
+    (tmp_path / "a.json").write_text(json.dumps({"0": [[1, 2]] * 101}))
+    (tmp_path / "a.csv").write_text("frame,x,y\n" + "0,1,2\n" * 101)
+    np.savez_compressed(tmp_path / "a.npz", points=np.zeros((101, frames, 2), np.float16), occluded=np.zeros((101, frames), bool))
+    for name in ("a.json", "a.csv", "a.npz"):
+        with pytest.raises(ClipError):
+            read_points(tmp_path / name, frames, SIZE)
+    (tmp_path / "a.json").write_text('{"0": [[1e999, NaN]]}')
+    with pytest.raises(ClipError, match="damaged"):
+        read_points(tmp_path / "a.json", 5, SIZE)

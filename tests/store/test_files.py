@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from degense.engine.errors import DegenseError, RunError
-from degense.engine.files import replacing
+from degense.engine.files import replacing, replacing_folder
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
 
 
@@ -55,3 +55,35 @@ def test_numbers_that_are_not_numbers(tmp_path):
     write_tensors(path, {"a": torch.tensor([1.0, float("nan")])})
     with pytest.raises(RunError, match="not numbers"):
         finite(read_tensors(path), path)
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """What is synced and renamed, in the order in which it is; a handle by its file's name."""
+    told: list[tuple[str, str]] = []
+    fsync, replace = os.fsync, os.replace
+
+    def name(handle: int) -> str:
+        return os.path.basename(os.readlink(f"/proc/self/fd/{handle}"))
+
+    monkeypatch.setattr(os, "fsync", lambda handle: (told.append(("sync", name(handle))), fsync(handle))[1])
+    monkeypatch.setattr(os, "replace", lambda source, target: (told.append(("move", os.path.basename(target))), replace(source, target))[1])
+    return told
+
+
+def test_a_file_is_on_the_disk_before_its_name_and_the_name_before_we_go_on(tmp_path, told):
+    write_json(tmp_path / "new" / "a.json", 1)
+    assert told[0] == ("sync", tmp_path.name)  # the name of the folder that was made
+    assert [kind for kind, _ in told[1:]] == ["sync", "move", "sync"]
+    assert told[1][1].startswith(".a-")
+    assert told[2:] == [("move", "a.json"), ("sync", "new")]
+
+
+def test_a_folder_is_on_the_disk_with_all_that_is_in_it(tmp_path, told):
+    with replacing_folder(tmp_path / "out") as folder:
+        (folder / "inner").mkdir()
+        (folder / "inner" / "a").write_text("1")
+        (folder / "b").write_text("2")
+    moved = told.index(("move", "out"))
+    assert {name for kind, name in told[:moved] if kind == "sync"} >= {"a", "b", "inner"}
+    assert told[moved + 1 :] == [("sync", tmp_path.name)]

@@ -1,16 +1,19 @@
 """Cameras and models of a run folder: what was written comes back, and damage is told from it."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from degense.app.session.sample import demo_run
 from degense.engine.camera import Camera
 from degense.engine.errors import RunError
 from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.field.model import CANONICAL
 from degense.engine.store import Run
-from degense.engine.store.files import write_tensors
+from degense.engine.store.files import write_json, write_tensors
 from degense.engine.store.migrations import current_layer
 from degense.engine.store.run import build_model, cameras_from_json, cameras_to_json
 
@@ -148,3 +151,47 @@ def test_a_damaged_model_is_refused(damage, said):
     damage(field, tensors)
     with pytest.raises(RunError, match=said):
         build_model(field, tensors, FILE)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"clip": 3},
+        {"clip": {"name": "a"}},
+        {"clip": {"path": "a\0b", "fingerprint": "x"}},
+        {"config": {}},
+        {"unit": 0},
+        {"unit": "mm"},
+        {"unit": True},
+        {"classes": [1]},
+        {"classes": "liver"},
+        {"reference_frame": -1},
+        {"fps": 0},
+        {"encoder": 5},
+        {"teacher": "labels"},
+        {"teacher": {"name": 3}},
+        {"provenance": {"poses": 3}},
+        {"train_seconds": {}},
+        {"gaussians": "9000"},
+        {"field": {}},
+        {"field": {"levels": []}},
+        {"field": {"levels": [1], "rank": -1}},
+        {"field": {"levels": [1], "resolution": 10**9}},
+        {"field": {"levels": [1], "static": 1}},
+        {"field": {"levels": [1], "routing": "none"}},
+        {"field": {"levels": [1], "colour": 1}},
+    ],
+)
+def test_values_of_another_kind_are_refused_when_it_is_opened(tmp_path, change):
+    run = tmp_path / "run"
+    shutil.copytree(demo_run(), run, ignore=shutil.ignore_patterns("previews", "*.safetensors"))
+    assert Run.open(run).info["state"] == "finished"
+    write_json(run / "run.json", Run.open(run).info | change)
+    with pytest.raises(RunError, match=next(iter(change))):
+        Run.open(run)
+
+
+def test_planes_that_the_file_does_not_hold_are_not_made():
+    tensors = {f"canonical.{name}": torch.zeros(1) for name in CANONICAL} | {"bounds": torch.zeros(2, 3)}
+    with pytest.raises(RunError, match="too small for the planes"):
+        build_model({"levels": [1 << 10], "resolution": 1 << 20}, tensors, FILE)

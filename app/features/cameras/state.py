@@ -15,6 +15,7 @@ from degense.app.session.undo import UndoStack
 from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import write_text
+from degense.engine.untrusted import read_json
 
 MOST_STOPS, LONGEST_SECONDS = 1000, 3600.0
 LARGEST_FILE = 4 << 20
@@ -141,10 +142,8 @@ def save_path(path: Path, stops: tuple[Stop, ...]) -> None:
 def load_path(path: Path) -> tuple[Stop, ...]:
     """The stops that `save_path` wrote. DegenseError when the file cannot be read or holds no cameras."""
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"more than {LARGEST_FILE >> 20} MiB")
-        return _stops(json.loads(path.read_text(encoding="utf-8"))["cameras"])
-    except (OSError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        return _stops(read_json(path, LARGEST_FILE)["cameras"])
+    except (OSError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise DegenseError(
             f"{path} does not hold a camera path ({error}); choose a file that was saved from the list of cameras."
         ) from error

@@ -151,14 +151,14 @@ def clip_facts(clip: Clip) -> list[tuple[str, str]]:
 
 
 def run_facts(scene: Scene) -> list[tuple[str, str]]:
-    info, (width, height) = scene.run.info, scene.clip_size
+    info, teacher, (width, height) = scene.run.info, scene.run.info.get("teacher", {}), scene.clip_size
     rows = [
         ("run", scene.name),
         ("clip", str(info["clip"].get("path", ""))),
         ("length", f"{scene.frames} frames, {width} × {height}"),
         ("Gaussians", f"{info.get('gaussians', 0):,}"),
         ("trained", f"{info['config']['preset']}, {info['config']['routing']} routing, {info.get('train_seconds', 0):.0f} s"),
-        ("teacher", f"{info['teacher']['name']}: {info['teacher']['provenance']}"),
+        ("teacher", f"{teacher.get('name')}: {teacher.get('provenance', 'unknown')}"),
         ("unit", f"{scene.unit}, displacement from frame {scene.reference_frame}"),
         ("classes", ", ".join(scene.classes) or "none"),
     ]

@@ -17,6 +17,7 @@ from degense.app.features.viewer.layer_images import write_png
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 from degense.engine.progress import Steps
+from degense.engine.untrusted import read_json
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -81,7 +82,7 @@ def _claim(out: Path, identity: dict[str, Any]) -> None:
     """Make the folder this query's own. DegenseError when it holds anything else."""
     if out.is_dir() and any(out.iterdir()):
         try:
-            found = json.loads((out / ASKED).read_text(encoding="utf-8"))
+            found = read_json(out / ASKED, 1 << 20)
         except (OSError, ValueError) as error:
             raise DegenseError(f"{out} is not empty and holds no masks to go on with; choose another folder.") from error
         if found != identity:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from degense.engine.errors import DegenseError
+from degense.engine.untrusted import parse_json, read_json
 
 #: Where `score` leaves the scores of a run, as `degense eval RUN --json` writes them.
 SCORES = "scores.json"
@@ -60,7 +61,7 @@ def summary(path: Path) -> RunSummary:
         config, teacher, clip = (_dict(info.get(key)) for key in ("config", "teacher", "clip"))
         scores = _read(path / SCORES) if (path / SCORES).is_file() else {}
         last = _last_line(path / "metrics.jsonl")
-    except (OSError, ValueError, RecursionError):
+    except (OSError, ValueError):
         return RunSummary(path, "damaged")
     return RunSummary(
         path=path,
@@ -84,7 +85,7 @@ def training_answers(path: Path) -> dict[str, Any]:
     """The settings a run was trained with, as `TrainingJob.with_answers` takes them. DegenseError when the run cannot be read."""
     try:
         info = _read(path / "run.json")
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise DegenseError(f"{path} cannot be read: {error}.") from error
     config, teacher = _dict(info.get("config")), _dict(info.get("teacher"))
     named = ("preset", "routing", "iterations", "max_gaussians", "device", "seed")
@@ -99,9 +100,7 @@ def training_answers(path: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    if path.stat().st_size > LARGEST:
-        raise ValueError(f"{path.name} is larger than {LARGEST >> 20} MiB")
-    data = json.loads(path.read_text(encoding="utf-8"))
+    data = read_json(path, LARGEST)
     if not isinstance(data, dict):
         raise ValueError(f"{path.name} is no JSON object")
     return data
@@ -114,7 +113,7 @@ def _last_line(path: Path) -> dict[str, Any]:
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - TAIL))
         lines = file.read().split(b"\n")[:-1]
-    reports = (_dict(json.loads(line)) for line in reversed(lines) if line.startswith(b"{"))
+    reports = (_dict(parse_json(line)) for line in reversed(lines) if line.startswith(b"{"))
     return next((report for report in reports if report.get("psnr") is not None), {})
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import sys
 from collections import deque
@@ -15,6 +14,7 @@ from PySide6.QtCore import QObject, QProcess, QProcessEnvironment, QTimer, Signa
 from degense.app.features.train.job import TrainingJob
 from degense.app.shell.logs import hide_names
 from degense.engine.events import Done, Event, Failed, Stopped, from_json
+from degense.engine.untrusted import parse_json
 
 log = logging.getLogger(__name__)
 
@@ -37,8 +37,8 @@ class EventLines:
         for line in lines:
             text = line.decode("utf-8", "replace").strip()
             try:
-                event = from_json(json.loads(text))
-            except (ValueError, RecursionError):
+                event = from_json(parse_json(text))
+            except ValueError:
                 event = None
             if event is not None:
                 events.append(event)

@@ -33,6 +33,7 @@ from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError
 from degense.engine.files import write_text
+from degense.engine.untrusted import parse_json
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:
@@ -75,7 +76,7 @@ def _described(mask: np.ndarray) -> dict[str, Any]:
 def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
     """The masks of a file; where two overlap, the later one is on top. ClipError when they do not fit the clip."""
     try:
-        data = json.loads(read_text(path))
+        data = parse_json(read_text(path))
         categories = {item["id"]: index for index, item in enumerate(data["categories"])}
         classes = list(checked_classes(named_classes(str(item["name"]) for item in data["categories"]), path))
         objects = {(index, 1): index for index in range(len(classes))}

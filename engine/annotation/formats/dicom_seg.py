@@ -6,7 +6,10 @@ and lie in a stack: pixels are 1 mm wide, frame k lies at z = k mm. Objects of o
 
 from __future__ import annotations
 
+import io
+import struct
 import uuid
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,6 +23,7 @@ from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError, DegenseError
 from degense.engine.files import replacing
+from degense.engine.untrusted import read_bytes
 
 if TYPE_CHECKING:  # an extra
     from pydicom import Dataset
@@ -28,6 +32,8 @@ LARGEST = 1 << 30
 SECONDARY_CAPTURE, SEGMENTATION = "1.2.840.10008.5.1.4.1.1.7", "1.2.840.10008.5.1.4.1.1.66.4"
 #: Uncompressed pixels; compressed ones could unpack to anything.
 PLAIN = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1")
+#: What pydicom raises at values that are none, most of them when they are asked for.
+BROKEN = (OSError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError, EOFError, RuntimeError, struct.error)
 #: What an image of no patient leaves empty.
 UNKNOWN = (
     *("PatientID", "PatientName", "PatientBirthDate", "PatientSex", "AccessionNumber", "StudyID", "StudyDate", "StudyTime"),
@@ -122,23 +128,24 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
     """The segments of a file; higher numbers are on top. ClipError when it is damaged or does not fit the clip."""
     try:
         import pydicom
-        from pydicom.errors import InvalidDicomError
+        from pydicom.errors import BytesLengthException, InvalidDicomError
     except ImportError as error:
         raise ClipError("DICOM segmentations need highdicom; install it with: pip install 'degense[dicom]'.") from error
     try:
-        if path.stat().st_size > LARGEST:
-            raise ClipError(f"{shown(path)} is larger than {LARGEST >> 20} MB; split it.")
-        if pydicom.filereader.read_file_meta_info(path).get("TransferSyntaxUID") not in PLAIN:
-            raise ClipError(f"{shown(path)} is compressed, or no DICOM file; save it uncompressed (Explicit VR Little Endian).")
-        data = pydicom.dcmread(path)
-        planes = _planes(data, shape, len(names), path)
-        pixels = bytes(data.PixelData)
-        classes = _classes(data, path)
-        index = {int(item.SegmentNumber): value for value, item in enumerate(data.SegmentSequence)}
-        found: dict[int, list[tuple[int, int]]] = {}
-        for place, (frame, segment) in enumerate(planes):
-            found.setdefault(frame, []).append((index[segment], place))
-    except (OSError, InvalidDicomError, AttributeError, KeyError, IndexError, TypeError, ValueError, EOFError, RecursionError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is wrong but can be read
+            content = read_bytes(path, LARGEST)  # from a file pydicom takes as much memory as a damaged length says
+            if _syntax(content) not in PLAIN:
+                raise ClipError(f"{shown(path)} is compressed, or no DICOM file; save it uncompressed (Explicit VR Little Endian).")
+            data = pydicom.dcmread(io.BytesIO(content))
+            planes = _planes(data, shape, len(names), path)
+            pixels = bytes(data.PixelData)
+            classes = _classes(data, path)
+            index = {int(item.SegmentNumber): value for value, item in enumerate(data.SegmentSequence)}
+            found: dict[int, list[tuple[int, int]]] = {}
+            for place, (frame, segment) in enumerate(planes):
+                found.setdefault(frame, []).append((index[segment], place))
+    except (*BROKEN, InvalidDicomError, BytesLengthException) as error:
         raise ClipError(f"{shown(path)} is damaged or no binary DICOM segmentation ({type(error).__name__}: {error}).") from error
     if (len(planes) * shape[0] * shape[1] + 7) // 8 > len(pixels):
         raise ClipError(f"{shown(path)} is cut short; copy it again.")
@@ -153,6 +160,17 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
         return labels
 
     return MapSet(classes, shape, tuple(names), tuple(sorted(found)), labels)
+
+
+def _syntax(content: bytes) -> Any:
+    """How the rest is written, from the group of elements that stands before it. ValueError where there is none."""
+    from pydicom.filereader import read_dataset
+
+    if content[128:132] != b"DICM":
+        raise ValueError("no DICOM file")
+    about = io.BytesIO(content)
+    about.seek(132)
+    return read_dataset(about, False, True, stop_when=lambda tag, vr, length: tag.group != 2).get("TransferSyntaxUID")
 
 
 def _planes(data: Dataset, shape: tuple[int, int], count: int, path: Path) -> list[tuple[int, int]]:

@@ -21,6 +21,7 @@ from degense.engine.annotation.painting import PixelRegion, polygon, region_of
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError
 from degense.engine.files import write_text
+from degense.engine.untrusted import parse_json
 
 #: Names of the tags in the labelling configuration: `<BrushLabels name="label" toName="image">` and `<Image name="image" value="$image"/>`.
 TAG, IMAGE = "label", "image"
@@ -54,7 +55,7 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
     found: dict[int, list[tuple[tuple[str, int], Any]]] = {}
     classes: dict[tuple[str, int], LabelClass] = {}
     try:
-        for task in json.loads(read_text(path)):
+        for task in parse_json(read_text(path)):
             frame = frame_of(unquote(str(task["data"][IMAGE])), names, path)
             done: Any = next((item for item in task.get("annotations", []) if not item.get("was_cancelled")), {"result": []})
             found[frame] = [(_object(item), item) for item in done["result"] if item.get("type") in KINDS]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +18,12 @@ from degense.engine.annotation.painting import PixelRegion
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import last_number, shown
 from degense.engine.errors import ClipError, DegenseError
+from degense.engine.untrusted import read_bytes
 
 #: Text files larger than this are refused.
 LARGEST_TEXT = 512 << 20
+#: Regions of one frame that are drawn: each takes the time of a picture.
+MOST_REGIONS = 20_000
 #: COCO's compressed counts: numbers of up to seven letters, "P" to "o" but for the last letter, which is one of "0" to "O".
 _COMPRESSED = re.compile("([P-o]{0,6}[0-O])+")
 
@@ -68,33 +73,41 @@ def checked_classes(classes: Iterable[LabelClass], path: Path) -> tuple[LabelCla
 
 
 def drawn(shape: tuple[int, int], regions: Iterable[tuple[PixelRegion | None, int]]) -> np.ndarray:
-    """The label map, uint8 [H, W], of regions and their labels, later ones on top."""
+    """The label map, uint8 [H, W], of regions and their labels, later ones on top. ClipError for more than `MOST_REGIONS`."""
     labels = np.full(shape, UNLABELLED, np.uint8)
-    for region, value in regions:
+    for number, (region, value) in enumerate(regions):
+        if number == MOST_REGIONS:
+            raise ClipError(f"A frame has more than {MOST_REGIONS:,} regions; draw those of a class as one.")
         if region is not None:
             labels[region.box][region.mask] = value
     return labels
 
 
+@lru_cache(maxsize=4)
+def _frames_by_name(names: tuple[str, ...]) -> tuple[dict[str, int], dict[int | None, int]]:
+    """Frames by their stems, and by their numbers where only one has it."""
+    numbers = [last_number(Path(own)) for own in names]
+    counts = Counter(numbers)
+    return {stem: frame for frame, stem in enumerate(names)}, {number: frame for frame, number in enumerate(numbers) if counts[number] == 1}
+
+
 def frame_of(name: str, names: Sequence[str], source: Path) -> int:
     """The frame that a file name (with or without suffix and folders) means: by its stem, else by its number. ClipError when none."""
     stem = Path(name.replace("\\", "/")).stem
-    if stem in names:
-        return names.index(stem)
-    number = last_number(Path(stem))
-    numbers = [last_number(Path(own)) for own in names]
-    if number is not None and numbers.count(number) == 1:
-        return numbers.index(number)
+    stems, numbers = _frames_by_name(tuple(names))
+    frame = stems.get(stem)
+    if frame is None and (number := last_number(Path(stem))) is not None:
+        frame = numbers.get(number)
+    if frame is not None:
+        return frame
     raise ClipError(f"{shown(source)} has labels of {shown(Path(name))}, which is no frame of this clip; its first is {names[0]}.")
 
 
 def read_text(path: Path) -> str:
     """A UTF-8 text file of bounded size. ClipError otherwise."""
     try:
-        if path.stat().st_size > LARGEST_TEXT:
-            raise ClipError(f"{shown(path)} is larger than {LARGEST_TEXT >> 20} MB; split it.")
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return read_bytes(path, LARGEST_TEXT).decode("utf-8")
+    except (OSError, ValueError) as error:
         raise ClipError(f"{shown(path)} cannot be read: {error}.") from error
 
 

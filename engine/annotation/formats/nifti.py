@@ -24,6 +24,7 @@ from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError, DegenseError
 from degense.engine.files import replacing
+from degense.engine.untrusted import parse_json
 
 if TYPE_CHECKING:  # it is imported when a volume is read or written: the window opens without it
     from nibabel.nifti1 import Nifti1Header
@@ -117,8 +118,8 @@ def _comment(header: Nifti1Header) -> Any:
     for extension in header.extensions:
         if extension.get_code() == 6:
             try:
-                return json.loads(extension.content)
-            except (ValueError, RecursionError):
+                return parse_json(extension.content)
+            except ValueError:
                 return {}  # somebody else's words
     return {}
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from degense.engine import untrusted
 from degense.engine.errors import ClipError
 
 MAX_JSON = 64 * 2**20
+LONGEST_NAME = 255  # bytes that a name has at most, on every system
+LONGEST_STEM = 1000  # letters of a name that are looked at: whole numbers of many thousand digits take minutes
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 
 
@@ -22,11 +24,14 @@ def shown(path: Path) -> str:
 
 def natural_key(path: Path) -> tuple:
     """Sorts `frame_9` before `frame_10`."""
-    return tuple((1, int(part), "") if part.isdecimal() else (0, 0, part) for part in re.split(r"(\d+)", path.stem)), path.name
+    parts = re.split(r"(\d+)", path.stem[:LONGEST_STEM])
+    return tuple((1, int(part), "") if part.isdecimal() else (0, 0, part) for part in parts), path.name
 
 
 def regular_file(path: Path, root: Path) -> Path:
     """`path`, when it is a regular file inside `root`; a pipe would block, and a link may lead to anything. ClipError otherwise."""
+    if "\0" in str(path) or len(os.fsencode(path.name)) > LONGEST_NAME:
+        raise ClipError(f"{shown(path)} is no name of a file; a file of the clip that names it is damaged.")
     if not path.resolve().is_relative_to(root.resolve()):
         raise ClipError(f"{shown(path)} is a link that leads out of the clip; put the file itself there.")
     if not path.is_file():
@@ -58,7 +63,7 @@ def list_files(folder: Path, root: Path, suffixes: Sequence[str] = PICTURES) -> 
 
 def last_number(path: Path) -> int | None:
     """The last whole number in a file's stem; None when it has none."""
-    numbers = re.findall(r"\d+", path.stem)
+    numbers = re.findall(r"\d+", path.stem[-LONGEST_STEM:])
     return int(numbers[-1]) if numbers else None
 
 
@@ -82,9 +87,7 @@ def pair(frames: Sequence[Path], others: Sequence[Path], what: str) -> None:
 
 def read_json(path: Path) -> Any:
     """What a JSON file of modest size holds. ClipError otherwise."""
-    if path.stat().st_size > MAX_JSON:
-        raise ClipError(f"{shown(path)} is larger than {MAX_JSON // 2**20} MB; that is no file of a clip.")
     try:
-        return json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ClipError(f"{shown(path)} is not valid JSON.") from error
+        return untrusted.read_json(path, MAX_JSON)
+    except (OSError, ValueError) as error:
+        raise ClipError(f"{shown(path)} is not valid JSON ({error}).") from error

@@ -5,6 +5,9 @@
 
 from __future__ import annotations
 
+import io
+import math
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -15,14 +18,20 @@ import numpy as np
 from degense.engine.clip import Truth
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError
+from degense.engine.untrusted import check_regular
 
 _BROKEN = (OSError, ValueError, EOFError, SyntaxError, OverflowError, MemoryError, KeyError, NotImplementedError, RuntimeError)
+#: Bytes of an array's file and of a header, and how much deflate can shrink.
+MOST_BYTES, MOST_HEADER, MOST_RATIO = 64 << 30, 4096, 1040
 _BROKEN_ZIP = (*_BROKEN, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
 
 
 def open_npy(path: Path) -> np.ndarray:
     """A .npy file, mapped, not read. ClipError when it is damaged, cut short, holds objects, or anything but real numbers."""
     try:
+        check_regular(path, MOST_BYTES)
+        with path.open("rb") as file:
+            _header(file)
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except _BROKEN as error:
         raise ClipError(f"{shown(path)} is not a sound .npy file of numbers (damaged, cut short or pickled).") from error
@@ -34,11 +43,23 @@ def open_npy(path: Path) -> np.ndarray:
     return array
 
 
-def _header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
-    version = np.lib.format.read_magic(file)
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, whether columns come first, and type. ValueError, among others, for a damaged header, or one of more than 4 KiB."""
+    start = file.read(MOST_HEADER)
+    begun = io.BytesIO(start)
+    version = np.lib.format.read_magic(begun)
+    length = int.from_bytes(start[8 : 10 if version == (1, 0) else 12], "little")
+    if length > MOST_HEADER - 12:
+        raise ValueError("a header that is too long")
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read(file)
-    return shape, dtype
+    try:
+        shape, columns_first, dtype = read(begun)
+    except tokenize.TokenError as error:
+        raise ValueError("a header that is none") from error
+    file.seek(begun.tell())
+    if any(side < 0 for side in shape):
+        raise ValueError("an array of no size")
+    return shape, columns_first, dtype
 
 
 def npz_headers(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
@@ -49,17 +70,25 @@ def npz_headers(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
             for name in archive.namelist():
                 if name.endswith(".npy"):
                     with archive.open(name) as file:
-                        headers[name[:-4]] = _header(file)
+                        shape, _, dtype = _header(file)
+                        headers[name[:-4]] = shape, dtype
     except _BROKEN_ZIP as error:
         raise ClipError(f"{shown(path)} is not a sound .npz archive (damaged or cut short).") from error
     return headers
 
 
 def read_npz(path: Path, name: str) -> np.ndarray:
-    """One array of a .npz archive whose header was found acceptable. ClipError for a damaged file."""
+    """One array of a .npz archive whose header was found acceptable. ClipError for a damaged file, before memory is taken."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return archive[name]
+        with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as file:
+            shape, columns_first, dtype = _header(file)
+            size, about = math.prod(shape) * dtype.itemsize, archive.getinfo(f"{name}.npy")
+            if dtype.hasobject or size > about.file_size or about.file_size > MOST_RATIO * (about.compress_size + 1024):
+                raise ValueError("more numbers than bytes")
+            data = file.read(size)
+            if len(data) < size:
+                raise ValueError("fewer numbers than announced")
+            return np.frombuffer(data, dtype).reshape(shape, order="F" if columns_first else "C")
     except _BROKEN_ZIP as error:
         raise ClipError(f"{shown(path)}: the array '{name}' is damaged or cut short.") from error
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,9 +14,10 @@ from degense.engine.data.files.numpy_files import npz_headers, read_npz
 from degense.engine.data.files.point_trees import labels_of, sequence_of, surgt_points, tattoos
 from degense.engine.data.files.surgt_case import is_surgt_case
 from degense.engine.errors import ClipError
+from degense.engine.untrusted import read_json
 
 MOST_BYTES = 1 << 26
-MOST_POINTS = 100_000
+MOST_POINTS, MOST_PLACES = 100_000, 10_000_000
 FORMATS = (
     "a .json of {frame: [[x, y] or null, …]} as VL-SurgPT has it, a .csv with the columns frame, x, y and, optionally, point, "
     "an .npz with points and occluded as TAP-Vid has it, or the folder of a sequence of STIR, VL-SurgPT or SurgT"
@@ -72,6 +73,8 @@ def read_points(path: Path, frames: int, size: tuple[int, int]) -> KnownPoints:
         if not whole or not (rows[:, 1] < frames).all():
             raise ClipError(f"{shown(path)} names frames that the clip does not have; its frames are 0 to {frames - 1}.")
         names, points = np.unique(rows[:, 0], return_inverse=True)
+        if len(names) * frames > MOST_PLACES:
+            raise ClipError(f"{shown(path)} names {len(names):,} points; in {frames} frames at most {MOST_PLACES // frames:,} are read.")
         found = KnownPoints(np.full((len(names), frames, 2), np.nan), np.zeros((len(names), frames), bool))
         at = points, rows[:, 1].astype(int)
         found.pixels[at], found.hidden[at] = rows[:, 2:], np.isnan(rows[:, 2:]).any(1)
@@ -98,7 +101,7 @@ def _from_tree(folder: Path, frames: int, size: tuple[int, int]) -> KnownPoints:
 
 def _from_json(path: Path) -> np.ndarray:
     """Rows of point, frame, x, y: float64 [n, 4]."""
-    data = json.loads(path.read_text(encoding="utf-8"))
+    data = read_json(path, MOST_BYTES)
     absent = (np.nan, np.nan)
     rows = [(k, int(frame), *map(float, point or absent)) for frame, points in data.items() for k, point in enumerate(points)]
     return np.array(rows, np.float64).reshape(-1, 4)
@@ -117,7 +120,7 @@ def _from_tap_vid(path: Path, frames: int, size: tuple[int, int]) -> KnownPoints
     headers = npz_headers(path)
     shapes = [headers.get(name, ((), np.dtype("O"))) for name in ("points", "occluded")]
     (shape, kind), (other, flag) = shapes
-    if kind.kind != "f" or flag.kind != "b" or shape != (*other, 2) or other[1:] != (frames,) or other[0] > MOST_POINTS:
+    if kind.kind != "f" or flag.kind != "b" or shape != (*other, 2) or other[1:] != (frames,) or math.prod(other) > MOST_PLACES:
         raise ClipError(f"{shown(path)} holds no points [K, {frames}, 2] and occluded [K, {frames}] for the {frames} frames of the clip.")
     hidden = read_npz(path, "occluded")
     return KnownPoints(np.where(hidden[..., None], np.nan, read_npz(path, "points").astype(np.float64) * size), hidden)

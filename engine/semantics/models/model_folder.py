@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
+from degense.engine.untrusted import read_json
 
 HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
 #: As open_clip publishes a model. As transformers does, it is config.json and model.safetensors, in one file or several.
@@ -62,11 +62,9 @@ def model_config(folder: Path) -> dict[str, Any]:
 def read_config(file: Path) -> dict[str, Any]:
     """The object in a JSON file. DegenseError in one sentence for anything else."""
     try:
-        if file.stat().st_size > MOST_BYTES:
-            raise DegenseError(f"{shown(file)} is larger than {MOST_BYTES >> 20} MB, which no configuration is.")
-        config = json.loads(file.read_text("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DegenseError(f"{shown(file)} is not valid JSON.") from error
+        config = read_json(file, MOST_BYTES)
+    except (OSError, ValueError) as error:
+        raise DegenseError(f"{shown(file)} is not valid JSON ({error}).") from error
     if not isinstance(config, dict):
         raise DegenseError(f"{shown(file)} describes no model.")
     return config

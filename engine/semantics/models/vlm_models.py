@@ -13,7 +13,6 @@ A wording is asked for in several sentences: a CLIP is trained on captions, and 
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,7 @@ from torch import Tensor
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.basis import unit_rows
-from degense.engine.semantics.models.model_folder import is_open_clip, model_config, model_digest, saved_by_transformers
+from degense.engine.semantics.models.model_folder import is_open_clip, model_config, model_digest, read_config, saved_by_transformers
 from degense.engine.semantics.models.open_clip import read_open_clip
 
 Embed = Callable[[Sequence[str]], np.ndarray]
@@ -161,7 +160,7 @@ def _read(folder: Path, kind: str) -> tuple[Any, Any, dict[str, Any]]:
         raise DegenseError(f"{shown(folder)} holds a model of the kind {kind!r}; those that can be read are {', '.join(CLASSES)}.")
     model, tokenizer = saved_by_transformers(folder, kind, CLASSES[kind])
     preprocessing = folder / "preprocessor_config.json"
-    return model, tokenizer, json.loads(preprocessing.read_text("utf-8")) if preprocessing.exists() else {}
+    return model, tokenizer, read_config(preprocessing) if preprocessing.exists() else {}
 
 
 OVERLAP = 0.25  # of a tile's side that neighbours share at least

@@ -26,6 +26,7 @@ from degense.engine.errors import DegenseError
 from degense.engine.files import replacing, write_text
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics.teachers.teacher import Described, Targets, Teacher
+from degense.engine.untrusted import read_json
 
 FORMAT = 1
 LIMIT = 4 << 30  # bytes, unless the user chose otherwise
@@ -171,7 +172,7 @@ def _limit() -> int:
     if not path.exists():
         return LIMIT
     try:
-        return int(json.loads(path.read_text(encoding="utf-8"))["bytes"])
+        return int(read_json(path, 1 << 16)["bytes"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DegenseError(f"{path} is damaged; set the limit again with degense cache --limit GB.") from error
 

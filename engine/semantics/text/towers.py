@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,10 +12,11 @@ import torch
 
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.basis import unit_rows
-from degense.engine.semantics.models.model_folder import find_model, model_config, model_digest, saved_by_transformers
+from degense.engine.semantics.models.model_folder import MOST_BYTES, find_model, model_config, model_digest, saved_by_transformers
 from degense.engine.semantics.models.vlm_models import DenseModel, Embed, template_encoders
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
+from degense.engine.untrusted import read_json
 from degense.engine.vocabulary.concepts import surgical_vocabulary
 
 QUOTED = re.compile(r"\s*[\"“„«](.+)[\"“”»]\s*")
@@ -121,10 +121,10 @@ def encoder_at(place: str) -> TextEncoder:
 def _pooling(folder: Path) -> str:
     """ "mean" or "cls". DegenseError for anything else."""
     try:
-        modules = [str(module["type"]).rpartition(".")[2] for module in json.loads((folder / "modules.json").read_text("utf-8"))]
-        pooling: Any = json.loads((folder / "1_Pooling" / "config.json").read_text("utf-8"))
+        modules = [str(module["type"]).rpartition(".")[2] for module in read_json(folder / "modules.json", MOST_BYTES)]
+        pooling: Any = read_json(folder / "1_Pooling" / "config.json", MOST_BYTES)
         chosen = [mode for mode in ("cls_token", "mean_tokens") if pooling.get(f"pooling_mode_{mode}") is True]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DegenseError(f"{folder.name} does not say how its sentence model pools (modules.json, 1_Pooling/config.json).") from error
     others = [name for name, value in pooling.items() if name.startswith("pooling_mode_") and value is True and name[13:] not in chosen]
     if others or len(chosen) != 1 or any(module not in MODULES for module in modules):

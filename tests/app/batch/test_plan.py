@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from degense.app.batch.folder import BatchFolder
+from degense.app.batch.folder import BatchFolder, JobRecord
 from degense.app.batch.plan import BatchJob, JobOptions, check_name, name_of, with_own_names
 from degense.app.batch.plan_file import MOST_BYTES, found, jobs_of, read_plan
+from degense.app.batch.report import write_report
 from degense.engine.errors import DegenseError
 
 
@@ -76,6 +77,9 @@ def test_every_clip_with_every_variant(plan, tmp_path):
         ('clips = ["clips/a"]\nprompts = ["liver", "Liver"]', "a prompt twice"),
         ('clips = ["clips/a"]\nprompts = ["a\\u0007b"]', "control characters"),
         ('clips = ["clips/a"]\nexports = ["exe"]', "no format 'exe'"),
+        ('[[clip]]\npath = "a\\u0000b"', "control characters"),
+        ('clips = ["clips/a"]\nlabels = "a\\u0000b"', "control characters"),
+        ('clips = ["clips/a\\u0000*"]', "cannot be looked for|finds no clips"),
         ('clips = ["clips/a"]\nsettings = { flwo = 3 }', "no setting 'flwo'; did you mean 'flow'"),
         ('clips = ["clips/a"]\nsettings = { flow = 1979-05-27 }', "a setting is a number"),
         ('clips = ["clips/a"]\nsettings = 3', "settings is a table"),
@@ -94,13 +98,35 @@ def test_what_is_no_plan_is_refused_in_a_sentence(plan, text, words):
 
 
 def test_large_files_are_not_read(plan, tmp_path):
-    with pytest.raises(DegenseError, match="at most"):
+    with pytest.raises(DegenseError, match="larger than"):
         plan("# " + "x" * MOST_BYTES)
     with pytest.raises(DegenseError, match="cannot be read"):
         read_plan(tmp_path / "absent.toml")
     many = "\n".join(f"[variant.v{number}]" for number in range(2000))
     with pytest.raises(DegenseError, match="more than 100,000 jobs"):
         plan('clips = ["clips/*"]\n' + "".join(f'[[clip]]\npath = "{number}"\n' for number in range(60)) + many)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("prompts", True), ("prompts", [1]), ("decoder", 3), ("threshold", "0.5"), ("scores", "yes"), ("name", None)],
+)
+def test_a_kept_job_with_values_of_another_kind_is_refused(plan, key, value):
+    [job, *_] = plan('clips = ["clips/a"]')
+    with pytest.raises(DegenseError, match="A job of the batch cannot be read"):
+        BatchJob.from_json(job.to_json() | {key: value})
+
+
+def test_a_record_of_a_job_that_is_damaged_counts_as_none(plan, tmp_path):
+    folder = BatchFolder(tmp_path / "out")
+    [job, *_] = folder.begin(plan('clips = ["clips/a"]'))
+    folder.keep(job, JobRecord({"train": {}}, {"train": 1.5}))
+    path = folder.path / "jobs" / f"{job.name}.json"
+    sound = json.loads(path.read_text())
+    for change in ({"seconds": {"train": "long"}}, {"seconds": [1]}, {"done": 3}, {"seconds": {"train": float("inf")}}):
+        path.write_text(json.dumps(sound | change))
+        assert folder.record(job) == JobRecord({}, {})
+        assert write_report(folder, [job])
 
 
 #: What TOML can say, and names that mean something.

@@ -6,6 +6,8 @@ import json
 import os
 import resource
 import signal
+import time
+from pathlib import Path
 
 import pytest
 
@@ -181,3 +183,42 @@ def test_small_states_are_written_once_a_tick_and_the_cursor_never(tmp_path):
     again, _ = opened(tmp_path)
     again.recover()
     assert (again.view_state.threshold, again.frame) == (0.95, 0)
+
+
+def test_what_is_painted_is_on_the_disk_a_tick_later(tmp_path, monkeypatch):
+    """The window calls `write_pending` every second; a power cut after the next loses nothing of before."""
+    synced: dict[str, bytes] = {}
+    fsync = os.fsync
+
+    def kept(handle: int) -> None:
+        fsync(handle)
+        path = Path(os.readlink(f"/proc/self/fd/{handle}"))
+        synced[path.name] = path.read_bytes() if path.is_file() else b""
+
+    session, strokes = opened(tmp_path)
+    monkeypatch.setattr(os, "fsync", kept)
+    for stroke in range(3):
+        strokes.add(stroke)
+        session.store.write_pending()
+        deadline = time.monotonic() + 20
+        while synced.get(JOURNAL) != (folder_of(tmp_path) / JOURNAL).read_bytes():
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+    assert synced.keys() >= {JOURNAL, folder_of(tmp_path).name}
+    session.close()
+
+
+def test_a_disk_that_keeps_nothing_is_said(tmp_path, monkeypatch):
+    def broken(handle: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    session, strokes = opened(tmp_path)
+    strokes.add(0)
+    monkeypatch.setattr(os, "fsync", broken)
+    deadline = time.monotonic() + 20
+    while not session.store.problem:
+        assert time.monotonic() < deadline
+        strokes.add(1)
+        session.store.write_pending()
+    assert "a power cut would lose" in session.store.problem
+    session.close()

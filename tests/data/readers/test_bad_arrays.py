@@ -2,11 +2,13 @@
 
 import json
 import pickle
+import shutil
 import zipfile
 
 import numpy as np
 import pytest
 
+from degense.engine.data.files.numpy_files import npz_headers, read_npz
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import ClipError
 from tests.data.readers.makers import HEIGHT, WIDTH, fails, save, write_camera
@@ -92,7 +94,7 @@ def test_labels_without_classes_beyond_them_or_for_no_frame(frames):
     [
         ({"fx": None}, "needs a number 'fx'"),
         ({"fx": "90"}, "needs a number 'fx'"),
-        ({"cx": float("nan")}, "needs a number 'cx'"),
+        ({"cx": float("nan")}, "NaN is no number"),
         ({"fy": -3}, "not positive"),
         ({"width": 640}, "is for 640 × 64 pixels"),
         ({"viewmats": [[1, 2], [3]]}, "not a list of 4 × 4 matrices"),
@@ -135,3 +137,51 @@ def test_damaged_truth_is_found_when_it_is_read(frames):
     clip = open_clip(frames)
     with pytest.raises(ClipError, match=r"gt\.npz: the array 'displacement' is damaged"):
         clip.truth()
+
+
+def npy_with(header: bytes, length: int | None = None, version: bytes = b"\x01\x00") -> bytes:
+    size = (len(header) if length is None else length).to_bytes(2 if version == b"\x01\x00" else 4, "little")
+    return b"\x93NUMPY" + version + size + header
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        npy_with(b"{'descr': '<f8', 'fortran_order': False, 'shape': (2,", 65_000),
+        npy_with(b"{" * 9000, version=b"\x02\x00"),
+        npy_with(b" " * (3 << 20), version=b"\x02\x00"),
+        npy_with(b"", 2**32 - 1, b"\x03\x00"),
+        npy_with(b"{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }\n"),
+        npy_with(b"((((\n"),
+    ],
+)
+def test_headers_that_are_none(frames, content):
+    """Endless, cut short, unclosed or of negative size; alone and in an archive."""
+    depth = frames / "depth"
+    depth.mkdir()
+    for index in range(4):
+        (depth / f"{index:06d}.npy").write_bytes(content)
+    fails(frames, "is not a sound .npy file")
+    shutil.rmtree(depth)
+    with zipfile.ZipFile(frames / "gt.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("displacement.npy", content)
+    fails(frames, "gt.npz is not a sound .npz archive")
+
+
+def test_an_array_of_an_archive_takes_no_more_memory_than_it_holds(tmp_path):
+    """Its header announces a terabyte, and one that unpacks to far more than deflate can do is no sound archive either."""
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.npy", npy_with(b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000, 125000), }\n") + bytes(100))
+    assert npz_headers(path)["a"][0] == (1_000_000, 125_000)
+    with pytest.raises(ClipError, match="'a' is damaged"):
+        read_npz(path, "a")
+
+
+def test_an_archive_is_read_as_numpy_reads_it(tmp_path):
+    arrays = {"a": np.asfortranarray(np.arange(6.0).reshape(2, 3)), "b": np.array(True), "c": np.zeros((0, 3), np.float16)}
+    np.savez_compressed(tmp_path / "a.npz", **arrays)
+    for name, array in arrays.items():
+        found = read_npz(tmp_path / "a.npz", name)
+        assert found.dtype == array.dtype
+        assert np.array_equal(found, array)

@@ -132,7 +132,7 @@ def test_distortion_is_taken_out(tmp_path, rng, poses):
         ({"frames": [{"file_path": "../outside.png", "transform_matrix": np.eye(4).tolist()}]}, "leads out of the clip"),
         ({"frames": [{"file_path": "/etc/passwd", "transform_matrix": np.eye(4).tolist()}]}, "leads out of the clip"),
         ({"frames": [{"file_path": 5, "transform_matrix": np.eye(4).tolist()}]}, "no 'file_path'"),
-        ({"fl_x": float("nan")}, "numbers that are none"),
+        ({"fl_x": float("nan")}, "NaN is no number"),
         ({"fl_x": -3.0}, "without a size or focal length"),
         ({"w": 500}, "500 × 64 pixels, but the frames"),
         ({"camera_model": "OPENCV_FISHEYE"}, "undistort the pictures first"),

@@ -1,0 +1,93 @@
+"""Runs something in a process of its own, with bounds on its time and memory, and says what became of it."""
+
+from __future__ import annotations
+
+import os
+import resource
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from degense.engine.errors import DegenseError
+
+READ, REFUSED = "read", "refused"
+
+
+@dataclass(frozen=True)
+class Fate:
+    """What became of a call: "read", "refused", or in capitals what is wrong; in words; its seconds and the memory that it took, in MiB."""
+
+    outcome: str
+    words: str = ""
+    seconds: float = 0.0
+    mebibytes: float = 0.0
+
+    @property
+    def sound(self) -> bool:
+        return self.outcome in (READ, REFUSED)
+
+
+def guarded(work: Callable[[], object], seconds: float, mebibytes: int) -> Fate:
+    """Do `work` in a fork that is killed after `seconds` and may take `mebibytes` more than this process has.
+
+    A DegenseError of one line is a refusal; any other exception, signal, hang or want of memory is a defect.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    answers, writing = os.pipe()
+    begin = time.perf_counter()
+    child = os.fork()
+    if child == 0:
+        os.close(answers)
+        _do(work, writing, mebibytes)
+    os.close(writing)
+    ready, _, _ = select.select([answers], [], [], seconds)
+    if not ready:
+        os.kill(child, signal.SIGKILL)
+    text = os.read(answers, 1 << 16).decode("utf-8", "replace") if ready else ""
+    os.close(answers)
+    _, status, used = os.wait4(child, 0)
+    spent = time.perf_counter() - begin
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    grown = max(0.0, (used.ru_maxrss - before) / 1024)
+    if not ready:
+        return Fate("HUNG", f"more than {seconds:g} s", spent, grown)
+    outcome, _, words = text.partition("\n")
+    return Fate(outcome, words, spent, grown) if outcome else Fate("DIED", f"status {status}", spent, grown)
+
+
+def _do(work: Callable[[], object], writing: int, mebibytes: int) -> None:
+    """The child's side: it never returns."""
+    quiet = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
+        os.dup2(quiet, stream)
+    with open("/proc/self/statm", encoding="ascii") as file:
+        pages = int(file.read().split()[0])
+    most = pages * resource.getpagesize() + (mebibytes << 20)
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        work()
+        text = READ
+    except DegenseError as error:
+        sentence = str(error)
+        text = f"{REFUSED}\n{sentence}" if sentence.strip() and "Traceback" not in sentence else f"NO SENTENCE\n{sentence}"
+    except MemoryError:
+        text = "MEMORY\n" + _where()
+    except BaseException as error:
+        text = f"CRASHED\n{type(error).__name__}: {str(error)[:300]} {_where()}"
+    os.write(writing, text.encode("utf-8", "replace")[: 1 << 15])
+    os._exit(0)
+
+
+def _where() -> str:
+    """The last places of ours in the traceback of the present exception."""
+    places, trace = [], sys.exc_info()[2]
+    while trace is not None:
+        code = trace.tb_frame.f_code
+        places.append(f"{os.sep.join(code.co_filename.split(os.sep)[-2:])}:{trace.tb_lineno}")
+        trace = trace.tb_next
+    return " < ".join(reversed(places[-6:]))
