@@ -203,8 +203,8 @@ class Dialog(QDialog):
         self.resize(width, height)
 
     def closing(self) -> QDialogButtonBox:
-        """A row with the button that closes it."""
-        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        """A row with the button that closes it. A default button that is added to it is what Enter presses."""
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close, parent=self)  # without a parent it knows no dialog
         buttons.rejected.connect(self.reject)
         return buttons
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -102,18 +102,29 @@ class ViewEditor(PersistentState):
         DegenseError
             When the scene was trained without semantics.
         """
-        text = " ".join(text.split())
-        scene = self._scene()
+        text = self._asked(text, self.state.prompts)
+        prompt = Prompt(text, colour or self.state.next_colour(), negative=negative)
+        self.edit(f"Prompt {text}", replace(self.state, prompts=(*self.state.prompts, prompt)))
+        return prompt
+
+    def rename_prompt(self, text: str, words: str, negative: bool) -> None:
+        """Ask for something else in the place of a prompt, in its colour. Raises as `add_prompt`."""
+        before = self.state.prompt(text)
+        words = self._asked(words, [prompt for prompt in self.state.prompts if prompt is not before])
+        prompts = tuple(replace(p, text=words, negative=negative) if p is before else p for p in self.state.prompts)
+        self.edit(f"Prompt {words} in place of {before.text}", replace(self.state, prompts=prompts))
+
+    def _asked(self, text: str, others: Iterable[Prompt]) -> str:
+        """The words of a prompt, with single spaces, when the open scene knows them and none of `others` has them."""
+        text, scene = " ".join(text.split()), self._scene()
         if scene is None:
             raise PromptError("Open a run first: prompts are answered by a reconstructed scene.")
         if not text:
             raise PromptError("Type what to look for, such as gallbladder.")
-        if any(prompt.text.casefold() == text.casefold() for prompt in self.state.prompts):
+        if any(prompt.text.casefold() == text.casefold() for prompt in others):
             raise PromptError(f"“{text}” is already in the list.")
         scene.question(text)
-        prompt = Prompt(text, colour or self.state.next_colour(), negative=negative)
-        self.edit(f"Prompt {text}", replace(self.state, prompts=(*self.state.prompts, prompt)))
-        return prompt
+        return text
 
     def add_example(self, frame: int, x: int, y: int) -> Prompt:
         """Let the last visible prompt also find what looks like a pixel of a frame, or make it a prompt when there is none."""

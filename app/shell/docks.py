@@ -46,7 +46,7 @@ class Docks(QObject):
         self._drawer: list[QDockWidget] = []
         self._last: QDockWidget | None = None  # panel of the drawer that was open last
         self._drawer_height = 0
-        self._below: list[QWidget] = []
+        self.below: list[QWidget] = []  # what `add_below` was given
         self._heights: dict[QDockWidget, int] = {}
         self._hidden: list[QWidget] = []  # by `isolate` and `show_page`
         self._alone: QWidget | None = None  # what these showed, and whether it was open before
@@ -100,7 +100,7 @@ class Docks(QObject):
     def add_below(self, widget: QWidget) -> None:
         """Add what stands under the views, between the left edge and the right column."""
         self._centre.addWidget(widget)
-        self._below.append(widget)
+        self.below.append(widget)
 
     @property
     def drawer(self) -> tuple[QDockWidget, ...]:
@@ -116,7 +116,7 @@ class Docks(QObject):
             width = WIDTH * metrics.averageCharWidth()
             self.window.resizeDocks([next(iter(self._heights))], [width], Qt.Orientation.Horizontal)
         # Clicked buttons and sliders leave the keyboard to the window, whose Space and arrows move time. Tab still reaches everything.
-        for owner in (*self.all, *self._below):
+        for owner in (*self.all, *self.below):
             for kind in (QAbstractButton, QAbstractSlider):
                 for widget in owner.findChildren(kind):
                     if widget.focusPolicy() != Qt.FocusPolicy.NoFocus:
@@ -213,7 +213,7 @@ class Docks(QObject):
     def show_page(self, page: QWidget) -> None:
         """Show a page in place of the views and the panels beside them, until `rejoin`."""
         self.rejoin()
-        self._stand_alone(page, [*self._beside(), self.views, *self._below])
+        self._stand_alone(page, [*self._beside(), self.views, *self.below])
 
     def _beside(self) -> list[QDockWidget]:
         """The panels of the right column."""

@@ -15,6 +15,7 @@ from degense.app.shell.actions import Action, ActionRegistry
 from degense.app.shell.docks import Docks
 from degense.app.shell.menus import Menus
 from degense.app.shell.messages import Choice, ask, show_error
+from degense.app.shell.panes import Panes
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.status_bar import StatusBar
 from degense.app.shell.worker import Job, Worker
@@ -41,6 +42,7 @@ class Shell(QMainWindow):
         self.worker = Worker(self)
         self.registry = ActionRegistry()
         self.docks, self.status = Docks(self), StatusBar(self)
+        self.panes = Panes(self.docks)
         self.add_dock, self.add_actions, self.set_busy = self.docks.add, self.registry.add, self.status.set_busy
         self.worker.add_channel("export", 70)  # of all features that read or write files
         self.may_close: list[Callable[[Callable[[], object]], bool]] = []
@@ -158,8 +160,12 @@ class Shell(QMainWindow):
     # The window itself
 
     def _add_drawer(self) -> None:
-        """A button for each panel of the drawer, and the action that opens and closes it."""
-        docks, menu = self.docks, ("View",)
+        """A button for each panel of the drawer, the action that opens and closes it, and those that go from one part to the next."""
+        docks, menu, step = self.docks, ("View",), self.panes.step
+        self.add_actions(
+            Action("view.next-part", "Next part of the window", lambda: step(1), menu, ("F6",), group=1, help="focus panel keyboard"),
+            Action("view.previous-part", "Previous part of the window", lambda: step(-1), menu, ("Shift+F6",), group=1, help="focus panel"),
+        )
         for dock in docks.drawer:
             self.status.add_button(docks.switches[dock])
         if docks.drawer:

@@ -69,7 +69,7 @@ def install(shell: Shell) -> None:
     shell.add_actions(
         Action("help.palette", "Find an action…", show_palette, menu, ("Ctrl+K",), help="command palette"),
         Action("help.keys", "Shortcuts", show_keys, menu, ("?",), help="cheat sheet keys"),
-        Action("help.log", "Log", lambda: shell.docks.bring(log_dock), menu, group=1, help="what the program did errors"),
+        Action("help.log", "Log", lambda: shell.panes.enter(log_dock), menu, group=1, help="what the program did errors"),
         Action("help.diagnostics", "Diagnostics", diagnose, menu, group=1, help="what this machine can do doctor"),
         Action("help.about", "About DeGense", lambda: show_about(shell), menu, group=1),
         Action("file.quit", "Quit", shell.close, ("File",), ("Ctrl+Q",), group=9),

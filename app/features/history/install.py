@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QListWidget, QWidget
 
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
+from degense.widgets.keys import ARROWS, PRESS, keep_keys
 
 START = "As opened"
 
@@ -23,6 +24,7 @@ class HistoryList(QListWidget):
         self.setAccessibleName("History")
         self.setToolTip("Click an entry to undo or redo up to it")
         self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        keep_keys(self, ARROWS | PRESS)
         for wanted in (self.itemClicked, self.itemActivated):
             wanted.connect(lambda item: self.position_chosen.emit(self.row(item)))
         self.set_entries((), 0)
@@ -65,5 +67,5 @@ def install(shell: Shell) -> None:
     shell.add_actions(
         Action("edit.undo", "Undo", undo.undo, menu, ("Ctrl+Z",), lambda: undo.undo_name is not None),
         Action("edit.redo", "Redo", undo.redo, menu, ("Ctrl+Shift+Z", "Ctrl+Y"), lambda: undo.redo_name is not None),
-        Action("edit.history", "History", lambda: shell.docks.bring(dock), menu, ("Ctrl+H",), help="list of edits undo"),
+        Action("edit.history", "History", lambda: shell.panes.enter(dock), menu, ("Ctrl+H",), help="list of edits undo"),
     )

@@ -80,6 +80,7 @@ class PromptControls(QObject):
         bar.prompt_toggled.connect(lambda row, visible: self._edit(view.set_visible, row, visible))
         bar.prompt_recoloured.connect(lambda row, colour: self._edit(view.set_colour, row, rgb(colour)))
         bar.prompt_negated.connect(lambda row, negative: self._edit(view.set_negative, row, negative))
+        bar.prompt_renamed.connect(self._prompt_renamed)
         bar.refined_toggled.connect(view.set_refined)
         bar.threshold_changed.connect(view.set_threshold)
         bar.decoder_changed.connect(view.set_decoder)
@@ -91,6 +92,29 @@ class PromptControls(QObject):
             row.set_error(str(error))
         else:
             self._note_corrections()
+
+    def _prompt_renamed(self, row: PromptRow, words: str, negative: bool) -> None:
+        view = self.session.view
+        try:
+            if row.error:  # it was never one of the session's prompts
+                view.add_prompt(words, rgb(row.colour), negative)
+            else:
+                view.rename_prompt(row.text, words, negative)
+        except DegenseError as error:
+            row.set_note(str(error))
+        else:
+            self.bar.focus_prompt(words)
+
+    def can_toggle(self, place: int) -> bool:
+        return self.session.has_scene() and place < len(self.session.view_state.prompts)
+
+    def is_shown(self, place: int) -> bool:
+        return self.can_toggle(place) and self.session.view_state.prompts[place].visible
+
+    def toggle(self, place: int) -> None:
+        """Show or hide the prompt at a place of the list, 0 the first."""
+        prompt = self.session.view_state.prompts[place]
+        self.session.view.set_visible(prompt.text, not prompt.visible)
 
     def _note_corrections(self) -> None:
         """Show in each row which words were misspelt: graspr → grasper. Words in quotes and the run's own classes are meant as typed."""

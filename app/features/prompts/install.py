@@ -11,6 +11,15 @@ from degense.app.features.viewer.controller import Viewer
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
 
+#: How many prompts, from the first, have a key that shows and hides them.
+KEYED_PROMPTS = 9
+
+
+def _toggle(controls: PromptControls, place: int) -> Action:
+    run, can, shown = (partial(each, place) for each in (controls.toggle, controls.can_toggle, controls.is_shown))
+    key, menu = f"Alt+{place + 1}", ("View", "Prompts")
+    return Action(f"prompts.show-{place + 1}", f"Prompt {place + 1}", run, menu, (key,), can, shown, help="show hide mask eye")
+
 
 def install(shell: Shell) -> None:
     controls, viewer = PromptControls(shell), shell.service(Viewer)
@@ -27,6 +36,7 @@ def install(shell: Shell) -> None:
             help="visual example click point prompt similar",
         ),
         Action("edit.prompt", "Write a prompt", controls.focus, ("Edit",), ("/",), shell.session.has_scene, group=1, help="search mask"),
+        *(_toggle(controls, place) for place in range(KEYED_PROMPTS)),
     )
     if viewer is None:
         return

@@ -21,6 +21,12 @@ _STEPS = 1000
 NEGATIVE = re.compile(r"(?:-|−|not\s)\s*(?=\S)", re.IGNORECASE)
 
 
+def read_prompt(text: str, negative: bool = False) -> tuple[str, bool]:
+    """The words of what was typed without a “not” before them, and whether the prompt is negative."""
+    found = NEGATIVE.match(text)
+    return (text[found.end() :], True) if found else (text, negative)
+
+
 class PromptBar(QWidget):
     """Enter adds a prompt. While one types, printable keys and arrows reach no shortcut. Signals of prompts give their row first."""
 
@@ -29,6 +35,7 @@ class PromptBar(QWidget):
     prompt_toggled = Signal(object, bool)
     prompt_recoloured = Signal(object, QColor)
     prompt_negated = Signal(object, bool)
+    prompt_renamed = Signal(object, str, bool)  # (row, words, negative)
     threshold_changed = Signal(float)
     decoder_changed = Signal(str)
     refined_toggled = Signal(bool)
@@ -130,6 +137,7 @@ class PromptBar(QWidget):
         row.toggled.connect(lambda on: self.prompt_toggled.emit(row, on))
         row.recoloured.connect(lambda chosen: self.prompt_recoloured.emit(row, chosen))
         row.negated.connect(lambda on: self.prompt_negated.emit(row, on))
+        row.renamed.connect(lambda words: self.prompt_renamed.emit(row, *read_prompt(words, row.negative)))
         row.removed.connect(lambda: self._remove_by_hand(row))
         self._rows.append(row)
         self._list.addWidget(row)
@@ -150,6 +158,12 @@ class PromptBar(QWidget):
     def prompts(self) -> list[PromptRow]:
         return list(self._rows)
 
+    def focus_prompt(self, text: str) -> None:
+        """Give the keyboard to the words of a prompt, when there is a row for it."""
+        for row in self._rows:
+            if row.text.casefold() == text.casefold():
+                row.name.setFocus(Qt.FocusReason.OtherFocusReason)
+
     def focus_input(self) -> None:
         self._field.setFocus(Qt.FocusReason.ShortcutFocusReason)
         self._field.selectAll()
@@ -168,8 +182,8 @@ class PromptBar(QWidget):
         if popup := self._field.completer().popup():
             popup.hide()  # it would hide the new row
         known = self.prompts()
-        negative = NEGATIVE.match(text)
-        row = self.add_prompt(text[negative.end() :] if negative else text, negative=negative is not None)
+        words, negative = read_prompt(text)
+        row = self.add_prompt(words, negative=negative)
         if row not in known:
             self.prompt_added.emit(row)
         elif not row.visible:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QResizeEvent
-from PySide6.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QToolButton, QWidget
+from PySide6.QtWidgets import QFrame, QGridLayout, QToolButton, QWidget
 
+from degense.app.features.prompts.prompt_name import PromptName
 from degense.widgets import forms
 from degense.widgets.colour_menu import colour_menu
 from degense.widgets.glyphs import GlyphButton
@@ -36,28 +37,14 @@ class _Swatch(forms.Painted, QToolButton):
         painter.drawRoundedRect(self.rect().adjusted(2, 2, -3, -3), 4, 4)
 
 
-class _ElidedLabel(forms.Painted, QLabel):
-    """Plain text that is elided where there is no room; the tooltip has all of it."""
-
-    def __init__(self, text: str, parent: QWidget) -> None:
-        super().__init__(text, parent)
-        self.setTextFormat(Qt.TextFormat.PlainText)
-        self.setToolTip(text)
-        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
-
-    def _paint(self, painter: QPainter) -> None:
-        text = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, self.width())
-        alignment = Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter
-        self.style().drawItemText(painter, self.rect(), alignment, self.palette(), self.isEnabled(), text, self.foregroundRole())
-
-
 class PromptRow(QFrame):
-    """A chip with swatch, text, eye and cross. Signals are emitted for the user's changes only."""
+    """A chip with swatch, words, sign, eye and cross. Signals are emitted for the user's changes only."""
 
     toggled = Signal(bool)
     recoloured = Signal(QColor)
     removed = Signal()
     negated = Signal(bool)
+    renamed = Signal(str)
 
     def __init__(self, text: str, colour: QColor, visible: bool, parent: QWidget, negative: bool = False) -> None:
         super().__init__(parent)
@@ -69,7 +56,8 @@ class PromptRow(QFrame):
         self.negative = negative  # whether it removes pixels from the others
         self._swatch = _Swatch(text, colour, self)
         self._swatch.setMenu(colour_menu(self, self._recolour))
-        self._label = _ElidedLabel(text, self)
+        self.name = PromptName(text, self)
+        self.name.renamed.connect(self.renamed)
         self.answer = forms.label(secondary=True, wrap=False)
         self._sign = GlyphButton("plus", "", self)
         self._sign.clicked.connect(lambda: self._negate(not self.negative))
@@ -86,7 +74,7 @@ class PromptRow(QFrame):
         layout.setHorizontalSpacing(6)
         layout.setVerticalSpacing(2)
         layout.setColumnStretch(1, 1)
-        for column, widget in enumerate((self._swatch, self._label, self.answer, self._sign, self._eye, self._cross)):
+        for column, widget in enumerate((self._swatch, self.name, self.answer, self._sign, self._eye, self._cross)):
             layout.addWidget(widget, 0, column)
         layout.addWidget(self._complaint, 1, 1, 1, 5)
         layout.addWidget(self._note, 2, 1, 1, 5)
@@ -117,7 +105,7 @@ class PromptRow(QFrame):
             self._sign.set_glyph("minus", f"{self.text} is negative: it removes pixels from the masks; press to give it a mask")
         else:
             self._sign.set_glyph("plus", f"{self.text} has a mask; press to make it negative: it then removes pixels from the others")
-        self._label.setText(f"not {self.text}" if self.negative else self.text)
+        self.name.setText(f"not {self.text}" if self.negative else self.text)
         self._swatch.setEnabled(not self.negative)
 
     def set_note(self, text: str) -> None:
@@ -138,7 +126,7 @@ class PromptRow(QFrame):
 
     def _make_room(self) -> None:
         """Height for all lines of the complaint: a layout asks a wrapped label for its height before it has its width."""
-        width = self.width() - self._label.x() - RIGHT_MARGIN
+        width = self.width() - self.name.x() - RIGHT_MARGIN
         self._complaint.setMinimumHeight(0)  # which `heightForWidth` would count in
         self._complaint.setMinimumHeight(self._complaint.heightForWidth(width) if self.error else 0)
 
@@ -150,7 +138,7 @@ class PromptRow(QFrame):
 
     def _show_eye(self) -> None:
         self._eye.set_glyph("eye" if self.visible else "eye-off", f"{'Hide' if self.visible else 'Show'} {self.text}")
-        self._label.setEnabled(self.visible)
+        self.name.setEnabled(self.visible)
 
     def _recolour(self, colour: QColor) -> None:
         self._swatch.colour = QColor(colour)

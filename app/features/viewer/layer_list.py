@@ -73,13 +73,14 @@ class _Rows(QListWidget):
         self._ticked = item.data(_NAME)
         self.toggled.emit(item.data(_NAME), item.checkState() == Qt.CheckState.Checked)
 
-    def _pick(self, item: QListWidgetItem) -> None:
+    def _pick(self, item: QListWidgetItem | None) -> None:
+        """A click. There is no row where its box was clicked, as `LayerList.set_layers` has laid the rows anew since the press."""
         ticked, self._ticked = self._ticked, ""
-        if item.data(_NAME) not in (ticked, MASKS):
+        if item is not None and item.data(_NAME) not in (ticked, MASKS):
             self.picked.emit(item.data(_NAME))
 
-    def _show_alone(self, item: QListWidgetItem) -> None:
-        if item.data(_NAME) != MASKS:
+    def _show_alone(self, item: QListWidgetItem | None) -> None:
+        if item is not None and item.data(_NAME) != MASKS:
             self.shown_alone.emit(item.data(_NAME))
 
     def _dropped(self) -> None:
