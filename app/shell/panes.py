@@ -57,7 +57,7 @@ def _holds(pane: QWidget, widget: QWidget) -> bool:
 def _stops(pane: QWidget) -> Iterator[QWidget]:
     """What Tab stops at in a part, in its order; the title bar of a panel aside."""
     inside = pane.widget() if isinstance(pane, QDockWidget) else pane
-    widget = inside
+    widget: QWidget | None = inside
     while widget is not None:
         stops = widget.focusPolicy() & Qt.FocusPolicy.TabFocus and widget.isEnabled() and widget.isVisible()
         if stops and _holds(inside, widget):

@@ -16,7 +16,7 @@ KEYED_PROMPTS = 9
 
 
 def _toggle(controls: PromptControls, place: int) -> Action:
-    run, can, shown = (partial(each, place) for each in (controls.toggle, controls.can_toggle, controls.is_shown))
+    run, can, shown = partial(controls.toggle, place), partial(controls.can_toggle, place), partial(controls.is_shown, place)
     key, menu = f"Alt+{place + 1}", ("View", "Prompts")
     return Action(f"prompts.show-{place + 1}", f"Prompt {place + 1}", run, menu, (key,), can, shown, help="show hide mask eye")
 
