@@ -26,7 +26,8 @@ from degense.widgets.theme import apply_text_size, apply_theme
 #: still work.
 NAMES = (
     *("timeline", "viewer", "prompts", "inspect", "tracks", "measure", "events", "cameras", "documents", "history", "clip_check"),
-    *("compare", "train", "runs", "archive", "annotate", "export", "report", "movies", "share", "welcome", "preferences", "guide", "help"),
+    *("compare", "train", "runs", "archive", "annotate", "anonymise", "export", "report"),
+    *("movies", "share", "welcome", "preferences", "guide", "help"),
 )
 #: How long after the window has come the kernels are compiled.
 WARM_UP_MS = 500

@@ -104,6 +104,7 @@ class _CoveredRenderer(Renderer):
     def __init__(self, scene: Scene, cover: np.ndarray | None) -> None:
         super().__init__(RUN_NAME, scene.states, scene.basis, scene.camera)
         self.curve, self._cover = scene.renderer.curve, cover
+        self.only_surgeons = cover is not None
 
     def draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
         drawn = super().draw(frame, camera, what)

@@ -29,6 +29,8 @@ NO_OBSERVABILITY = "does not say which motion its recording reveals: it was made
 class Renderer:
     """What a scene looks like. `name` is the run's, for sentences of errors; `camera_at` gives the surgeon's camera."""
 
+    only_surgeons = False  # whether nothing can be drawn from another camera than the surgeon's
+
     def __init__(self, name: str, states: States, basis: Basis | None, camera_at: Callable[[float], Camera]):
         self.name, self.states, self.basis, self.camera_at = name, states, basis, camera_at
         self.curve: ConfidenceCurve = MARGINS_AS_CHANCES  # of the confidence of masks

@@ -10,11 +10,13 @@ from PySide6.QtCore import QObject
 
 from degense.app.features.annotate.label_sets import masks_of_run
 from degense.app.features.annotate.state import AnnotationState
+from degense.app.features.anonymise.anonymity import Anonymity
 from degense.app.features.export.formats import FORMATS, ExportOptions
 from degense.app.features.export.label_dialog import LabelExportDialog
 from degense.app.features.export.label_offers import LabelOffer
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer, with_colour_bar, write_png
+from degense.engine.annotation.formats import MapSet
 from degense.engine.errors import DegenseError
 
 
@@ -76,14 +78,23 @@ class Exporter(QObject):
     def _label_offers(self) -> dict[str, LabelOffer]:
         """What is open and has label maps: annotations, and what the run answers to the visible prompts, else to its own classes."""
         session, state, offers = self.session, self.shell.service(AnnotationState), {}
+
+        def annotated(hidden: Anonymity) -> MapSet:
+            assert state is not None
+            return hidden.maps(state.snapshot())
+
+        def found(hidden: Anonymity) -> MapSet:
+            assert scene is not None
+            return masks_of_run(hidden.scene(scene), prompts)
+
         if state is not None and state.work is not None and state.labelled_frames():
             names = tuple(kind.title for kind in state.work.classes)
-            offers["annotations"] = LabelOffer("annotations", names, state.labelled_frames(), state.snapshot)
+            offers["annotations"] = LabelOffer("annotations", names, state.labelled_frames(), annotated)
         if (scene := session.scene) is not None and scene.has_semantics:
             prompts = session.view_state.prompt_set
             title = "masks of the visible prompts" if prompts.prompts else "masks of the classes of the run"
             if names := prompts.prompts or scene.classes:
-                offers["masks"] = LabelOffer(title, names, tuple(range(scene.frames)), lambda: masks_of_run(scene, prompts))
+                offers["masks"] = LabelOffer(title, names, tuple(range(scene.frames)), found)
         return offers
 
     def has_labels(self) -> bool:

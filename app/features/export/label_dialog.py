@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtWidgets import QDialogButtonBox, QFormLayout, QProgressBar, QPushButton, QWidget
 
 from degense.app.features.annotate.label_sets import at_frames, label_format, write_labels
+from degense.app.features.anonymise.box import AnonymiseBox
 from degense.app.features.export.label_offers import LabelOffer, LabelPlan
 from degense.app.session.sample import is_demo
 from degense.app.shell.shell import Shell
@@ -26,7 +27,7 @@ class LabelExportDialog(forms.Dialog):
     """Says what will be written before it is, then shows how far it is; closing it stops the export."""
 
     def __init__(self, shell: Shell, offers: Mapping[str, LabelOffer], annotated: tuple[int, ...], source: str) -> None:
-        super().__init__(shell, "export-labels", "Export masks or annotations", 620, 270)
+        super().__init__(shell, "export-labels", "Export masks or annotations", 640, 330)
         self._shell, self._offers, self._annotated, self._running = shell, offers, annotated, False
         session = shell.session
         opened = session.scene.run.path if session.scene is not None else session.clip.path if session.clip is not None else Path.home()
@@ -38,6 +39,7 @@ class LabelExportDialog(forms.Dialog):
         self.last = forms.number("Last frame", 0, session.frames - 1)
         self.last.setValue(session.frames - 1)
         self.path = forms.PathLine("Where it is written", self._browse)
+        self.anonymise = AnonymiseBox(shell)
         self.sentence, self.complaint = forms.label(name="What will be written"), forms.complaint()
         self.bar = forms.named(QProgressBar(textVisible=False), "How far the export is")
         self.bar.hide()
@@ -52,13 +54,14 @@ class LabelExportDialog(forms.Dialog):
         self._range = QWidget()
         forms.row(self.first, forms.label("to", wrap=False), self.last, 0, parent=self._range)
         rows = (("What", self.source), ("Format", self.format), ("Frames", self.frames), ("From", self._range), ("Where", self.path))
-        for words, control in rows:
+        for words, control in (*rows, ("Anonymise", self.anonymise)):
             form.addRow(words, control)
         forms.column(self._form, self.sentence, self.complaint, 0, self.bar, buttons, margin=12, parent=self)
         forms.enter(self.source, source)
         forms.enter(self.frames, "labelled" if source == "annotations" else "all")
         self._propose()
         self.format.currentIndexChanged.connect(self._propose)
+        self.anonymise.check.toggled.connect(self._propose)
         for changed in (*map(forms.changed, (self.source, self.frames, self.first, self.last)), self.path.line.textChanged):
             changed.connect(self._show)
         self._show()
@@ -78,7 +81,8 @@ class LabelExportDialog(forms.Dialog):
 
     def _propose(self) -> None:
         """A name of its own for each format, in the folder that was chosen last."""
-        self.path.line.setText(str(self._folder / f"{self._shell.session.name}-{forms.value(self.format)}{self._kind.suffix}"))
+        name = self.anonymise.value().name(self._shell.session.name)
+        self.path.line.setText(str(self._folder / f"{name}-{forms.value(self.format)}{self._kind.suffix}"))
 
     def _browse(self, start: str) -> str:
         suffix = self._kind.suffix
@@ -99,7 +103,7 @@ class LabelExportDialog(forms.Dialog):
         assert plan.out is not None
         out = plan.out
         try:
-            maps = at_frames(plan.offer.maps(), plan.frames)
+            maps = at_frames(plan.offer.maps(self.anonymise.value()), plan.frames)
         except DegenseError as error:
             self.complaint.setText(str(error))
             return

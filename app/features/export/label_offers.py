@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from degense.app.features.annotate.label_sets import counted
+from degense.app.features.anonymise.anonymity import Anonymity
 from degense.engine.annotation.formats import LabelFormat, MapSet
 
 #: Names of classes that are listed before the rest is counted.
@@ -20,7 +21,7 @@ class LabelOffer:
     title: str
     classes: tuple[str, ...]
     frames: tuple[int, ...]  # that have a label map
-    maps: Callable[[], MapSet]  # a copy as they are now
+    maps: Callable[[Anonymity], MapSet]  # a copy as they are now
 
 
 @dataclass(frozen=True)

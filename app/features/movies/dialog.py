@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QCheckBox, QDialogButtonBox, QFormLayout, QGridLayout, QPushButton, QWidget
 
+from degense.app.features.anonymise.anonymity import Anonymity
+from degense.app.features.anonymise.box import AnonymiseBox
 from degense.app.features.cameras.state import Stop
+from degense.app.features.movies.layer_stack import LayerStack
 from degense.app.features.movies.movie import FLIGHT_FPS, LARGEST_SIDE, MOST_FPS, MOST_LAYERS, RECORDING, MovieOptions, plan
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
@@ -31,11 +35,13 @@ class MovieDialog(forms.Dialog):
         scene: Scene,
         view_state: ViewState,
         stops: tuple[Stop, ...],
+        anonymise: AnonymiseBox,
         ask_save: Callable[[str, str, str], Path | None],
-        write: Callable[[Path, MovieOptions], None],
+        write: Callable[[Path, MovieOptions, Anonymity], None],
     ) -> None:
         super().__init__(parent, "movie", "Movie", 560, 330)
         self._scene, self._view_state, self._stops, self._ask_save, self._write = scene, view_state, stops, ask_save, write
+        self.anonymise = anonymise
         self.layers = self._layer_boxes()
         cameras = [(SURGEON, "the surgeon’s camera")]
         if len(stops) > 1:
@@ -63,18 +69,25 @@ class MovieDialog(forms.Dialog):
         fields: tuple[QWidget, ...] = (self.camera, self.picture_width, self.picture_height, self.fps, self.titled)
         for control in (*self.layers.values(), *fields):
             forms.changed(control).connect(lambda *value: self._show())
+        anonymise.changed.connect(self._show)
         self._propose_fps()
         self._show()
 
     def _layer_boxes(self) -> dict[str, QCheckBox]:
-        """A box for the recording and each layer that the scene can show; that of the view is ticked."""
+        """A box for the recording, what the view blends, and each layer that the scene can show; what is shown is ticked."""
         from degense.engine.layers import LAYERS
 
         prompts = tuple(prompt.text for prompt in self._view_state.visible_prompts)
         boxes = {RECORDING: QCheckBox("Recording")} if self._scene.clip is not None else {}
-        boxes |= {name: QCheckBox(layer.title) for name, layer in LAYERS.items() if not layer.missing(self._scene, prompts)}
+        there = {name: layer.title for name, layer in LAYERS.items() if not layer.missing(self._scene, prompts)}
+        drawn, shown = [blend for blend in self._view_state.drawn if blend.name in there], self._view_state.layer
+        if len(drawn) > 1:
+            stack = LayerStack.of(drawn)
+            shown = str(stack)
+            boxes[shown] = QCheckBox(f"As shown: {stack.title}")
+        boxes |= {name: QCheckBox(title) for name, title in there.items()}
         for name, box in boxes.items():
-            box.setChecked(name == self._view_state.layer)
+            box.setChecked(name == shown)
             keep_keys(box, PRESS)
         return boxes
 
@@ -83,16 +96,21 @@ class MovieDialog(forms.Dialog):
         forms.row(self.picture_width, forms.label("×", wrap=False), self.picture_height, twice, 0, spacing=6, parent=sizes)
         grid = QGridLayout(boxes)
         grid.setContentsMargins(0, 0, 0, 0)
-        for place, box in enumerate(self.layers.values()):
+        blends, alone = ([box for name, box in self.layers.items() if ("+" in name) is blend] for blend in (True, False))
+        for place, box in enumerate(alone):
             grid.addWidget(box, place // COLUMNS, place % COLUMNS)
+        for row, box in enumerate(blends, -(-len(alone) // COLUMNS)):
+            grid.addWidget(box, row, 0, 1, COLUMNS)
         rows = (("Show", boxes), ("From", self.camera), ("Each picture", sizes), ("Frames a second", self.fps), ("With", self.titled))
-        for words, field in rows:
+        for words, field in (*rows, ("Anonymise", self.anonymise)):
             form.addRow(words, field)
         return form
 
     def options(self) -> MovieOptions:
         """What is chosen. DegenseError when it cannot be."""
         camera = forms.value(self.camera)
+        if camera != SURGEON and self.anonymise.value().covering:
+            raise DegenseError("What is burnt in can be blacked out only as the surgeon’s camera sees it.")
         return MovieOptions(
             view_state=self._view_state,
             layers=tuple(name for name, box in self.layers.items() if box.isChecked()),
@@ -128,7 +146,9 @@ class MovieDialog(forms.Dialog):
 
     def _save(self) -> None:
         options = self.options()
-        out = self._ask_save("Save the movie", f"{self._scene.name}-{'-'.join(options.layers)}.mp4", "Movie (*.mp4)")
+        hidden = self.anonymise.value()
+        name = "-".join([hidden.name(self._scene.name), *(re.sub(r":[^+]*", "", layer) for layer in options.layers)])
+        out = self._ask_save("Save the movie", f"{name}.mp4", "Movie (*.mp4)")
         if out is not None:
             self.accept()
-            self._write(out, options)
+            self._write(out, options, hidden)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from degense.app.features.anonymise.anonymity import Anonymity
+from degense.app.features.anonymise.box import AnonymiseBox
 from degense.app.features.cameras.controller import Cameras
 from degense.app.features.movies.dialog import FLIGHT, MovieDialog
 from degense.app.features.movies.movie import MovieOptions, make_movie
@@ -23,15 +25,16 @@ class Movies:
         session = self._shell.session
         assert session.scene is not None
         stops = self._cameras.book.stops if self._cameras is not None else ()
-        dialog = MovieDialog(self._shell, session.scene, session.view_state, stops, self._shell.ask_save, self.write)
+        shell, box = self._shell, AnonymiseBox(self._shell)
+        dialog = MovieDialog(shell, session.scene, session.view_state, stops, box, shell.ask_save, self.write)
         if along:
             forms.enter(dialog.camera, FLIGHT)
         dialog.open()
         return dialog
 
-    def write(self, out: Path, options: MovieOptions) -> None:
-        scene = self._shell.session.scene
-        assert scene is not None
+    def write(self, out: Path, options: MovieOptions, hidden: Anonymity) -> None:
+        assert self._shell.session.scene is not None
+        scene = hidden.scene(self._shell.session.scene)
         self._shell.run_task("export", f"Exporting {out.name}", lambda: make_movie(scene, out, options), detailed=True)
 
 

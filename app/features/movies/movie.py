@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -11,16 +11,16 @@ import cv2
 import numpy as np
 
 from degense.app.features.cameras.state import CameraPath, Stop
+from degense.app.features.movies.layer_stack import LayerStack
 from degense.app.features.viewer.layer_images import FONT, INK, get_layer, laid_over, movie, sequence_span, with_colour_bar
 from degense.app.features.viewer.view_rendering import View, ViewRequest, draw_view, layer_request
-from degense.app.session.view_state import LAYER_ORDER, PROMPT_COLOURS, ColourRange, Prompt, ViewState
+from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
 from degense.widgets.splats.camera_moves import filled, letterboxed
 
 if TYPE_CHECKING:
     from degense.engine.camera import Camera
-    from degense.engine.layers import Layer
     from degense.engine.scene import Scene
     from degense.engine.semantics.prompts import PromptSet
 
@@ -37,7 +37,7 @@ class MovieOptions:
     """What a movie shows. DegenseError for sizes, rates and layers that cannot be."""
 
     view_state: ViewState  # prompts, masks and colours
-    layers: tuple[str, ...] = ("rgb",)  # names of layers, or `RECORDING`; side by side
+    layers: tuple[str, ...] = ("rgb",)  # side by side: `RECORDING`, or layers over each other as `LayerStack` writes them
     size: tuple[int, int] | None = None  # width and height of each picture, pixels; None for those of the clip
     fps: float | None = None  # None for that of the clip, or `FLIGHT_FPS` along a path
     frames: tuple[int, int] | None = None  # first and last of the clip; None for all
@@ -66,6 +66,8 @@ def view_of(prompts: PromptSet, layer: str = "rgb", span: tuple[float, float] | 
     return view_state if span is None else view_state.with_range(layer, ColourRange("fixed", *span))
 
 
+#: First and last colour of layers of numbers, by name.
+Spans = dict[str, tuple[float, float]]
 #: One picture of a movie: the camera (None for the surgeon's) and the frame.
 Shot = tuple["Camera | None", float]
 
@@ -81,8 +83,9 @@ def make_movie(scene: Scene, out: Path, options: MovieOptions) -> Steps[str]:
         raise DegenseError(f"The recording cannot be shown, because it is missing: {scene.clip_missing}")
     panels = []
     for name in options.layers:
-        span = None if name == RECORDING else (yield from _span(scene, get_layer(name), options.view_state))
-        panels.append(_Panel(scene, name, span, options))
+        stack = None if name == RECORDING else LayerStack.read(name)
+        spans = {} if stack is None else (yield from _spans(scene, stack, options.view_state))
+        panels.append(_Panel(scene, stack, spans, options))
     shots, fps = plan(scene, options)
     with movie(out, fps) as add:
         for done, shot in enumerate(shots):
@@ -97,11 +100,20 @@ def plan(scene: Scene, options: MovieOptions) -> tuple[list[Shot], float]:
     return (_flight if options.stops else _recording)(scene, options, fps), fps
 
 
-def _span(scene: Scene, layer: Layer, view_state: ViewState) -> Steps[tuple[float, float] | None]:
-    """The values of the first and last colour: those fixed in the view, else the range of the whole sequence; None for colours."""
-    chosen = view_state.range(layer.name)
-    fixed = (chosen.low, chosen.high) if chosen.mode == "fixed" else None
-    return (yield from sequence_span(scene, layer, layer_request(view_state, 0), fixed, chosen.clip))
+def _spans(scene: Scene, stack: LayerStack, view_state: ViewState) -> Steps[Spans]:
+    """The values of the first and last colour of each layer of numbers: those fixed in the view, else the range of the whole sequence.
+
+    DegenseError when the scene cannot show one of the layers.
+    """
+    stack.check(scene, tuple(prompt.text for prompt in view_state.visible_prompts))
+    spans = {}
+    for name, _ in stack.layers:
+        chosen = view_state.range(name)
+        fixed = (chosen.low, chosen.high) if chosen.mode == "fixed" else None
+        span = yield from sequence_span(scene, get_layer(name), layer_request(view_state, 0), fixed, chosen.clip)
+        if span is not None:
+            spans[name] = span
+    return spans
 
 
 def _recording(scene: Scene, options: MovieOptions, fps: float) -> list[Shot]:
@@ -127,30 +139,27 @@ def _flight(scene: Scene, options: MovieOptions, fps: float) -> list[Shot]:
 class _Panel:
     """One of the pictures side by side."""
 
-    def __init__(self, scene: Scene, name: str, span: tuple[float, float] | None, options: MovieOptions) -> None:
-        self._scene, self._span, self._options = scene, span, options
-        self._layer = None if name == RECORDING else get_layer(name)
-        self._view_state = replace(options.view_state, layer=self._layer.name if self._layer else "rgb", blend=LAYER_ORDER, compare="off")
+    def __init__(self, scene: Scene, stack: LayerStack | None, spans: Spans, options: MovieOptions) -> None:
+        self._scene, self._stack, self._spans, self._options = scene, stack, spans, options
 
     def draw(self, shot: Shot) -> np.ndarray:
         """uint8 [H, W, 3]."""
         camera, frame = shot
-        if self._layer is None:
+        if self._stack is None:
             observed = self._scene.observed(round(frame))
             assert observed is not None
             picture = self._fitted(observed)
         else:
-            picture = self._rendered(self._layer, camera, frame)
+            picture = self._rendered(self._stack, camera, frame)
         return self._titled(picture) if self._options.titled else picture
 
-    def _rendered(self, layer: Layer, camera: Camera | None, frame: float) -> np.ndarray:
-        size = self._options.size
-        if camera is None and size is not None and not layer.needs_clip:  # what compares with the recording has its size
-            camera = letterboxed(self._scene.camera(frame), *size)
-        spans = {} if self._span is None else {layer.name: self._span}
-        request = ViewRequest(frame, self._view_state, spans, splats=False, camera=camera)
-        view = _last(draw_view(self._scene, request))
-        picture = view.rgb if view.masks is None else laid_over(view.rgb, view.masks, self._view_state.overlay_opacity)
+    def _rendered(self, stack: LayerStack, camera: Camera | None, frame: float) -> np.ndarray:
+        scene, size, view_state = self._scene, self._options.size, stack.view_state(self._options.view_state)
+        compared = any(get_layer(name).needs_clip for name, _ in stack.layers)  # what compares with the recording has its size
+        if camera is None and size is not None and not compared and not scene.renderer.only_surgeons:
+            camera = letterboxed(scene.camera(frame), *size)
+        view = _last(draw_view(scene, ViewRequest(frame, view_state, self._spans, splats=False, camera=camera)))
+        picture = view.rgb if view.masks is None else laid_over(view.rgb, view.masks, view_state.overlay_opacity)
         return self._fitted(picture)
 
     def _fitted(self, picture: np.ndarray) -> np.ndarray:
@@ -167,12 +176,13 @@ class _Panel:
         return out
 
     def _titled(self, picture: np.ndarray) -> np.ndarray:
-        layer, span = self._layer, self._span
-        if layer is not None and span is not None:
-            cmap = self._view_state.range(layer.name).cmap or layer.cmap
+        stack = self._stack
+        layer = stack.numbers if stack is not None else None
+        if layer is not None and (span := self._spans.get(layer.name)) is not None:
+            cmap = self._options.view_state.range(layer.name).cmap or layer.cmap
             return with_colour_bar(picture, layer.title, layer.unit(self._scene), *span, cmap, hatched=bool(layer.guess))
         picture, scale = picture.copy(), max(0.4, min(0.8, picture.shape[0] / 640))
-        title = layer.title if layer is not None else "Recording"
+        title = stack.title if stack is not None else "Recording"
         for ink, thickness in ((0, 3), (INK, 1)):
             cv2.putText(picture, title, (round(12 * scale), round(30 * scale)), FONT, scale, (ink,) * 3, thickness, cv2.LINE_AA)
         return picture

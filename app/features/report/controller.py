@@ -6,27 +6,35 @@ from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QMarginsF, QObject, QSizeF
 from PySide6.QtGui import QPageLayout, QPageSize, QPdfWriter, QTextDocument
 
 from degense.app.features.annotate.state import AnnotationState
+from degense.app.features.anonymise.anonymity import Anonymity
 from degense.app.features.documents.controller import clip_facts, run_facts
 from degense.app.features.events.controller import EventMarks
 from degense.app.features.measure.controller import Measuring, with_measures
 from degense.app.features.report.contents import Moment, ReportContents, report_page
+from degense.app.features.report.dialog import ReportDialog
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer, layer_rgb
 from degense.app.features.viewer.view_rendering import layer_request
+from degense.app.session.sample import is_demo
 from degense.engine.annotation.statistics import ClassCount, class_counts, pixel_counts
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing, write_text
 
+if TYPE_CHECKING:
+    from degense.engine.clip import Clip
+    from degense.engine.scene import Scene
+
 #: The most pictures of events.
 MOST_PICTURES = 24
-KINDS = "Web page (*.html);;PDF (*.pdf)"
 MARGIN = 15  # millimetres of a printed page
+SHOWN = Anonymity()
 
 
 class Reporter(QObject):
@@ -37,15 +45,16 @@ class Reporter(QObject):
         self.viewer, self.shell, self.session = viewer, viewer.shell, viewer.session
 
     def ask(self) -> None:
-        path = self.shell.ask_save("Export a report", f"{self.session.name}-report.html", KINDS)
-        if path is not None:
-            self.shell.attempt(lambda: self.export(path))
+        scene, clip = self.session.scene, self.session.clip
+        opened = scene.run.path if scene is not None else clip.path if clip is not None else Path.home()
+        folder = Path.home() if is_demo(opened) else opened.parent
+        ReportDialog(self.shell, folder / f"{self.session.name}-report.html", self.export).open()
 
-    def export(self, path: Path) -> None:
+    def export(self, path: Path, hidden: Anonymity = SHOWN) -> None:
         """Write a report, as the suffix says. DegenseError for another suffix, or when nothing is open."""
         if path.suffix.lower() not in (".html", ".pdf"):
             raise DegenseError(f"{path.name} must end in .html or .pdf.")
-        contents = self.contents()
+        contents = self.contents(hidden)
 
         def done(page: str) -> None:
             write_text(path, page) if path.suffix.lower() == ".html" else print_pdf(page, path)
@@ -53,18 +62,20 @@ class Reporter(QObject):
 
         self.shell.run_task("export", f"Writing {path.name}", lambda: report_page(contents), done)
 
-    def contents(self) -> ReportContents:
-        """What a report says of what is open now."""
-        scene, clip = self.session.scene, self.session.clip
+    def contents(self, hidden: Anonymity = SHOWN) -> ReportContents:
+        """What a report says of what is open now. DegenseError when nothing is, or what is covered is not where the view shows it."""
+        scene = hidden.scene(self.session.scene) if self.session.scene is not None else None
+        clip = hidden.clip(self.session.clip) if self.session.clip is not None else None
         if scene is None and clip is None:
             raise DegenseError("Open a clip or a run first.")
         facts = run_facts(scene) if scene is not None else clip_facts(clip) if clip is not None else []
         marks, measuring = self.shell.service(EventMarks), self.shell.service(Measuring)
         events = marks.state.notes if marks is not None else {}
         noted = [(frame, note) for frame, note in events.items() if frame != self.session.frame][:MOST_PICTURES]
-        moments = [self._moment(self.session.frame, events.get(self.session.frame, "")), *(self._moment(*each) for each in noted)]
+        now = (self.session.frame, events.get(self.session.frame, ""))
+        moments = [self._moment(*each, scene, clip, hidden) for each in (now, *noted)]
         return ReportContents(
-            self.session.name,
+            scene.name if scene is not None else clip.name if clip is not None else "",
             facts,
             moments,
             measuring.quantities() if measuring is not None else (),
@@ -74,18 +85,20 @@ class Reporter(QObject):
             dict(events),
         )
 
-    def _moment(self, frame: int, note: str) -> Moment:
+    def _moment(self, frame: int, note: str, scene: Scene | None, clip: Clip | None, hidden: Anonymity) -> Moment:
         """A frame as the layer that is shown draws it; of a clip without a run, as it was recorded."""
-        scene, clip, view_state = self.session.scene, self.session.clip, self.session.view_state
+        view_state, view = self.session.view_state, self.viewer.view
         measuring = self.shell.service(Measuring)
         measures = measuring.shown(frame) if measuring is not None else []
         if frame == self.session.frame:
-            picture = self.viewer.panel.grab_image()
-            return Moment(f"Frame {frame}", note, lambda: with_measures(picture, measures))
+            if scene is not None and view is not None:
+                hidden.check_camera(view.camera, scene.camera(round(view.frame)))
+            grabbed = self.viewer.panel.grab_image()
+            picture = hidden.picture(lambda: grabbed)
+            return Moment(f"Frame {frame}", note, lambda: with_measures(picture(), measures))
         if scene is None:
             assert clip is not None
             return Moment(f"Frame {frame}", note, partial(clip.frame, frame))
-        view = self.viewer.view
         span = view.span if view is not None and view.span is not None else (0.0, 1.0)
         layer = get_layer(view_state.layer)
 

@@ -12,7 +12,7 @@ from PySide6.QtCore import Qt
 
 from degense.app.cli.main import main
 from degense.app.features.cameras.state import Stop, save_path
-from degense.app.features.movies.dialog import FLIGHT_WHOLE
+from degense.app.features.movies.dialog import FLIGHT_WHOLE, MovieDialog
 from degense.app.features.movies.movie import MovieOptions, make_movie
 from degense.app.session.sample import demo_run
 from degense.app.session.view_state import ViewState
@@ -131,3 +131,49 @@ def test_the_dialog_writes_what_it_says(qtbot, opened, idle, tmp_path, monkeypat
     assert len(frames) == 6
     assert frames[0].shape[0] == 48
     assert opened.statusBar().currentMessage().startswith(str(out))
+
+
+def test_layers_over_each_other(sample, tmp_path, capsys):
+    """The one beside the other, and both in one picture, of which the upper takes half."""
+    out = tmp_path / "a.mp4"
+    assert main(["movie", str(demo_run()), "--out", str(out), "--layers", "rgb,displacement,rgb+displacement:0.5"]) == 0
+    frames, _ = pictures(out)
+    below, above, both = np.split(frames[20], 3, axis=1)
+    assert near(both, (below.astype(float) + above) / 2)
+    assert not near(both, below)
+    finish(make_movie(sample, tmp_path / "titled.mp4", MovieOptions(PLAIN, ("rgb+displacement:0.5",), frames=(19, 20), titled=True)))
+    titled = pictures(tmp_path / "titled.mp4")[0][1]
+    assert titled.shape[1] > both.shape[1]  # by the colour bar of the displacement
+    for layers, sentence in (
+        ("rgb+rgb", "names rgb twice"),
+        ("rgb:0.5+depth", "leave out its opacity"),
+        ("rgb+depth:2", "'2' is no opacity"),
+        ("rgb+recording", "recording"),
+        ("rgb+similarity", "Similarity cannot be shown"),
+    ):
+        assert main(["movie", str(demo_run()), "--out", str(tmp_path / "b.mp4"), "--layers", layers]) == 2
+        assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "b.mp4").exists()
+
+
+def test_the_dialog_takes_what_the_view_blends(qtbot, opened, idle, tmp_path, monkeypatch, screenshot):
+    session, out, said = opened.session, tmp_path / "a.mp4", []
+    session.view.set_layer_visible("displacement", True)
+    session.view.set_layer_opacity("displacement", 0.5)
+    idle()
+    monkeypatch.setattr(opened, "ask_save", lambda *words: said.append(words) or out)
+    qtbot.keyClick(opened, Qt.Key.Key_M, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier)
+    dialog = opened.findChild(MovieDialog)
+    dialog.titled.setChecked(False)
+    [shown] = [box for box in dialog.layers.values() if box.isChecked()]
+    assert shown.text() == "As shown: Colour + Displacement"
+    screenshot(dialog, "movie-as-shown")
+    qtbot.mouseClick(dialog.start, Qt.MouseButton.LeftButton)
+    idle()
+    assert said[0][1] == "copy-rgb+displacement.mp4"
+    frames, _ = pictures(out)
+    last = len(frames) - 1
+    session.go_to(last)
+    idle()
+    assert near(frames[last], on.viewer(opened).view.rgb)
+    assert not near(frames[last], opened.session.scene.render_rgb(last))

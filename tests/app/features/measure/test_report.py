@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QFileDialog, QMessageBox
 
+from degense.app.features.report.dialog import ReportDialog
 from degense.widgets.theme import class_colour
 from tests.app import installed as on
 
@@ -52,16 +52,20 @@ def told(opened, idle):
     return opened
 
 
-def export(window, idle, monkeypatch, path) -> None:
-    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *about: (str(path), ""))
+def export(window, idle, path) -> ReportDialog:
     panel = on.viewer(window).panel
     panel.setFocus()
     QTest.keyClick(panel, Qt.Key.Key_R, BOTH)
+    dialog = window.findChild(ReportDialog)
+    dialog.path.line.selectAll()
+    QTest.keyClicks(dialog.path.line, str(path))
+    QTest.keyClick(dialog, Qt.Key.Key_Return)
     idle()
+    return dialog
 
 
-def test_a_page_with_everything_in_it(told, idle, monkeypatch, tmp_path):
-    export(told, idle, monkeypatch, tmp_path / "a.html")
+def test_a_page_with_everything_in_it(told, idle, tmp_path):
+    export(told, idle, tmp_path / "a.html")
     text = (tmp_path / "a.html").read_text(encoding="utf-8")
     page = Page(text)
     assert page.loads == []
@@ -85,8 +89,8 @@ def test_a_page_with_everything_in_it(told, idle, monkeypatch, tmp_path):
         assert expected in words, expected
 
 
-def test_a_printed_report(told, idle, monkeypatch, tmp_path):
-    export(told, idle, monkeypatch, tmp_path / "a.pdf")
+def test_a_printed_report(told, idle, tmp_path):
+    export(told, idle, tmp_path / "a.pdf")
     data = (tmp_path / "a.pdf").read_bytes()
     assert data.startswith(b"%PDF-")
     assert data.rstrip().endswith(b"%%EOF")
@@ -105,9 +109,9 @@ def test_of_a_clip_without_a_run(window, tiny_clip, idle, tmp_path):
     assert "Measures" not in page.words
 
 
-def test_other_suffixes_are_refused(told, idle, monkeypatch, tmp_path):
-    export(told, idle, monkeypatch, tmp_path / "a.docx")
-    box = told.findChild(QMessageBox, "error")
-    assert box.text() == "a.docx must end in .html or .pdf."
-    box.close()
+def test_other_suffixes_are_refused(told, idle, tmp_path):
+    dialog = export(told, idle, tmp_path / "a.docx")
+    assert dialog.complaint.text() == "a.docx must end in .html or .pdf."
+    assert dialog.isVisible()
+    dialog.reject()
     assert not (tmp_path / "a.docx").exists()
