@@ -11,7 +11,7 @@ from degense.engine.files import replacing
 from degense.engine.research.bench.plot import FRONT, GRID, INK, OTHERS, PALE
 from degense.engine.research.bench.table import Table
 
-COLOURS = (FRONT, OTHERS, "#009E73", "#CC79A7")  # the last two, too, are Okabe and Ito's
+COLOURS = (FRONT, OTHERS, "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#666666")  # but for the grey Okabe and Ito's, too
 
 
 def draw_curves(table: Table, path: Path) -> bool:
@@ -27,7 +27,11 @@ def draw_curves(table: Table, path: Path) -> bool:
         known = [(x, y) for x, y in points if x is not None and y is not None]
         axes.plot([x for x, _ in known], [y for _, y in known], color=colour, marker="o", markersize=3, label=column.heading)
     axes.set_xlabel(across.heading, color=INK)
-    axes.set_ylim(bottom=0)
+    if table.logarithmic:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0)
     axes.set_title(table.title, loc="left", fontsize=10, fontweight="bold", color=INK, wrap=True)
     axes.grid(True, color=GRID, linewidth=0.8)
     axes.spines[["top", "right"]].set_visible(False)

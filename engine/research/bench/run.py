@@ -69,6 +69,7 @@ BENCHES: Benches = {
         "degense.engine.research.benchmarks.correcting",
         "frames corrected by expected error or evenly spaced: mask quality by their number, and the reliability of the confidence",
     ),
+    "growth": ("degense.engine.research.growth", "what a training costs with more frames, pixels, Gaussians and classes"),
     "stress": ("degense.engine.research.stress", "hostile scenes and clips: no crash, no NaN, error against float64"),
 }
 

@@ -84,6 +84,8 @@ class Table:
         Keys of the columns that run time and error are read from, for the plot; its points are named by the first column.
     curves : tuple of str
         Keys of the columns that are drawn as curves, against the first of them; empty for none.
+    logarithmic : bool
+        Whether the axes of the curves are.
     notes : str
         What the table says, in prose.
     bench, device, number, command, hardware, date : str, int
@@ -97,6 +99,7 @@ class Table:
     rows: list[dict[str, Cell]] = field(default_factory=list)
     pareto: tuple[str, str] | None = None
     curves: tuple[str, ...] = ()
+    logarithmic: bool = False
     notes: str = ""
     bench: str = ""
     device: str = ""
@@ -142,7 +145,8 @@ class Table:
         if not NAME.fullmatch(words["name"]) or not isinstance(number, int):
             raise ValueError("its name is none")
         plot = (pareto[0], pareto[1]) if pareto else None
-        return cls(**words, columns=columns, rows=rows, pareto=plot, curves=tuple(curves), number=number)
+        logarithmic = values.get("logarithmic", False) is True
+        return cls(**words, columns=columns, rows=rows, pareto=plot, curves=tuple(curves), logarithmic=logarithmic, number=number)
 
 
 def _plain(column: Column, cell: Cell) -> Cell:

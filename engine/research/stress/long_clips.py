@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -20,12 +21,12 @@ def sliding(index: int, width: int, height: int) -> np.ndarray:
     return np.stack([value, 0.5 * value, 0.45 * value], -1)[:, start : start + width].astype(np.uint8)
 
 
-def write_pictures(folder: Path, frames: int, width: int, height: int) -> None:
-    """Pictures, masks of a moving tool (255), label maps of two classes and depth, in the *frames* layout."""
+def write_pictures(folder: Path, frames: int, width: int, height: int, classes: Sequence[str] = ("liver", "gallbladder")) -> None:
+    """Pictures, masks of a moving tool (255), label maps with a stripe for each class, and depth, in the *frames* layout."""
     for name in ("images", "masks", "labels", "depth"):
         (folder / name).mkdir(parents=True)
-    (folder / "classes.json").write_text(json.dumps({"classes": ["liver", "gallbladder"]}), encoding="utf-8")
-    labels = (np.arange(width)[None] > np.full((height, 1), width // 2)).astype(np.uint8)
+    (folder / "classes.json").write_text(json.dumps({"classes": list(classes)}), encoding="utf-8")
+    labels = np.tile((np.arange(width) * len(classes) // width).astype(np.uint8), (height, 1))
     depth = (1000 + 200 * np.hypot(*np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height)))).astype(np.uint16)
     for i in range(min(frames, PICTURES)):
         tool = np.zeros((height, width), np.uint8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.errors import DegenseError
 from degense.engine.metrics.image import psnr
 from degense.engine.progress import silent
+from degense.engine.research import growth
+from degense.engine.research.bench.curves import draw_curves
 from degense.engine.research.bench.run import BENCHES, BenchOptions, command_line, run
 from degense.engine.research.bench.scenes import with_count
 from degense.engine.research.bench.timing import measure, measure_in_turn, percentile, thread_counts, threads, throughput
@@ -141,6 +144,30 @@ def test_presets_table(options, monkeypatch, tmp_path):
     assert row["gaussians"][0] <= 300
     assert row["memory"] is None or row["memory"][0] > 50
     assert not list(tmp_path.glob("presets-run*"))
+
+
+def test_growth_tables(monkeypatch, tmp_path):
+    monkeypatch.setattr(growth, "STEPS", 6)
+    ladder = tuple(replace(size, gaussians=150) for size in growth.QUICK_LADDERS["classes"])
+    monkeypatch.setattr(growth, "QUICK_LADDERS", {"classes": ladder})
+    monkeypatch.setattr(growth, "call_in_child", lambda work, *arguments: work(*arguments))  # with the fewer steps
+    [table] = run("growth", BenchOptions("cpu", (0,), 1, True, tmp_path))
+    *measured, fitted = table.rows
+    assert [row["size"] for row in measured] == [2, 3]
+    assert all(0 < row["gaussians"] <= 150 and row["step"] > 0 and row["flow"] > 0 and row["semantics"] > 0 for row in measured)
+    assert all(row["whole"] > row["flow"] + row["semantics"] + row["save"] for row in measured)
+    assert fitted["whole"] is not None
+    assert [row["card"] for row in measured] == [None, None]
+    assert "card" not in [column.key for column in table.columns]
+    assert draw_curves(table, tmp_path / "curves.png")
+    assert not (tmp_path / "growth").exists()
+
+
+def test_the_exponent_of_a_power_is_found_beyond_what_every_training_costs():
+    sizes = [10.0, 100.0, 1_000.0, 10_000.0, 100_000.0, 1_000_000.0]
+    assert growth.exponent(sizes, [3 * size**1.5 for size in sizes]) == pytest.approx(1.5)
+    assert growth.exponent(sizes, [100 + size for size in sizes]) == pytest.approx(1.0, abs=0.01)
+    assert growth.exponent(sizes, [1.0, 2.0, 3.0, None, 4.0, 5.0]) is None
 
 
 def test_the_noise_floor_is_that_of_noise():
