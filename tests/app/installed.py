@@ -30,6 +30,7 @@ from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.tracks.controller import PointTracking
 from degense.app.features.train.controller import Training
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.key_pointer import KeyPointer
 from degense.app.features.viewer.layer_controls import LayerControls
 from degense.app.shell.shell import Shell
 
@@ -49,6 +50,10 @@ def time(window: Shell) -> TimeControl:
 
 def viewer(window: Shell) -> Viewer:
     return found(window, Viewer)
+
+
+def pointer(window: Shell) -> KeyPointer:
+    return found(window, KeyPointer)
 
 
 def layers(window: Shell) -> LayerControls:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRect, QRectF, QSize, Signal
-from PySide6.QtGui import QColor, QMouseEvent, QPainter
+from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPen
 from PySide6.QtWidgets import QLabel, QPushButton, QWidget
 
 from degense.widgets import forms
@@ -78,7 +78,7 @@ class CoverDrawing(forms.PaintedWidget):
         scale = place.width() / self._frame.width()
         painter.translate(place.topLeft())
         painter.scale(scale, scale)
-        painter.setPen(_EDGE)
+        painter.setPen(QPen(_EDGE, 0))  # a line of one pixel of the screen
         painter.setBrush(_DRAWN)
         for rectangle in self.rectangles:
             painter.drawRect(QRect(*rectangle))

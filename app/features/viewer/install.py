@@ -5,8 +5,10 @@ from __future__ import annotations
 from degense.app.features.viewer.actions import add_actions
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.guide_switches import GuideSwitches
+from degense.app.features.viewer.key_pointer import KeyPointer
 from degense.app.features.viewer.layer_controls import LayerControls
 from degense.app.features.viewer.window_layout import WindowLayout
+from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
 
 
@@ -19,3 +21,9 @@ def install(shell: Shell) -> None:
     shell.session.register("window", WindowLayout(viewer))
     add_actions(viewer)
     shell.provide(GuideSwitches(viewer))
+    pointer = KeyPointer(viewer)
+    shell.provide(pointer)
+    words, has_frames = "keyboard cursor cross paint click without a mouse", lambda: shell.session.frames > 0
+    shell.add_actions(
+        Action("view.pointer", "Pointer by keys", pointer.toggle, ("View",), ("Z",), has_frames, lambda: pointer.on, group=1, help=words)
+    )
