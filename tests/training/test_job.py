@@ -130,7 +130,7 @@ def test_a_checkpoint_of_an_earlier_version_is_resumed_to_the_same_bits(tmp_path
     assert {"model/canonical.tints", "moments/canonical.tints.exp_avg", "model/canonical.lifetimes"} <= set(renamed)
     write_tensors(path, renamed)
     path.rename(path.with_name("step-0000040.safetensors"))
-    progress = read_json(path.parent / "last.json")
+    progress = read_json(path.parent / "last.json", 1 << 128)
     progress = {"caution" if name == "rate_scale" else name: value for name, value in progress.items()}
     write_json(path.parent / "last.json", progress | {"iteration": 40, "early": {"skipped": 10, "seen": [[40, 20.0]]}})
     settings = {
