@@ -59,6 +59,8 @@ class CurvePlot(pg.GraphicsView):
         self._labels = "frame", ""
         self._message = "Nothing to plot yet"
         self._cursor, self._pointer = pg.InfiniteLine(), pg.InfiniteLine()
+        for line in (self._cursor, self._pointer):
+            self._box.addItem(line, ignoreBounds=True)
         self._apply_palette()
         self.set_labels()
         self.clear()
@@ -106,16 +108,19 @@ class CurvePlot(pg.GraphicsView):
 
     def remove(self, name: str) -> None:
         """Take a curve away; KeyError when there is none of that name."""
-        for item in self.series.pop(name):
-            self._box.removeItem(item)
+        self._remove(name)
         self._show_legend()
 
+    def _remove(self, name: str) -> None:
+        for item in self.series.pop(name):
+            self._box.removeItem(item)
+
     def clear(self) -> None:
-        self._box.clear()
-        self.series.clear()
+        """Take all curves away. The lines stay: PySide keeps a weak reference to an item for every time that it is added, for good."""
+        for name in list(self.series):
+            self._remove(name)
         for line in (self._cursor, self._pointer):
             line.hide()
-            self._box.addItem(line, ignoreBounds=True)
         self._show_legend()
 
     def set_cursor(self, x: float | None) -> None:

@@ -95,7 +95,7 @@ def load(folder: Path, shape: tuple[int, int], count: int, original: Callable[[i
         raise RunError(f"{path} cannot be read ({error}); put it back from a backup, or move the folder away to start anew.") from error
     try:
         return _annotations(data, folder, shape, count, original)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, DegenseError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError, DegenseError) as error:
         raise RunError(f"{path} does not hold annotations of this clip ({error}); put it back from a backup.") from error
 
 

@@ -53,13 +53,13 @@ NEEDED: dict[str, Callable[[Any], bool]] = {
     "clip": _object(path=is_text, fingerprint=is_text),
     "unit": _positive,
     "state": is_text,
-}
-KINDS = {
-    **NEEDED,
     "classes": _texts,
     "unit_name": is_text,
     "reference_frame": is_count,
     "fps": lambda value: is_number(value) and 0 < value < 1e6,
+}
+KINDS = {
+    **NEEDED,
     "teacher": _teacher,
     "encoder": lambda value: value is None or is_text(value),
     "provenance": _named_texts,

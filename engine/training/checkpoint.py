@@ -34,7 +34,7 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
         raise RunError(f"{folder / 'last.json'} is not a checkpoint of ours")
     path = folder / f"step-{plain['iteration']:07d}.safetensors"
     tensors = finite(read_tensors(path), path)
-    state: dict[str, Any] = {part: {} for part in PARTS} | {"plain": current_progress(plain), "generator": tensors.pop("generator", None)}
+    state: dict[str, Any] = {part: {} for part in PARTS} | {"generator": tensors.pop("generator", None)}
     if state["generator"] is None:
         raise RunError(f"{path} is not a checkpoint of ours")
     for name, value in tensors.items():
@@ -42,7 +42,11 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
         if part not in PARTS:
             raise RunError(f"{path} holds {name!r}, which no checkpoint of ours does")
         state[part][rest] = value
-    state["model"] = current_tensors(state["model"])
-    state["moments"] = current_tensors(state["moments"])
-    state["consensus"] = current_consensus(state["consensus"])
+    try:
+        state["plain"] = current_progress(plain)
+        state["model"] = current_tensors(state["model"])
+        state["moments"] = current_tensors(state["moments"])
+        state["consensus"] = current_consensus(state["consensus"])
+    except (LookupError, TypeError, RuntimeError) as error:
+        raise RunError(f"{folder / 'last.json'} is damaged ({type(error).__name__}: {error})") from error
     return state

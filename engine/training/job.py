@@ -14,7 +14,7 @@ import torch
 
 from degense.engine.clip import Clip
 from degense.engine.data.readers import fingerprint
-from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.errors import Cancelled, DegenseError, RunError
 from degense.engine.events import Done, Events, Preview, Reliability, Stage, Stopped, TrainingProgress, read_progress
 from degense.engine.field import SceneModel
 from degense.engine.field.static_gaussians import find_moving
@@ -88,7 +88,11 @@ def train(
         run = _create(out, inputs, config, model)
     training = TrainingRun(run, inputs, model, config, events, stop, started)
     if checkpoint is not None:
-        training.trainer.restore(checkpoint)
+        try:
+            training.trainer.restore(checkpoint)
+        except (LookupError, TypeError, ValueError, RuntimeError) as error:
+            reason = str(error).partition("\n")[0]
+            raise RunError(f"{out / 'checkpoints'} does not fit this training ({type(error).__name__}: {reason}); start a new run") from error
     return training()
 
 

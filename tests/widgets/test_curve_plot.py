@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -126,3 +128,22 @@ def test_a_long_run_is_thinned(plot):
     short_ = red(plot)
     assert abs(long[1].max() - short_[1].max()) <= 1
     assert abs(long[0].min() - short_[0].min()) <= 1
+
+
+def test_curves_come_and_go_and_leave_nothing(plot, qtbot):
+    """Each time that a line was added again PySide kept weak references to it: some hundred for every run that was opened."""
+
+    def references() -> int:
+        gc.collect()
+        return sum(type(thing) is weakref.ReferenceType for thing in gc.get_objects())
+
+    def draw() -> None:
+        plot.set_series("a", np.arange(5.0), np.arange(5.0))
+        plot.set_cursor(2.0)
+        plot.clear()
+
+    draw()
+    before = references()
+    for _ in range(20):
+        draw()
+    assert references() <= before + 10

@@ -5,48 +5,19 @@ from __future__ import annotations
 import os
 import random
 import shutil
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
-from degense.app.research.reliability.guarded import READ, REFUSED, Fate, guarded
+from degense.app.research.reliability.guarded import READ, guarded
 from degense.app.research.reliability.mutate import mutated
 from degense.app.research.reliability.readers import Reader
+from degense.app.research.reliability.tally import Tally
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
-from degense.engine.research.bench.table import Cell
 
 SECONDS, MEBIBYTES = 10.0, 1024
 LINKED = 1 << 20  # bytes from which a file is linked instead of copied
 COUNT, QUICK_COUNT = 20_000, 400
-
-
-@dataclass
-class Tally:
-    """What became of the damaged inputs of one reader."""
-
-    name: str
-    outcomes: Counter[str] = field(default_factory=Counter)
-    seconds: float = 0.0
-    mebibytes: float = 0.0
-    defects: list[str] = field(default_factory=list)
-
-    def add(self, fate: Fate, words: str) -> None:
-        self.outcomes[fate.outcome] += 1
-        self.seconds, self.mebibytes = max(self.seconds, fate.seconds), max(self.mebibytes, fate.mebibytes)
-        if not fate.sound:
-            self.defects.append(f"{fate.outcome}: {words}: {fate.words}")
-
-    def row(self) -> dict[str, Cell]:
-        bad = sum(count for outcome, count in self.outcomes.items() if outcome not in (READ, REFUSED))
-        about: dict[str, Cell] = {
-            "reader": self.name,
-            "inputs": sum(self.outcomes.values()),
-            "seconds": self.seconds,
-            "memory": self.mebibytes,
-        }
-        return {**about, "read": self.outcomes[READ], "refused": self.outcomes[REFUSED], "defects": bad}
 
 
 def tallies(chosen: Sequence[Reader], count: int, scratch: Path, seed: int, progress: Progress = silent) -> Iterator[Tally]:

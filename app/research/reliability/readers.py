@@ -129,7 +129,7 @@ def _checkpoint(folder: Path) -> Path:
 
     from degense.engine.training.checkpoint import PARTS, save_checkpoint
 
-    parts = {part: {"a": torch.ones(4)} for part in PARTS}
+    parts = {part: {"a": torch.ones(4), "disagreement": torch.zeros(())} for part in PARTS}
     save_checkpoint(folder, {**parts, "generator": torch.zeros(16, dtype=torch.uint8), "plain": {"iteration": 7, "rate_scale": 1.0}})
     return folder
 
@@ -156,7 +156,7 @@ def _states() -> tuple[Session, AnnotationState]:
     return session, annotations
 
 
-def _opened(folder: Path) -> tuple[Session, AnnotationState]:
+def opened_session(folder: Path) -> tuple[Session, AnnotationState]:
     """A session in which a run of the sample's size is open; its state folder lies beside it."""
     import os
 
@@ -170,7 +170,7 @@ def _opened(folder: Path) -> tuple[Session, AnnotationState]:
 
 
 def _paint(folder: Path) -> None:
-    session, annotations = _opened(folder)
+    session, annotations = opened_session(folder)
     annotations.begin("Brush")
     for x in range(4, 20, 4):
         from degense.engine.annotation.painting import brush
@@ -183,7 +183,7 @@ def _paint(folder: Path) -> None:
 
 def _session(folder: Path) -> Path:
     _paint(folder)
-    session, _ = _opened(folder)
+    session, _ = opened_session(folder)
     session.recover()
     session.save()
     session.close()
@@ -196,7 +196,7 @@ def _journal(folder: Path) -> Path:
 
 
 def _use_session(folder: Path) -> None:
-    session, annotations = _opened(folder)
+    session, annotations = opened_session(folder)
     if session.store.unsaved:
         session.recover()
     if annotations.work is not None:
