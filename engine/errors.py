@@ -29,3 +29,15 @@ class PromptError(DegenseError):
 
 class Cancelled(Exception):
     """The user asked a long job to stop. Raised by a `Progress` callback, never shown as an error."""
+
+
+#: What to do when memory is not enough, in one sentence.
+OUT_OF_MEMORY = (
+    "The memory of the GPU or of this computer is not enough: close other programs, lower --max-gaussians, take --preset quick, "
+    "or compute with --device cpu."
+)
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether an exception says that memory is not enough, on the GPU (torch's, told by its name: torch need not be there) or the CPU."""
+    return isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"

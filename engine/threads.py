@@ -3,27 +3,56 @@
 Numba's own thread pools do not suit a program that draws from several Python threads: `workqueue` aborts the process when two threads enter
 it, `omp` waits by spinning, which on a busy machine costs whole time slices. Hot kernels are therefore shared out by `run_kernel`; kernels
 written with numba's `parallel=True` use `workqueue` and take turns behind `KERNEL_LOCK`.
+
+Numba's cache of compiled kernels is written without being synced: what a power cut left of it is compiled anew.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import Any
 
 import numba
 import numpy as np
 import torch
 from llvmlite import ir
 from numba import types
+from numba.core.caching import IndexDataCacheFile
 from numba.extending import intrinsic
 
 from degense.engine.profile import part
 
 numba.config.THREADING_LAYER = "workqueue"
 KERNEL_LOCK = threading.RLock()
+log = logging.getLogger(__name__)
+
+_load_index, _load_data = IndexDataCacheFile._load_index, IndexDataCacheFile._load_data
+
+
+def _index_or_nothing(cache: IndexDataCacheFile) -> dict[Any, str]:
+    """What a file of the cache holds; nothing where it is damaged, which numba itself raises, at every start."""
+    try:
+        return _load_index(cache)
+    except Exception as error:  # whatever the loader meets in bytes that are none
+        log.warning("the compiled kernels in %s are damaged (%r) and made anew", cache._index_path, error)
+        return {}
+
+
+def _data_or_nothing(cache: IndexDataCacheFile, name: str) -> Any:
+    try:
+        return _load_data(cache, name)
+    except OSError:
+        raise
+    except Exception as error:
+        raise OSError(f"the compiled kernel {name} is damaged ({error!r})") from error  # numba takes it for a file that is gone
+
+
+IndexDataCacheFile._load_index, IndexDataCacheFile._load_data = _index_or_nothing, _data_or_nothing
 
 _HELPERS = ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="kernel")
 

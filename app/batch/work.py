@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from degense.app.batch.folder import ANSWERS, BatchFolder
 from degense.app.batch.plan import BatchJob
 from degense.app.features.runs.run_summaries import SCORES
-from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.errors import Cancelled, DegenseError, is_out_of_memory
 from degense.engine.files import move, write_text
 from degense.engine.progress import Progress, Steps, finish
 
@@ -131,7 +131,9 @@ def do_job(folder: BatchFolder, job: BatchJob, tell: Callable[[str, float, str],
             for stage in folder.left(job):
                 _do_stage(folder, job, stage, tell, stop)
             _keep_failure(folder, job, "")
-        except (DegenseError, OSError, MemoryError) as error:
+        except Exception as error:
+            if not isinstance(error, (DegenseError, OSError)) and not is_out_of_memory(error):
+                raise
             sentence = _sentence(error)
             _keep_failure(folder, job, sentence)
             raise DegenseError(sentence) from error
@@ -175,7 +177,7 @@ def _keep_failure(folder: BatchFolder, job: BatchJob, sentence: str) -> None:
 
 def _sentence(error: BaseException) -> str:
     """What went wrong, in one sentence for the user."""
-    if isinstance(error, MemoryError):
+    if is_out_of_memory(error):
         return "There is not enough memory; take fewer --slots or a smaller preset."
     if isinstance(error, OSError):
         return f"{error.filename or 'A file'} cannot be read or written: {error.strerror or error}."

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from degense.app.cli.parser import build_parser
-from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.errors import OUT_OF_MEMORY, Cancelled, DegenseError, is_out_of_memory
 
 USER_ERROR, INTERRUPTED = 2, 130
 
@@ -25,6 +25,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return getattr(importlib.import_module(module), function)(options) or 0
     except DegenseError as error:
         print(f"degense: {error}", file=sys.stderr)
+        return USER_ERROR
+    except (MemoryError, RuntimeError) as error:
+        if not is_out_of_memory(error):
+            raise
+        print(f"degense: {OUT_OF_MEMORY}", file=sys.stderr)
         return USER_ERROR
     except (KeyboardInterrupt, Cancelled):
         print("degense: stopped.", file=sys.stderr)

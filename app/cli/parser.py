@@ -16,6 +16,7 @@ from degense.app.cli.arguments.argument_types import size as _size
 from degense.app.cli.arguments.batch_options import add_batch_options
 from degense.app.cli.arguments.clip_arguments import add_clip_options
 from degense.app.cli.arguments.movie_options import add_movie_options
+from degense.app.cli.arguments.reliability_options import add_reliability_options
 from degense.app.cli.arguments.search_options import add_search_options
 from degense.app.cli.arguments.sweep_options import add_sweep_options
 
@@ -152,6 +153,7 @@ def _scores(command: Command) -> None:
     sub.add_argument("--out", type=Path, metavar="PATH", help="folder for tables (.json) and plots (.png); of a report, the file")
     group = sub.add_argument_group("of the benchmark surgeries", "which goes on where it stopped in the folder of --out")
     add_sweep_options(group, _setting, _size, _positive)
+    add_reliability_options(sub.add_argument_group("of the benchmark reliability", "whose parts may follow its name"), _positive)
 
 
 def _outputs(command: Command) -> None:

@@ -10,6 +10,7 @@ from contextlib import closing
 from functools import partial
 from typing import Any
 
+from degense.app.cli.arguments.reliability_options import campaign_of
 from degense.app.cli.arguments.sweep_options import sweep_of
 from degense.app.cli.options import anonymised_scene, clip_options
 from degense.app.cli.terminal import Bar, table
@@ -63,6 +64,10 @@ OF_THE_PROGRAM = {
         "degense.app.research.batch_bench",
         "many clips: a batch against the same commands one by one, and on Dask workers of which one is killed",
     ),
+    "reliability": (
+        "degense.app.research.reliability",
+        "kills, damaged inputs, hours of work (needs a display), faults; `reliability kills` and so on for one of them",
+    ),
 }
 
 
@@ -81,7 +86,10 @@ def bench(options: argparse.Namespace) -> None:
         print(commands.report_benchmarks(names[1:], options.out))
         return
     about = {name: getattr(options, name) for name in ("device", "seeds", "repeats", "quick", "out")}
-    about["sweep"] = sweep_of(options)
+    if names[0] == "reliability":
+        names, about["sweep"] = names[:1], campaign_of(options)
+    else:
+        about["sweep"] = sweep_of(options)
     with closing(Bar()) as bar:
 
         def show(section: str) -> None:

@@ -15,7 +15,7 @@ from types import FrameType
 
 from degense.app.cli.options import chosen_encoder, clip_options, refuse_non_empty
 from degense.app.cli.training_events import JsonEvents, TensorBoardEvents, TerminalEvents
-from degense.engine.errors import DegenseError
+from degense.engine.errors import OUT_OF_MEMORY, DegenseError, is_out_of_memory
 from degense.engine.events import Event, Events, Failed, Stopped
 
 
@@ -34,6 +34,9 @@ def train(options: argparse.Namespace) -> None:
             report(Failed(str(error)))
             raise
         except Exception as error:
+            if is_out_of_memory(error):
+                report(Failed(OUT_OF_MEMORY))
+                raise DegenseError(OUT_OF_MEMORY) from error
             report(Failed(f"Training met a defect of the program ({type(error).__name__}: {error})."))
             traceback.print_exc()
             raise SystemExit(1) from error

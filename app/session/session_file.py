@@ -74,8 +74,11 @@ def write(path: Path, states: dict[str, Any]) -> SavedSession:
 
 
 def backups(folder: Path) -> list[Path]:
-    """The backups in a folder, the newest first."""
-    return sorted((folder / BACKUPS).glob("session-*.json"), reverse=True)
+    """The backups in a folder, the newest first; none where it cannot be read."""
+    try:
+        return sorted((folder / BACKUPS).glob("session-*.json"), reverse=True)
+    except OSError:
+        return []
 
 
 def backup_time(path: Path) -> datetime:

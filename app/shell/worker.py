@@ -11,7 +11,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from degense.engine.errors import Cancelled, DegenseError
+from degense.engine.errors import OUT_OF_MEMORY, Cancelled, DegenseError, is_out_of_memory
 
 log = logging.getLogger(__name__)
 
@@ -154,7 +154,8 @@ class Worker(QObject):
             self._finish(channel, task, "failed", str(error))
         except Exception as error:
             log.exception("a job on channel %s failed", channel)
-            self._finish(channel, task, "failed", f"The program made a mistake ({type(error).__name__}: {error}); the log has the details.")
+            mistake = f"The program made a mistake ({type(error).__name__}: {error}); the log has the details."
+            self._finish(channel, task, "failed", OUT_OF_MEMORY if is_out_of_memory(error) else mistake)
 
     def _finish(self, channel: str, task: _Task, kind: str, payload: object) -> None:
         with self._wake:

@@ -143,11 +143,15 @@ class IndexFile:
 
 
 def create_index(path: Path) -> None:
-    """Make an empty index; it appears whole."""
-    with replacing(path) as temporary, closing(sqlite3.connect(temporary)) as made:
-        made.executescript(f"PRAGMA page_size = {PAGE}; PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION}; {TABLES}")
-        made.execute("INSERT INTO rules VALUES (?)", (json.dumps(RULES),))
-        made.commit()
+    """Make an empty index; it appears whole. DegenseError when it cannot be written."""
+    pragmas = f"PRAGMA page_size = {PAGE}; PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION};"
+    try:
+        with replacing(path) as temporary, closing(sqlite3.connect(temporary)) as made:
+            made.executescript(f"{pragmas} {TABLES}")
+            made.execute("INSERT INTO rules VALUES (?)", (json.dumps(RULES),))
+            made.commit()
+    except sqlite3.Error as error:
+        raise DegenseError(f"{path} cannot be written ({error}); free some space, or name another folder.") from error
 
 
 @contextmanager

@@ -71,8 +71,9 @@ def update_index(folder: Path) -> Steps[Update]:
     A run that cannot be opened is kept with the reason, and tried again when it has changed. Only one program at a time indexes.
     DegenseError when the folder cannot be written or its index is not ours.
     """
-    done, path, here = Update(), folder / INDEX, find_runs(folder)
+    done, path = Update(), folder / INDEX
     try:
+        here = find_runs(folder)
         with FileLock(folder / LOCK, timeout=0):
             if not (path.exists() or path.is_symlink()):
                 create_index(path)

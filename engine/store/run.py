@@ -72,7 +72,11 @@ class Run:
     def open(cls, path: Path | str) -> Run:
         """Open an existing run folder. RunError in one sentence when it is missing, damaged or from a newer version."""
         path = Path(path)
-        if not path.is_dir():
+        try:
+            is_folder = path.is_dir()
+        except OSError as error:
+            raise RunError(f"{path} cannot be read: {error.strerror}") from error
+        if not is_folder:
             raise RunError(f"{path} is not a folder; a run is a folder with a run.json in it")
         info = read_json(path / "run.json")
         if not isinstance(info, dict) or not isinstance(info.get("format"), int):

@@ -92,7 +92,9 @@ def train(
             training.trainer.restore(checkpoint)
         except (LookupError, TypeError, ValueError, RuntimeError) as error:
             reason = str(error).partition("\n")[0]
-            raise RunError(f"{out / 'checkpoints'} does not fit this training ({type(error).__name__}: {reason}); start a new run") from error
+            raise RunError(
+                f"{out / 'checkpoints'} does not fit this training ({type(error).__name__}: {reason}); start a new run"
+            ) from error
     return training()
 
 

@@ -1,0 +1,105 @@
+"""The reliability campaign, `degense bench reliability`: kills, damaged inputs, hours of work, and what goes wrong around the program.
+
+A case passes when what was there can be read again, or one sentence says what is wrong. Parts are chosen by name: all where none is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from degense.app.research.reliability import faults, kills, mutations
+from degense.app.research.reliability.guarded import READ
+from degense.app.research.reliability.programs import ALLOWED
+from degense.app.research.reliability.readers import readers
+from degense.app.research.reliability.tally import COLUMNS, Tally
+from degense.engine.errors import DegenseError
+from degense.engine.progress import Progress
+from degense.engine.research.bench.run import BenchOptions
+from degense.engine.research.bench.table import Cell, Column, Table
+
+PARTS = ("kills", "mutations", "soak", "faults")
+MINUTES, QUICK_MINUTES = 240.0, 0.5
+
+
+def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
+    """A table for each part. DegenseError for a part that there is not."""
+    told: dict[str, Any] = dict(options.sweep)
+    parts = tuple(told.get("parts") or PARTS)
+    if unknown := [part for part in parts if part not in PARTS]:
+        raise DegenseError(f"There is no part {unknown[0]!r} of the campaign; choose from {', '.join(PARTS)}.")
+    makers = {"kills": _kills, "mutations": _mutations, "soak": _soak, "faults": _faults}
+    for number, part in enumerate(parts):
+
+        def tell(fraction: float, words: str, at: int = number) -> None:
+            progress((at + fraction) / len(parts), words)
+
+        table = makers[part](options, told, tell)
+        table.command = " ".join(filter(None, ["degense bench reliability", part, *_said(told, part), "--quick" * options.quick]))
+        yield table
+
+
+def _said(told: dict[str, Any], part: str) -> list[str]:
+    own = {"kills": "kills", "mutations": "inputs", "soak": "minutes"}.get(part, "")
+    return [f"--{own} {told[own]:g}"] if told.get(own) else []
+
+
+def _kills(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
+    count = int(told.get("kills") or (kills.QUICK_COUNT if options.quick else kills.COUNT))
+    return _table(
+        "reliability-kills",
+        "Kills",
+        f"{count} ends at random moments: SIGKILL, SIGTERM, and a power cut after which only what was synced is left (bytes by fsync of "
+        "the file, names by fsync of the folder). Then what the program left is opened. Read: it opens, is whole under its final name, and "
+        f"no painting is missing (after a power cut none that is older than {ALLOWED:g} s).",
+        kills.tallies(count, options.scratch / "kills", 0, progress),
+    )
+
+
+def _mutations(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
+    count = int(told.get("inputs") or (mutations.QUICK_COUNT if options.quick else mutations.COUNT))
+    return _table(
+        "reliability-mutations",
+        "Damaged inputs",
+        f"{count:,} damaged inputs, as many of each kind: bits, lengths and ends of the file; values, names and nesting where the format "
+        f"has them. Each is read in a process of its own, with {mutations.SECONDS:g} s and {mutations.MEBIBYTES:,} MiB beyond what the "
+        "program has. Neither: another exception, a signal, a hang, or want of memory.",
+        mutations.tallies(readers(), count, options.scratch / "mutations", 0, progress),
+    )
+
+
+def _table(name: str, title: str, protocol: str, tallies: Iterable[Tally]) -> Table:
+    return Table(name, title, protocol, COLUMNS, [tally.row() for tally in tallies])
+
+
+def _faults(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
+    rows: list[dict[str, Cell]] = []
+    for name, fate in faults.fates(options.scratch / "faults", progress):
+        words = fate.words.replace(str(options.scratch), "…")
+        rows.append({"what": name, "outcome": "goes on" if fate.outcome == READ else fate.outcome, "words": words, "seconds": fate.seconds})
+    columns = [Column("what", "what"), Column("outcome", "outcome"), Column("seconds", "seconds", 1), Column("words", "what is said")]
+    return Table("reliability-faults", "Faults around the program", "Each in a process of its own; refused: one sentence.", columns, rows)
+
+
+def _soak(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
+    from degense.app.research.reliability import soak
+
+    minutes = float(told.get("minutes") or (QUICK_MINUTES if options.quick else MINUTES))
+    rows = soak.rows(options.scratch / "soak", minutes, progress)
+    columns = [
+        Column("what", "what"),
+        Column("first", "first tenth", 2),
+        Column("last", "last tenth", 2),
+        Column("growth", "growth an hour", 2),
+        Column("spread", "± (95 %)", 2),
+        Column("flat", "flat"),
+    ]
+    return Table(
+        "reliability-soak",
+        "Hours of work in the window",
+        f"{minutes:g} minutes, {rows[0]['rounds']} rounds: a run is opened, played, scrubbed, asked, painted on, undone and closed, and "
+        "the curves of a training drawn; measured after each round when all that can go has gone. Growth: a straight line through twelve "
+        "means. Flat: the interval holds zero, or the growth is below what is called flat.",
+        columns,
+        rows,
+    )

@@ -41,7 +41,7 @@ def record(root: Path, log: Path) -> None:
             lines.write(json.dumps({**about, "time": time.monotonic()}) + "\n")
             lines.flush()
 
-    os.fsync = synced
+    os.fsync = synced  # type: ignore[assignment]
 
 
 def moments(log: Path) -> tuple[float, float]:

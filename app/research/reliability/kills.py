@@ -44,7 +44,8 @@ def tally(program: Program, how: str, count: int, scratch: Path, seed: int, long
     if not made.sound:
         raise DegenseError(f"What {program.name} needs cannot be made: {made.outcome} {made.words}")
     found = Tally(f"{program.name}, {how}")
-    cut = _cut_power if ENDS[how] is None else partial(_kill, ENDS[how])
+    sign = ENDS[how]
+    cut = _cut_power if sign is None else partial(_kill, sign)
     for words, killed in cut(program, whole, at, count, rng, longest):
         if (scratch / "failed").exists():
             raise DegenseError(f"{program.name} failed by itself: {(scratch / 'failed').read_text(encoding='utf-8')}")

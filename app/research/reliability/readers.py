@@ -169,7 +169,7 @@ def opened_session(folder: Path) -> tuple[Session, AnnotationState]:
     return session, annotations
 
 
-def _paint(folder: Path) -> None:
+def paint(folder: Path) -> None:
     session, annotations = opened_session(folder)
     annotations.begin("Brush")
     for x in range(4, 20, 4):
@@ -182,7 +182,7 @@ def _paint(folder: Path) -> None:
 
 
 def _session(folder: Path) -> Path:
-    _paint(folder)
+    paint(folder)
     session, _ = opened_session(folder)
     session.recover()
     session.save()
@@ -191,7 +191,7 @@ def _session(folder: Path) -> Path:
 
 
 def _journal(folder: Path) -> Path:
-    _paint(folder)
+    paint(folder)
     return folder
 
 

@@ -6,7 +6,6 @@ import gc
 import os
 import shutil
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,12 +19,13 @@ from degense.app.research.event_loop import rest, run_events, viewer, wait
 from degense.app.session.sample import demo_run
 from degense.app.session.view_state import Prompt
 from degense.engine.progress import Progress, silent
+from degense.engine.research.bench.table import Cell
 
 if TYPE_CHECKING:
     from degense.app.shell.shell import Shell
 
-#: Rounds at the start that are not counted: caches fill, kernels are compiled.
-WARM = 5
+#: Rounds at the start that are not counted (caches fill, kernels are compiled), and the least that are.
+WARM, ROUNDS = 5, 12
 #: What is measured after each round: title, unit, and the growth an hour that is still called flat.
 MEASURED = {
     "memory": ("memory of the process", "MiB", 20.0),
@@ -153,14 +153,22 @@ def state_of_process() -> dict[str, float]:
     return {"memory": memory, "handles": float(len(os.listdir("/proc/self/fd"))), "objects": len(gc.get_objects()) / 1000}
 
 
-def counted(window_rounds: Callable[[], object]) -> dict[str, int]:
-    """Which kinds of objects there are more of after some work than before, by type."""
-    from collections import Counter
+def rows(folder: Path, minutes: float, progress: Progress = silent) -> list[dict[str, Cell]]:
+    """The lines of the table: what was measured at the beginning and the end, and whether it grows."""
+    from degense.app.research.window_bench import window_on
 
-    def census() -> Counter[str]:
-        state_of_process()
-        return Counter(f"{type(thing).__module__}.{type(thing).__name__}" for thing in gc.get_objects())
-
-    before = census()
-    window_rounds()
-    return {name: count - before[name] for name, count in census().items() if count > before[name]}
+    os.environ["XDG_STATE_HOME"] = str(folder / "state")
+    shutil.copytree(demo_run(), folder / "first")
+    with window_on(folder / "first") as window:
+        wait(lambda: window.session.scene is not None)
+        rest(window)
+        found = soak(window, folder, minutes, progress, ROUNDS)
+    lines: list[dict[str, Cell]] = []
+    for name, (title, unit, flat) in MEASURED.items():
+        values, slope = found[name], Slope.of(found["hours"], found[name])
+        tenth = max(1, len(values) // 10)
+        ends: dict[str, Cell] = {"first": float(values[:tenth].mean()), "last": float(values[-tenth:].mean())}
+        grows = slope.growth - slope.spread > 0 and slope.growth > flat
+        about: dict[str, Cell] = {"what": f"{title}{f', {unit}' * bool(unit)}", "rounds": len(values), "growth": slope.growth}
+        lines.append({**about, **ends, "spread": slope.spread, "flat": "no" if grows else "yes"})
+    return lines

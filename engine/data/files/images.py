@@ -27,14 +27,17 @@ def _open(path: Path) -> Image.Image:
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise ClipError(f"{shown(path)} is larger than {MAX_PIXELS // 1_000_000} megapixels; scale it down first.") from error
     except _BROKEN as error:
-        raise ClipError(
-            f"{shown(path)} is not a picture that can be read ({'empty' if path.stat().st_size == 0 else 'unknown or damaged'})."
-        ) from error
+        why = error.strerror.lower() if isinstance(error, OSError) and error.strerror else _what_is_wrong(path)
+        raise ClipError(f"{shown(path)} is not a picture that can be read ({why}).") from error
     if image.width * image.height > MAX_PIXELS:
         size = f"{image.width} × {image.height}"
         image.close()
         raise ClipError(f"{shown(path)} is {size} pixels, more than {MAX_PIXELS // 1_000_000} megapixels; scale it down first.")
     return image
+
+
+def _what_is_wrong(path: Path) -> str:
+    return "unknown or damaged" if path.stat().st_size else "empty"
 
 
 def read_raw(path: Path) -> np.ndarray:

@@ -94,7 +94,7 @@ class BenchOptions:
     out : Path or None
         Where tables go; a sweep is kept there too.
     sweep : dict
-        What the benchmark `surgeries` alone is told (`engine.research.sweep.plan`).
+        What one benchmark alone is told: `surgeries` (`engine.research.sweep.plan`), or `reliability` of the program.
     """
 
     device: str

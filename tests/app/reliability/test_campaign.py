@@ -1,0 +1,163 @@
+"""The short form of the campaign: a few cases of each part, and that each part finds what is wrong where something is."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from degense.app.research.reliability import faults, kills, mutations, programs
+from degense.app.research.reliability.filesystem_log import lay_out, record
+from degense.app.research.reliability.guarded import READ, REFUSED, guarded
+from degense.app.research.reliability.mutate import mutated
+from degense.app.research.reliability.readers import Reader, readers
+from degense.app.research.reliability.soak import Slope
+from degense.engine.errors import DegenseError
+from degense.engine.files import write_text
+
+#: Readers of a sample that is made at once, and which of their damaged inputs are tried here: the first ones of another seed.
+QUICK = ("clip nerfstudio", "clip colmap-binary", "labels coco", "labels label-studio", "points npz", "annotations", "session", "plan")
+
+
+def made(name: str) -> Reader:
+    return next(reader for reader in readers() if reader.name == name)
+
+
+def named(name: str) -> programs.Program:
+    return next(program for program in programs.programs() if program.name == name)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_damaged_inputs_are_read_or_refused(name, tmp_path):
+    tally = mutations.tally(made(name), 12, tmp_path / "scratch", seed=1)
+    assert tally.outcomes.total() == 12
+    assert tally.defects == []
+
+
+def crash(path: Path) -> None:
+    if path.read_bytes() != b"sound":
+        raise KeyError("a")
+
+
+def test_a_reader_that_crashes_is_found(tmp_path):
+    def make(folder: Path) -> Path:
+        (folder / "a.txt").write_bytes(b"sound")
+        return folder / "a.txt"
+
+    tally = mutations.tally(Reader("broken", make, crash), 12, tmp_path / "scratch", seed=0)
+    assert tally.outcomes["CRASHED"] >= 6
+    assert "KeyError" in tally.defects[0]
+    assert tally.row()["defects"] == len(tally.defects)
+
+
+@pytest.mark.parametrize(
+    ("work", "outcome"),
+    [
+        (lambda: None, READ),
+        (lambda: time.sleep(60), "HUNG"),
+        (lambda: bytearray(1 << 40), "MEMORY"),
+        (lambda: os.kill(os.getpid(), signal.SIGKILL), "DIED"),
+        (lambda: {}["a"], "CRASHED"),
+    ],
+)
+def test_every_end_of_a_process_is_told(work, outcome):
+    assert guarded(work, 2.0, 512).outcome == outcome
+
+
+def test_a_refusal_is_a_sentence():
+    def refuse() -> None:
+        raise DegenseError("a.json is damaged; copy it again.")
+
+    fate = guarded(refuse, 20.0, 512)
+    assert (fate.outcome, fate.words) == (REFUSED, "a.json is damaged; copy it again.")
+
+
+def test_what_is_synced_survives_a_power_cut_and_nothing_else(tmp_path):
+    """`write_text` survives; a file that is written but not synced is not there, and one whose name alone was kept is empty."""
+    out, log, target = tmp_path / "out", tmp_path / "log", tmp_path / "target"
+    out.mkdir()
+    inode = out.stat().st_ino
+
+    def work() -> None:
+        record(out, log)
+        write_text(out / "inner" / "a", "first")
+        (out / "careless").write_text("x")
+        write_text(out / "inner" / "a", "second")
+        (out / "inner" / "late").write_text("y")
+        write_text(out / "b", "third")
+
+    assert guarded(work, 20.0, 512).sound
+    lay_out(log, time.monotonic(), inode, target)
+    assert {str(path.relative_to(target)): path.read_text() for path in target.rglob("*") if path.is_file()} == {
+        "inner/a": "second",
+        "careless": "",
+        "b": "third",
+    }
+    shutil.rmtree(target)
+    lay_out(log, 0.0, inode, target)
+    assert list(target.iterdir()) == []
+
+
+@pytest.mark.parametrize("how", ["SIGKILL", "power cut"])
+def test_painting_survives_kills_and_power_cuts(how, tmp_path):
+    tally = kills.tally(named("annotate"), how, 3, tmp_path / "scratch", seed=2, longest=2.5)
+    assert tally.outcomes == {READ: 3}, tally.defects
+
+
+@pytest.mark.parametrize("how", ["SIGKILL", "power cut"])
+def test_exports_are_whole_under_their_final_names(how, tmp_path):
+    tally = kills.tally(named("export"), how, 2, tmp_path / "scratch", seed=2, longest=2.0)
+    assert tally.outcomes == {READ: 2}, tally.defects
+
+
+def test_a_program_that_writes_carelessly_is_found(tmp_path):
+    """It writes under the final name, and syncs nothing but the folder."""
+
+    def work(folder: Path) -> None:
+        handle = os.open(folder / "out", os.O_RDONLY)
+        for number in range(40):
+            (folder / "out" / f"{number}.json").write_text("{}")
+            os.fsync(handle)
+            time.sleep(0.02)
+
+    program = programs.Program("careless", lambda folder: None, work, named("export").check)
+    tally = kills.tally(program, "power cut", 4, tmp_path / "scratch", seed=0, longest=1.0)
+    assert set(tally.outcomes) == {"CRASHED"}
+
+
+@pytest.mark.parametrize("name", ["disk full: session", "disk full: export", "disk full: index", "read-only folder: session", "CUDA"])
+def test_faults_are_met_with_a_sentence(name, tmp_path):
+    fault = next(fault for fault in faults.faults() if fault.name.startswith(name))
+    fate = faults.meet(fault, tmp_path / "scratch")
+    assert fate.outcome == REFUSED, fate.words
+
+
+@pytest.mark.parametrize("name", ["clock that", "stalled reads", "memory of the GPU"])
+def test_faults_that_are_survived(name, tmp_path):
+    fault = next(fault for fault in faults.faults() if fault.name.startswith(name))
+    fate = faults.meet(fault, tmp_path / "scratch")
+    assert fate.outcome == READ, fate.words
+
+
+def test_the_slope_of_what_grows_and_of_what_does_not():
+    rng = np.random.default_rng(0)
+    hours = np.linspace(0, 2, 240)
+    flat, grows = rng.normal(100, 3, 240), 100 + 12 * hours + rng.normal(0, 3, 240)
+    slope = Slope.of(hours, flat)
+    assert abs(slope.growth) < 2 * slope.spread
+    slope = Slope.of(hours, grows)
+    assert slope.growth - slope.spread > 8
+    assert slope.growth == pytest.approx(12, abs=2)
+
+
+def test_mutations_are_repeatable_and_differ():
+    data = b'{"a": [1, 2, {"b": "c"}], "d": 0.5}'
+    first, again = ([mutated(data, "x.json", rng) for _ in range(30)] for rng in (random.Random(3), random.Random(3)))
+    assert first == again
+    assert len(set(first)) > 20
