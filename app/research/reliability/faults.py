@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import importlib
 import os
 import resource
 import shutil
@@ -133,10 +135,9 @@ def _full(write: Callable[[Path], None], folder: Path) -> None:
 
 def _as_somebody() -> None:
     """The superuser may write everything: be nobody, who may not even import what is imported later."""
-    from degense.app.features.export import formats
-    from degense.engine import training
-
-    assert formats and training and "a".encode("cp437")
+    for module in ("degense.app.features.export.formats", "degense.engine.training", "encodings.cp437"):
+        importlib.import_module(module)
+    codecs.lookup("cp437")
     if os.geteuid() == 0:
         os.setgroups([])
         os.setgid(NOBODY)
