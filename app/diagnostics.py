@@ -17,6 +17,7 @@ import numpy as np
 from packaging.requirements import Requirement
 
 from degense.app.shell.settings import config_folder, log_file
+from degense.engine.gpu import kernels_compiled, lacking_kernels, nvcc
 
 #: Seconds that a check in a child process may take; drawing in software on a busy machine is slow to start.
 PATIENCE = 60
@@ -78,14 +79,11 @@ def _gsplat() -> Diagnosis:
     # Importing gsplat compiles its kernels wherever there is a CUDA compiler, with or without a GPU: look, do not import.
     if not torch.cuda.is_available():
         return Diagnosis("note", f"{version}, not used: there is no CUDA GPU")
-    from torch.utils.cpp_extension import CUDA_HOME, get_default_build_root
-
-    root = Path(os.environ.get("TORCH_EXTENSIONS_DIR") or get_default_build_root())
-    if any(root.glob("**/gsplat_cuda.so")):
+    if kernels_compiled():
         return Diagnosis("ok", f"{version}, its kernels are compiled")
-    if CUDA_HOME:
-        return Diagnosis("note", f"{version} will compile its kernels at first use, once, with the CUDA toolkit in {CUDA_HOME}")
-    return Diagnosis("note", f"{version} lacks nvcc to compile its kernels: install CUDA toolkit {torch.version.cuda}, or use --device cpu")
+    if toolkit := nvcc():
+        return Diagnosis("note", f"{version} will compile its kernels at first use, once, with the CUDA toolkit in {toolkit}")
+    return Diagnosis("note", f"{version}. {lacking_kernels()}")
 
 
 def _packages() -> Diagnosis:

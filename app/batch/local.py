@@ -10,6 +10,7 @@ from degense.app.batch.child import order, start
 from degense.app.batch.folder import BatchFolder
 from degense.app.batch.plan import BatchJob
 from degense.app.batch.progress import BatchProgress
+from degense.engine.gpu import gpu_usable
 from degense.engine.processes.capacity import slot_environment, trainings_at_once
 from degense.engine.processes.job_process import JobProcess, ProcessGone
 
@@ -20,9 +21,7 @@ def device_of(jobs: Sequence[BatchJob]) -> str:
     """ "cuda" where a job may use a GPU and there is one, else "cpu"."""
     if all(job.training.device == "cpu" for job in jobs):
         return "cpu"
-    import torch
-
-    return "cuda" if torch.cuda.is_available() else "cpu"
+    return "cuda" if gpu_usable() else "cpu"
 
 
 def slots_for(jobs: Sequence[BatchJob], device: str) -> int:

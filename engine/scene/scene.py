@@ -14,6 +14,7 @@ from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.field import SceneModel
+from degense.engine.gpu import gpu_usable
 from degense.engine.motion.observed import ObservedMotion
 from degense.engine.scene.renderer import COVERED, NEEDS_TEACHER, Renderer
 from degense.engine.scene.states import States
@@ -64,11 +65,11 @@ class Scene:
     ) -> Scene:
         """Open a run folder. RunError when it is damaged, or `encoder` did not make its features.
 
-        `device` None takes a GPU when there is one; `encoder` None takes what the run keeps of its own.
+        `device` None takes a GPU when there is one that can be used; `encoder` None takes what the run keeps of its own.
         """
         run = Run.open(path)
         if device is None:
-            device = "cuda" if torch.cuda.is_available() else "cpu"
+            device = "cuda" if gpu_usable() else "cpu"
         model = run.load_model(device).eval().requires_grad_(False)
         name = run.info.get("encoder")
         if encoder is not None and name is None:

@@ -9,6 +9,7 @@ import torch
 
 from degense.engine.errors import DegenseError
 from degense.engine.field import ROUTINGS, Routing
+from degense.engine.gpu import gpu_usable, lacking_kernels
 
 CoarseFrames = Literal["first", "all"]
 
@@ -193,9 +194,11 @@ GROUPS = _groups()
 
 
 def choose_device(name: str) -> torch.device:
-    """`auto` takes a GPU when there is one. DegenseError when `cuda` is asked for and absent."""
+    """`auto` takes a GPU when there is one that can be used. DegenseError when `cuda` is asked for and cannot."""
     if name not in ("auto", "cpu", "cuda"):
         raise DegenseError(f"there is no device {name!r}; choose auto, cpu or cuda")
     if name == "cuda" and not torch.cuda.is_available():
         raise DegenseError("no CUDA GPU was found; train with --device cpu, or see degense doctor")
-    return torch.device("cuda" if name == "cuda" or (name == "auto" and torch.cuda.is_available()) else "cpu")
+    if name == "cuda" and (sentence := lacking_kernels()):
+        raise DegenseError(sentence)
+    return torch.device("cuda" if name == "cuda" or (name == "auto" and gpu_usable()) else "cpu")

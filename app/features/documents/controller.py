@@ -14,6 +14,7 @@ from degense.app.session.sample import demo_run, is_demo
 from degense.app.session.session_file import DamagedSession
 from degense.app.shell.logs import hide_names
 from degense.app.shell.shell import Shell
+from degense.engine.gpu import lacking_kernels
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
@@ -105,7 +106,7 @@ class Documents(QObject):
         self.clip_options = dict(scene.clip.options) if scene.clip else {}
         self._chosen = False
         self.facts.show_facts(run_facts(scene), is_clip=False)
-        self.shell.say(scene.clip_missing or f"{scene.name}: {scene.frames} frames")
+        self.shell.say(scene.clip_missing or lacking_kernels() or f"{scene.name}: {scene.frames} frames")
         self._open_session(path, lambda keep: self.session.open_scene(scene, keep), {})
 
     def _show_clip(self, path: Path, clip: Clip, options: dict[str, Any]) -> None:

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from degense.app.features.inspect.curves import table_of
 from degense.app.features.viewer.layer_images import write_png
+from degense.engine.data.files.images import read_index
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 from degense.engine.progress import Steps
@@ -97,8 +97,10 @@ def _areas(folders: Sequence[Path], frame: int) -> np.ndarray:
     """Shares of the frame float64 [n] of the masks that were written before."""
     shares = []
     for folder in folders:
-        mask = cv2.imread(str(folder / _file(frame)), cv2.IMREAD_GRAYSCALE)
-        if mask is None:
-            raise DegenseError(f"{folder / _file(frame)} is missing or damaged; delete the label map of frame {frame} to make it anew.")
+        file = folder / _file(frame)
+        try:
+            mask = read_index(file)
+        except (DegenseError, OSError) as error:
+            raise DegenseError(f"{file} is missing or damaged; delete the label map of frame {frame} to make it anew.") from error
         shares.append((mask > 0).mean())
     return np.array(shares)

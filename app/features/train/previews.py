@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from pathlib import Path
 
-import cv2
 import numpy as np
 
 from degense.app.features.train.job import TrainingJob
 from degense.app.features.train.monitor import TrainingMonitor
 from degense.app.shell.worker import Worker
+from degense.engine.data.files.images import read_rgb
+from degense.engine.errors import DegenseError
 
 log = logging.getLogger(__name__)
 
@@ -24,17 +26,20 @@ class Previews:
 
     def show(self, job: TrainingJob, path: str, frame: int) -> None:
         """Show the picture in a file, of that frame of the clip that a job trains on."""
-        picture = cv2.imread(path, cv2.IMREAD_COLOR)
-        if picture is None or self._shown() is not job:
+        try:
+            picture = read_rgb(Path(path))
+        except (DegenseError, OSError):
+            return  # there will be another one soon
+        if self._shown() is not job:
             return
         known = self._observed is not None and self._observed[:2] == (job, frame)
-        self._monitor.set_preview(picture[..., ::-1].copy(), self._observed[2] if known and self._observed else None)
+        self._monitor.set_preview(picture, self._observed[2] if known and self._observed else None)
         if not known and not self._worker.busy("observed"):
 
             def found(rgb: np.ndarray) -> None:
                 self._observed = (job, frame, rgb)
                 if self._shown() is job:
-                    self._monitor.set_preview(picture[..., ::-1].copy(), rgb)
+                    self._monitor.set_preview(picture, rgb)
 
             self._worker.submit("observed", lambda: _recorded(job, frame), found, log.warning)
 

@@ -21,7 +21,7 @@ _CHORD = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier |
 FAR, ARM = 10, 22
 #: How near to the border of the view the pointer may come before the frame is moved, screen pixels.
 EDGE = 24
-HINT = "Arrows: move · Shift: farther · Space: click, hold it and move to drag · Enter: hold the button down, and let it go · Escape: leave"
+HINT = "Arrows move, with Shift farther · Space clicks · Enter holds · Escape leaves"
 
 
 class KeyPointer(QObject):

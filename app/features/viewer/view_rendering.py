@@ -13,6 +13,7 @@ from degense.app.features.viewer.layer_images import beyond, get_layer
 from degense.app.session.view_state import ViewState
 from degense.engine.colour_maps import colourise, greyed, mask_overlay
 from degense.engine.errors import DegenseError
+from degense.engine.gpu import gpu_usable
 from degense.widgets.splats.gaussians import Gaussians
 
 if TYPE_CHECKING:
@@ -224,7 +225,7 @@ def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
 
     *shapes, colours = request.gaussians
     values = (*shapes, colours.astype(np.float32) / 255, np.empty((len(colours), 0), np.float32))
-    device = "cuda" if torch.cuda.is_available() else "cpu"
+    device = "cuda" if gpu_usable() else "cpu"
     splats = Splats(*(torch.from_numpy(np.ascontiguousarray(array)) for array in values)).to(device)
     features, background = splats.colors, torch.tensor(request.background, dtype=torch.float32, device=device) / 255
     if request.guides:

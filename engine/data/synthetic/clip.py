@@ -138,8 +138,8 @@ def _write(folder: Path, options: PhantomOptions, progress: Progress) -> None:
 
 def _write_frame(folder: Path, index: int, view: PhantomFrame, image: np.ndarray, palette: Sequence[tuple[int, int, int]]) -> None:
     stem = f"{index:06d}"
-    if not cv2.imwrite(str(folder / "images" / f"{stem}.png"), image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 3]):
-        raise OSError(f"images/{stem}.png could not be encoded")
+    encoded = cv2.imencode(".png", image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 3])[1]
+    (folder / "images" / f"{stem}.png").write_bytes(encoded.tobytes())
     labels = Image.fromarray(view.labels)
     labels.putpalette(np.array(palette, np.uint8).tobytes())
     labels.save(folder / "labels" / f"{stem}.png")

@@ -39,8 +39,7 @@ def write_pictures(folder: Path, frames: int, width: int, height: int, classes: 
             f"depth/{stem}.png": depth,
         }
         for name, picture in files.items():
-            if not cv2.imwrite(str(folder / name), picture):
-                raise OSError(f"{folder / name} could not be written")
+            (folder / name).write_bytes(cv2.imencode(Path(name).suffix, picture)[1].tobytes())
     for i in range(PICTURES, frames):
         for name, ending in (("images", "jpg"), ("masks", "png"), ("labels", "png"), ("depth", "png")):
             os.link(folder / name / f"{i % PICTURES:06d}.{ending}", folder / name / f"{i:06d}.{ending}")

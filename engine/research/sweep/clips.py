@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 
+from degense.engine.data.files.images import read_rgb
 from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.data.synthetic.recording import Recorder
@@ -63,7 +63,7 @@ def with_depth(exact: Path, out: Path, depth: Depth, seed: int) -> None:
         (out / "depth").mkdir()
         recorder = Recorder(seed, 0.0)
         for index, path in enumerate(sorted((exact / "depth").iterdir())):
-            image = cv2.imread(str(exact / "images" / f"{path.stem}.png"))[..., ::-1]
+            image = read_rgb(exact / "images" / f"{path.stem}.png")
             np.save(out / "depth" / path.name, recorder.stereo_depth(np.load(path), image, camera["fx"], index))
         return
     unit = float(np.median(np.load(exact / "depth" / "000000.npy")))
