@@ -257,7 +257,7 @@ def test_hostile_run_folders(tmp_path):
         ({"format": 99}, "newer"),
         ({"format": "x"}, "not written"),
         ({"field": {**good["field"], "channels": 16}}, "does not fit"),
-        ({"field": {**good["field"], "surprise": 1}}, "does not fit"),
+        ({"field": {**good["field"], "surprise": 1}}, "surprise.*damaged"),
         ({"cameras": {**good["cameras"], "width": -4}}, "no sense"),
         ({"cameras": {**good["cameras"], "count": 10**12}}, "no sense"),
     ):
