@@ -18,12 +18,11 @@ READ, REFUSED = "read", "refused"
 
 @dataclass(frozen=True)
 class Fate:
-    """What became of a call: "read", "refused", or in capitals what is wrong; in words; its seconds and the memory that it took, in MiB."""
+    """What became of a call: "read", "refused", or in capitals what is wrong; in words; its seconds."""
 
     outcome: str
     words: str = ""
     seconds: float = 0.0
-    mebibytes: float = 0.0
 
     @property
     def sound(self) -> bool:
@@ -49,14 +48,12 @@ def guarded(work: Callable[[], object], seconds: float, mebibytes: int) -> Fate:
         os.kill(child, signal.SIGKILL)
     text = os.read(answers, 1 << 16).decode("utf-8", "replace") if ready else ""
     os.close(answers)
-    _, status, used = os.wait4(child, 0)
+    _, status = os.waitpid(child, 0)
     spent = time.perf_counter() - begin
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    grown = max(0.0, (used.ru_maxrss - before) / 1024)
     if not ready:
-        return Fate("HUNG", f"more than {seconds:g} s", spent, grown)
+        return Fate("HUNG", f"more than {seconds:g} s", spent)
     outcome, _, words = text.partition("\n")
-    return Fate(outcome, words, spent, grown) if outcome else Fate("DIED", f"status {status}", spent, grown)
+    return Fate(outcome, words, spent) if outcome else Fate("DIED", f"status {status}", spent)
 
 
 def _do(work: Callable[[], object], writing: int, mebibytes: int) -> None:
