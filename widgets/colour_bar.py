@@ -102,7 +102,7 @@ class ColourBar(QWidget):
             keep_keys(field, TYPING)
         self._set_widths()
         colours = forms.row(self._low_field, (self._strip, 1), self._high_field)
-        choices = forms.row((self._mode_box, 4), (self._clip_box, 3), (self._map_box, 3), spacing=4)
+        choices = forms.row((self._mode_box, 5), (self._clip_box, 3), (self._map_box, 3), spacing=4)
         forms.column(self._heading, colours, choices, margin=0, spacing=4, parent=self)
         self.set_range_mode("sequence")
         self.set_clip(1.0)

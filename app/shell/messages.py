@@ -101,9 +101,10 @@ def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -
         place = min(int((count + (len(rows) + 2) / 2) / per_column), len(columns) - 1)
         columns[place].append(f"<h4 style='margin: 8px 0 2px 0'>{menu}</h4><table>{keys}</table>")
         count += len(rows) + 2
-    text = "<table><tr>" + "".join(f"<td style='padding-right: 36px'>{''.join(blocks)}</td>" for blocks in columns) + "</tr></table>"
+    cells = "".join(f"<td width='33%' style='padding-right: 18px'>{''.join(blocks)}</td>" for blocks in columns)
     area = QScrollArea(widgetResizable=True)
-    area.setWidget(QLabel(text, alignment=Qt.AlignmentFlag.AlignTop, margin=12))
+    text = f"<table width='100%'><tr>{cells}</tr></table>"
+    area.setWidget(QLabel(text, alignment=Qt.AlignmentFlag.AlignTop, margin=12, wordWrap=True))  # lines break rather than be cut off
     return _dialog(parent, "Shortcuts", area, 1000, 680)
 
 

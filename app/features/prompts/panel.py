@@ -45,7 +45,7 @@ class PromptBar(QWidget):
         self.setAccessibleName("Prompts")
         self._rows: list[PromptRow] = []
         self._field = forms.named(QLineEdit(self, clearButtonEnabled=True, maxLength=200), "New prompt")
-        self._field.setPlaceholderText("What to find, “not …”, or a question; then Enter")
+        self._field.setPlaceholderText("What to find, “not …”, or a question")
         keep_keys(self._field, TYPING)
         self._words = QStringListModel(self)
         completer = QCompleter(self._words, self, caseSensitivity=Qt.CaseSensitivity.CaseInsensitive, filterMode=Qt.MatchFlag.MatchContains)

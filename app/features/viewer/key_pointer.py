@@ -44,7 +44,6 @@ class KeyPointer(QObject):
                 self.at = self._panel.zoom.to_image(QRectF(self._panel.rect()).center())
             self._panel.setFocus()
             self._move(0, 0)
-            self._viewer.shell.say(HINT, seconds=30)
         elif self.held:
             self._release()
         self._panel.update()
@@ -121,3 +120,5 @@ class KeyPointer(QObject):
                 painter.drawLine(place + QPointF(5 * x, 5 * y), place + QPointF(ARM * x, ARM * y))
             painter.drawEllipse(place, 5, 5)
         paint_tag(painter, place + QPointF(8, 8), f"{int(self.at.x())}, {int(self.at.y())}")
+        if self._panel.hasFocus():  # in the view, as the status bar of a small window has no room for it
+            paint_tag(painter, QPointF(8, 36), HINT)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from PySide6.QtCore import QEvent, QSignalBlocker, QSize, Qt, Signal
-from PySide6.QtGui import QKeyEvent
+from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QListWidget, QListWidgetItem, QSizePolicy, QSlider, QWidget
 
 from degense.widgets import forms
@@ -60,6 +60,12 @@ class _Rows(QListWidget):
 
     def minimumSizeHint(self) -> QSize:
         return QSize(120, self._height(FEWEST_ROWS))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """With less room the current row stays in sight."""
+        super().resizeEvent(event)
+        if (item := self.currentItem()) is not None:
+            self.scrollToItem(item)
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)
