@@ -10,6 +10,7 @@ import numpy as np
 
 from degense.engine.clip import UNLABELLED
 from degense.engine.metrics.averages import Mean
+from degense.engine.semantics.masks.confidence import MARGINS_AS_CHANCES, ConfidenceCurve
 
 STEPS = 100  # thresholds 0, 1/100, …, 99/100
 BINS = 10  # of the reliability diagram
@@ -132,13 +133,21 @@ class ConfidenceCalibration:
         self._confidence, self._right, self._error = Mean(), Mean(), Mean()
         self._pixels, self._objects = Reliability(), Reliability()
 
-    def add(self, chances: np.ndarray, mask: np.ndarray, index: int, truth: np.ndarray, valid: np.ndarray) -> None:
+    def add(
+        self,
+        chances: np.ndarray,
+        mask: np.ndarray,
+        index: int,
+        truth: np.ndarray,
+        valid: np.ndarray,
+        curve: ConfidenceCurve = MARGINS_AS_CHANCES,
+    ) -> None:
         """One mask bool [H, W] of the class `index`, the chance of each of its pixels to be right float [H, W], the true label map uint8
-        [H, W], and the pixels that count, bool [H, W]."""
+        [H, W], the pixels that count, bool [H, W], and the run's curve."""
         counted = mask & valid & (truth != UNLABELLED)
         if not counted.any():
             return
-        confidence, right = float(chances[mask].mean()), float((truth[counted] == index).mean())
+        confidence, right = curve.of_mask(chances, mask), float((truth[counted] == index).mean())
         self._confidence.add(confidence)
         self._right.add(right)
         self._error.add(abs(confidence - right))
@@ -147,7 +156,8 @@ class ConfidenceCalibration:
         count, parts = cv2.connectedComponents(mask.astype(np.uint8))
         sizes, *sums = (np.bincount(parts[counted], weight, count)[1:] for weight in (None, said, right_at))
         some = sizes > 0
-        self._objects.add(*(of_part[some] / sizes[some] for of_part in sums))
+        said, right_share = (of_part[some] / sizes[some] for of_part in sums)
+        self._objects.add(curve.of_objects(said, np.bincount(parts[mask], minlength=count)[1:][some] / mask.size), right_share)
 
     def result(self) -> dict[str, Any]:
         """`masks`, how many; means of `confidence` and `precision`; `error`, `excess`; `pixels`, `objects`. None where no mask counts."""

@@ -53,7 +53,7 @@ def score_masks(scene: Scene, clip: Clip, frames: list[int], progress: Progress)
             closed[name].add(closed_set(similarities), labels, valid)
         for index in calibrations["rnse"].scored:
             mask = shown[DEFAULT_DECODER][index]
-            confidence.add(query.chances(included[index], asked[DEFAULT_DECODER].classes), mask, index, labels, valid)
+            confidence.add(query.chances(included[index], asked[DEFAULT_DECODER].classes), mask, index, labels, valid, query.curve)
     results, closed_results = ({name: score.result() for name, score in kind.items()} for kind in (scores, closed))
     return {
         "miou": {decoder: values["miou"] for decoder, values in results.items()},

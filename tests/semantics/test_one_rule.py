@@ -58,7 +58,7 @@ def by_hand(scene, prompts: PromptSet, frame: float, similarity) -> tuple[np.nda
             mask &= s > x
         if kind_of(prompts.decoder) == "refined" and similarity == scene.query(frame).refined and mask.any():
             others = [values for values in (r, x) if values is not None]
-            mask = without_holes(without_specks(mask), s, prompts.threshold, np.max(others, 0))
+            mask = without_holes(without_specks(mask, scene.query(frame).curve.least), s, prompts.threshold, np.max(others, 0))
         masks.append(mask)
         own.append(s)
     owner = np.full(masks[0].shape, UNLABELLED, np.uint8)

@@ -17,10 +17,11 @@ TINY_HOLE = 1e-4
 LARGEST_HOLE = 1e-2
 
 
-def without_specks(mask: np.ndarray) -> np.ndarray:
-    """The mask, bool [H, W], without components (8-connected) below `SPECK`; the largest component always stays."""
+def without_specks(mask: np.ndarray, least: float = 0.0) -> np.ndarray:
+    """The mask, bool [H, W], without components (8-connected) below `SPECK`, of which the largest stays, nor any below the share `least`
+    of the picture, down to none."""
     out = mask.copy()
-    _drop_specks(out, SPECK)
+    _drop_specks(out, SPECK, least)
     return out
 
 
@@ -37,14 +38,14 @@ def without_holes(mask: np.ndarray, similarity: np.ndarray, threshold: float, ri
 
 
 @njit(nogil=True, cache=True)
-def _drop_specks(mask, least):
+def _drop_specks(mask, speck, least):
     runs, areas = _components(mask, True, 1)
     largest = 0
     for k in range(len(areas)):
         if areas[k] > areas[largest]:
             largest = k
     for y, start, end, k in runs:
-        if areas[k] < least * mask.size and k != largest:
+        if areas[k] < least * mask.size or (areas[k] < speck * mask.size and k != largest):
             mask[y, start:end] = False
 
 

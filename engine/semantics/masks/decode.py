@@ -44,16 +44,17 @@ class Decoded:
         return self.masks.reshape(len(self.masks), -1).mean(1)
 
 
-def decode(similarities: Sequence[Similarities], decoder: str, threshold: float, regions: bool = False) -> Decoded:
+def decode(similarities: Sequence[Similarities], decoder: str, threshold: float, regions: bool = False, least: float = 0.0) -> Decoded:
     """Masks and owners.
 
     The mask of a prompt holds an element whose similarity s exceeds everything that the decoder compares it with: the threshold τ (half of
     it for the argmax decoders, where the other classes decide), the other classes' similarity r (s ≥ r for argmax, s > τ / `EVEN` · r for
     rnse, no comparison for the others), and, whatever the decoder, that of what is excluded. Prompts take nothing from each other's masks.
     The owner of an element is the most similar prompt; of equally similar ones the one that covers fewer classes, then the first.
-    At most 255 prompts, of one shape. Of `regions`, refined similarities of a picture [H, W], masks lose specks and small holes.
+    At most 255 prompts, of one shape. Of `regions`, refined similarities of a picture [H, W], masks lose specks, objects that cover less
+    than the share `least` of the picture, and small holes.
     """
-    return owned(np.stack([_mask(of_prompt, decoder, threshold, regions) for of_prompt in similarities]), similarities)
+    return owned(np.stack([_mask(of_prompt, decoder, threshold, regions, least) for of_prompt in similarities]), similarities)
 
 
 def owned(masks: np.ndarray, similarities: Sequence[Similarities]) -> Decoded:
@@ -65,7 +66,7 @@ def owned(masks: np.ndarray, similarities: Sequence[Similarities]) -> Decoded:
     return Decoded(masks, labels)
 
 
-def _mask(of_prompt: Similarities, decoder: str, threshold: float, regions: bool) -> np.ndarray:
+def _mask(of_prompt: Similarities, decoder: str, threshold: float, regions: bool, least: float) -> np.ndarray:
     own, rivals, excluded = of_prompt.own, of_prompt.rivals, of_prompt.excluded
     competes = decoder.endswith("argmax")
     mask = own > (0.5 * threshold if competes else threshold)
@@ -78,7 +79,7 @@ def _mask(of_prompt: Similarities, decoder: str, threshold: float, regions: bool
         rivals = excluded if rivals is None else np.maximum(rivals, excluded)
     if not regions or not mask.any():
         return mask
-    return without_holes(without_specks(mask), own, threshold, rivals)
+    return without_holes(without_specks(mask, least), own, threshold, rivals)
 
 
 @njit(nogil=True, cache=True)

@@ -37,6 +37,7 @@ class PendingMasks:
     numpy: Callable[[list[Any]], list[np.ndarray]]  # `Aggregation.numpy`
     asked: PromptVectors
     regions: bool  # whether the similarities are refined
+    least: float  # share of the picture, below which objects are left out
 
     def read(self) -> Decoded:
         """Bring all similarities into memory at once and decode them; in any thread, which alone waits."""
@@ -47,7 +48,7 @@ class PendingMasks:
             for (own, rivals, excluded), covered in zip(read, self.asked.included, strict=True)
             if own is not None
         ]
-        found = decode(similarities, self.asked.decoder, self.asked.threshold, self.regions)
+        found = decode(similarities, self.asked.decoder, self.asked.threshold, self.regions, self.least)
         return _answers(self.asked, found, similarities) if self.asked.questions else found
 
 
@@ -125,11 +126,12 @@ class FrameSemantics:
         wanted = [[None if rows is None or not len(rows) else np.atleast_2d(rows) for rows in kinds] for kinds in prompts]
         self._found(np.concatenate([rows for kinds in wanted for rows in kinds if rows is not None]), kind)  # all that is new, at once
         best = [[None if rows is None else self._best(rows, kind) for rows in kinds] for kinds in wanted]
-        return PendingMasks(best, self._aggregation.numpy, asked, kind == "refined")
+        return PendingMasks(best, self._aggregation.numpy, asked, kind == "refined", self.curve.least)
 
     def confidence(self, vectors: np.ndarray, mask: np.ndarray, classes: np.ndarray | None = None) -> float:
-        """The share of a mask that is expected to be right, in [0, 1]: the mean of `chances` in it; 0 for an empty mask."""
-        return float(self.chances(vectors, classes)[mask].mean()) if mask.any() else 0.0
+        """The share of a mask bool [H, W] that is expected to be right, in [0, 1], by the `chances` of its pixels and the sizes of its
+        objects; 0 for an empty mask."""
+        return self.curve.of_mask(self.chances(vectors, classes), mask)
 
     def chances(self, vectors: np.ndarray, classes: np.ndarray | None = None) -> np.ndarray:
         """The chance of each pixel, if a mask of the prompt holds it, to be right, float32 [H, W]; `classes` [n, D] are its rivals."""

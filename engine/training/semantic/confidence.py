@@ -1,11 +1,12 @@
 """How often the masks of a trained scene are right, found without truth: from the teacher, and from how often that is right itself.
 
 A teacher that is right in a share p of its pixels, wherever the scene may err, agrees with a share p r of those masks of which a share r
-is right; p is known from the consensus of its frames (`accuracy_of`).
+is right; p is known from the consensus of its frames (`accuracy_of`). The same holds of objects, the connected parts of masks, by size.
 """
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import torch
 
@@ -32,6 +33,7 @@ def confidence_of(model: SceneModel, targets: SemanticTargets, frames: TrainingF
         return None
     asked = PromptVectors(tuple(classes), classes=classes)
     words, labelled, sums = words_of(targets.sample, classes), targets.labelled_frames, np.zeros((3, BINS))
+    objects: list[np.ndarray] = []  # [n, 2 + BINS] of each mask: share of the picture, right pixels, pixels by bin of the margin
     for frame in (labelled[k] for k in np.unique(np.linspace(0, len(labelled) - 1, min(len(labelled), MOST_FRAMES)).round().astype(int))):
         answer = targets.answer(frame)
         assert answer is not None
@@ -46,5 +48,16 @@ def confidence_of(model: SceneModel, targets: SemanticTargets, frames: TrainingF
             place = np.minimum((margin * BINS).astype(int), BINS - 1)
             for row, weight in enumerate((None, margin, agrees)):
                 sums[row] += np.bincount(place, weight, BINS)
+            count, parts = cv2.connectedComponents(mask.astype(np.uint8))
+            share, right = np.bincount(parts[mask], minlength=count) / mask.size, np.bincount(parts[held], agrees, count)
+            by_bin = np.bincount(parts[held] * BINS + place, minlength=count * BINS).reshape(count, BINS)
+            objects.append(np.column_stack([share, right, by_bin])[1:])
     pixels, margins, agree = sums
-    return ConfidenceCurve.fitted(pixels, margins, agree / targets.accuracy) if pixels.any() else None
+    if not pixels.any():
+        return None
+    curve = ConfidenceCurve.fitted(pixels, margins, agree / targets.accuracy)
+    found = np.concatenate(objects)
+    found = found[found[:, 2:].any(1)]  # those of which the teacher says anything
+    share, right, number = found[:, 0], found[:, 1], found[:, 2:].sum(1)
+    said = found[:, 2:] @ curve(margins / np.maximum(pixels, 1)) / number
+    return curve.with_objects(share, said, right / number / targets.accuracy)

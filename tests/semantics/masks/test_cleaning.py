@@ -19,6 +19,8 @@ def test_specks_go_unless_they_are_all_there_is():
     expected[10:12, 10:12] = False
     np.testing.assert_array_equal(without_specks(mask), expected)
     assert not without_specks(np.zeros((5, 5), bool)).any()
+    assert not without_specks(mask, 0.02).any(), "what is too small to be believed goes, were it all there is"
+    np.testing.assert_array_equal(without_specks(mask, 0.015), expected)
 
 
 def test_holes_close_by_what_they_show():
