@@ -1,4 +1,4 @@
-"""How likely a pixel of a mask is right, by how far it is from a toss-up between the prompt and its best rival, and an object by its size."""
+"""How likely pixels of a mask are right, by how far they are from a toss-up between the prompt and its best rival, and objects by size."""
 
 from __future__ import annotations
 
