@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 from PySide6.QtCore import QSignalBlocker, Qt, SignalInstance
-from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtGui import QFontDatabase, QFontMetrics, QPainter, QPaintEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
     QBoxLayout,
@@ -193,14 +193,19 @@ def tabs(**pages: QWidget) -> QTabWidget:
 
 
 class Dialog(QDialog):
-    """A window over another one, `name` is its object name; it is gone when it is closed."""
+    """A window over another one, `name` is its object name; it is gone when it is closed.
+
+    With larger text it is larger, as far as the screen allows.
+    """
 
     def __init__(self, parent: QWidget, name: str, title: str, width: int, height: int) -> None:
         super().__init__(parent)
         self.setObjectName(name)
         self.setWindowTitle(title)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.resize(width, height)
+        usual = QFontMetrics(QFontDatabase.systemFont(QFontDatabase.SystemFont.GeneralFont)).height()
+        scale, room = max(1.0, self.fontMetrics().height() / usual), self.screen().availableSize()
+        self.resize(min(round(scale * width), room.width()), min(round(scale * height), room.height()))
 
     def closing(self) -> QDialogButtonBox:
         """A row with the button that closes it. A default button that is added to it is what Enter presses."""

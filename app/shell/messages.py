@@ -11,10 +11,8 @@ from PySide6.QtGui import QFontDatabase
 from PySide6.QtWidgets import (
     QAbstractButton,
     QDialog,
-    QLabel,
     QMessageBox,
     QPlainTextEdit,
-    QScrollArea,
     QTextBrowser,
     QWidget,
 )
@@ -102,10 +100,9 @@ def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -
         columns[place].append(f"<h4 style='margin: 8px 0 2px 0'>{menu}</h4><table>{keys}</table>")
         count += len(rows) + 2
     cells = "".join(f"<td width='33%' style='padding-right: 18px'>{''.join(blocks)}</td>" for blocks in columns)
-    area = QScrollArea(widgetResizable=True)
-    text = f"<table width='100%'><tr>{cells}</tr></table>"
-    area.setWidget(QLabel(text, alignment=Qt.AlignmentFlag.AlignTop, margin=12, wordWrap=True))  # lines break rather than be cut off
-    return _dialog(parent, "Shortcuts", area, 1000, 680)
+    page = forms.named(QTextBrowser(), "Shortcuts")  # whose lines break rather than be cut off
+    page.setHtml(f"<table width='100%'><tr>{cells}</tr></table>")
+    return _dialog(parent, "Shortcuts", page, 1000, 680)
 
 
 def _arrows(key: str) -> str:

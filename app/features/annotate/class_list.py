@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from PySide6.QtCore import QPoint, QSignalBlocker, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QIcon, QPainter, QPixmap
+from PySide6.QtGui import QColor, QContextMenuEvent, QIcon, QPainter, QPixmap
 from PySide6.QtWidgets import QAbstractItemView, QListWidget, QListWidgetItem, QWidget
 
 from degense.widgets.colour_menu import colour_menu
@@ -29,8 +29,6 @@ class ClassList(QListWidget):
         self.setToolTip("Keys 1 to 9 choose a class; a double click renames it, the right button recolours it or adds another object")
         self.setIconSize(QSize(SWATCH, SWATCH - 6))
         self.setEditTriggers(QAbstractItemView.EditTrigger.DoubleClicked | QAbstractItemView.EditTrigger.EditKeyPressed)
-        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
-        self.customContextMenuRequested.connect(self._show_menu)
         self.currentRowChanged.connect(lambda row: self.chosen.emit(row) if row >= 0 else None)
         self.itemChanged.connect(self._item_changed)
         self.names: list[str] = []
@@ -58,10 +56,14 @@ class ClassList(QListWidget):
         else:
             item.setText(self.names[row])
 
-    def _show_menu(self, position: QPoint) -> None:
-        item = self.itemAt(position)
-        if item is None:
-            return
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        """The menu of the row under the mouse, or of the current one by the menu key."""
+        by_key = event.reason() == QContextMenuEvent.Reason.Keyboard
+        item = self.currentItem() if by_key else self.itemAt(event.pos())
+        if item is not None:
+            self._show_menu(item, self.visualItemRect(item).bottomLeft() if by_key else event.pos())
+
+    def _show_menu(self, item: QListWidgetItem, position: QPoint) -> None:
         row = self.row(item)
         menu = colour_menu(self, lambda colour: self.recoloured.emit(row, rgb(colour)))
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QContextMenuEvent
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 
+from degense.app.features.annotate.class_list import ClassList
 from degense.app.session.targets import Spot
 from tests.app import installed as on
 
@@ -130,3 +133,19 @@ def test_the_pointer_stays_in_the_frame_and_in_sight(opened, keys, qtbot):
     assert on.pointer(window).on
     QTest.keyClick(window.windowHandle(), RIGHT)
     assert on.pointer(window).at.x() == 0.5
+
+
+def test_the_menu_of_a_class_by_its_key(opened, keys):
+    """Its colour, its name and another object of it are there."""
+    keys(Qt.Key.Key_A)
+    listed = on.annotator(opened).panel.findChild(ClassList)
+    listed.setFocus()
+    listed.setCurrentRow(2)
+    name = listed.names[2]
+    middle = listed.viewport().rect().center()  # where Qt says that the key was pressed
+    event = QContextMenuEvent(QContextMenuEvent.Reason.Keyboard, middle, listed.viewport().mapToGlobal(middle))
+    QApplication.sendEvent(listed.viewport(), event)
+    menu = QApplication.activePopupWidget()
+    assert menu is not None
+    assert f"Another {name}, as an object of its own" in [action.text() for action in menu.actions()]
+    menu.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QAbstractButton, QLabel, QWidget
+from PySide6.QtWidgets import QAbstractButton, QDialog, QLabel, QWidget
 
 from degense.widgets.theme import apply_text_size
 from tests.app import installed as on
@@ -54,6 +54,16 @@ def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
     opened.registry.run("text.usual")
     assert opened.settings.value.text_size == 1.0
     qtbot.waitUntil(lambda: opened.fontMetrics().height() == before)
+
+
+@pytest.mark.parametrize("action", ["export.labels", "export.movie", "export.report", "train.start", "file.search", "edit.preferences"])
+def test_dialogs_at_twice_the_size(qtbot, opened, qapp, usual_size, action, screenshot):
+    apply_text_size(qapp, 2.0)
+    opened.registry.run(action)
+    [dialog] = [dialog for dialog in opened.findChildren(QDialog) if dialog.isVisible()]
+    screenshot(dialog, f"dialog-200-{action}")
+    assert not cut(dialog)
+    dialog.reject()
 
 
 def test_the_welcome_page_at_twice_the_size(qtbot, window, qapp, usual_size, screenshot):
