@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from degense.engine.clip import Clip
 from degense.engine.errors import DegenseError
@@ -54,7 +55,7 @@ def _choice(name: str, count: int, there: str, missing: str) -> TeacherChoice:
 def teacher_by_name(name: str, clip: Clip, encoder: TextEncoder | None = None) -> Teacher | CostlyTeacher:
     """The teacher called `name` for a clip; `with_cached_targets` runs a costly one.
 
-    "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1"; and what was added to `MAKERS`.
+    "labels"; "strokes"; "precomputed" or "precomputed:FOLDER?level=0"; "vlm:FOLDER?scales=1&regions=FOLDER"; and what is in `MAKERS`.
     Teachers that know classes by name give them the vectors of `encoder`, by default the embedded one. Features of a model bring their own.
     DegenseError for an unknown name, an encoder that the teacher cannot take, and when the clip lacks what the teacher needs.
     """
@@ -72,24 +73,24 @@ def _precomputed(name: str, clip: Clip, encoder: TextEncoder) -> Teacher:
 
 
 def _vlm(name: str, clip: Clip, encoder: TextEncoder) -> CostlyTeacher:
-    model, values = _place(name, {"scales": 1})
+    model, values = _place(name, {"scales": 1, "regions": ""})
     if not model:
         raise DegenseError(NO_MODEL)
     from degense.engine.semantics.teachers.vlm import VlmTeacher
 
-    return VlmTeacher(clip, model, values["scales"])
+    return VlmTeacher(clip, model, values["scales"], values["regions"])
 
 
-def _place(name: str, defaults: dict[str, int]) -> tuple[str, dict[str, int]]:
-    """Folder, maybe empty, and numbers of "KIND:FOLDER?name=number&name=number"."""
+def _place(name: str, defaults: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Folder, maybe empty, and options of "KIND:FOLDER?name=number&name=folder", each of the type of its default."""
     _, _, how = name.partition(":")
     folder, _, options = how.partition("?")
     values = dict(defaults)
     for word in filter(None, options.split("&")):
-        key, _, number = word.partition("=")
-        if key not in defaults or not number.isdecimal():
-            raise DegenseError(f"the teacher {name!r} does not understand {word!r}: say name=number, of {', '.join(defaults)}")
-        values[key] = int(number)
+        key, _, value = word.partition("=")
+        if key not in defaults or not value or (isinstance(defaults[key], int) and not value.isdecimal()):
+            raise DegenseError(f"the teacher {name!r} does not understand {word!r}: say name=value, of {', '.join(defaults)}")
+        values[key] = type(defaults[key])(value)
     return folder, values
 
 

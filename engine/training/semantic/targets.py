@@ -92,11 +92,12 @@ class SemanticTargets:
                 f"{clip.path}: the teacher {teacher.name!r} labels no training frame; train with --teacher none or add label maps"
             )
         self.classes = teacher.encoder.encode(clip.classes) if clip.classes else None
-        anchors = None if teacher.pixelwise else self.classes
         every = slice(None, None, -(-sum(map(len, vectors)) // BASIS_VECTORS))
         sizes = np.concatenate(counts)[every].astype(np.float64)
         #: Vectors of all its frames, float32 [n, D].
         self.sample = np.concatenate(vectors)[every]
+        named = teacher.pixelwise and (self.classes is None or float((self.sample @ self.classes.T).max(1).min()) > NAMED)
+        anchors = None if named else self.classes  # of classes that are not among the vectors, as texts of a CLIP, the basis keeps all
         self.basis: Basis = fit_basis(self.sample, sizes, max_rank=max_rank, anchors=anchors)
         self._source = {i: i for i in self.labelled_frames}
         self.frames = sorted(self._source)  # those that have a target; `propagate` adds others

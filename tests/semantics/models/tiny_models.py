@@ -51,3 +51,18 @@ def write_model(folder: Path, kind: str) -> Path:
         decoder = {"reduce_dim": 8, "extract_layers": [0, 1, 2], "decoder_num_attention_heads": 2, "decoder_intermediate_size": 16}
         transformers.CLIPSegForImageSegmentation(transformers.CLIPSegConfig(**shape, **decoder)).save_pretrained(folder)
     return folder
+
+
+def write_sam(folder: Path) -> Path:
+    """A `SamModel` as its authors publish it, tiny and random."""
+    import transformers
+
+    transformers.utils.logging.disable_progress_bar()
+    vision = {"hidden_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2, "image_size": 32, "patch_size": 16}
+    vision |= {"output_channels": 16, "mlp_dim": 24, "window_size": 1, "global_attn_indexes": [1], "num_pos_feats": 8}
+    prompts = {"hidden_size": 16, "image_size": 32, "patch_size": 16, "image_embedding_size": 2, "mask_input_channels": 4}
+    decoder = {"hidden_size": 16, "mlp_dim": 24, "num_attention_heads": 2, "iou_head_hidden_dim": 16}
+    torch.manual_seed(0)
+    config = transformers.SamConfig(vision_config=vision, prompt_encoder_config=prompts, mask_decoder_config=decoder)
+    transformers.SamModel(config).save_pretrained(folder)
+    return folder
