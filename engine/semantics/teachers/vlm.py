@@ -88,9 +88,8 @@ class VlmTeacher:
         values = tiled(self._clip.frame(frame), self.model.side, self._scales, lambda tiles: self.model.maps(tiles, self._wordings))
         rows, columns, _ = values.shape
         place = enlarged(np.arange(rows * columns, dtype=np.int32).reshape(rows, columns), self._clip.size)
-        pieces = (
-            unit_rows(values.reshape(rows * columns, -1)) if self.model.has_text_vectors else _chances(values.reshape(rows * columns, -1))
-        )
+        flat = values.reshape(rows * columns, -1)
+        pieces = unit_rows(flat) if self.model.has_text_vectors else 1 / (1 + np.exp(-flat.astype(np.float64)))
         if self.proposals is not None:
             pieces, place = by_regions(pieces, place, self.proposals(self._clip.frame(frame)))
         if self.model.has_text_vectors:
