@@ -6,7 +6,6 @@ answers has been painted.
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import time
@@ -16,14 +15,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtCore import QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from degense.app.research.event_loop import BEAT_MS, Painted, beats, painted, rest, timed, viewer, wait
+from degense.app.research.event_loop import BEAT_MS, Painted, beats, rest, timed, viewer, wait
+from degense.app.research.window_start import first_frame, window_on
 from degense.app.session.view_state import Prompt
-from degense.app.shell.settings import SettingsFile
-from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
@@ -99,59 +97,6 @@ def prepared(options: BenchOptions, count: int, progress: Progress) -> tuple[Pat
 
         Run.open(folder).save_model(larger.model)
     return folder, options.scratch / "phantom"
-
-
-# -- one program ---------------------------------------------------------------------------------------------------------------------------
-def first_frame(folder: Path) -> tuple[float, float, float]:
-    """Milliseconds from the start of a program of its own to its window and to its first painted frame, and of processor time till then."""
-    module = "degense.app.research.window_bench"
-    code = f"import sys; from {module} import show_and_tell; show_and_tell(sys.argv[1], float(sys.argv[2]))"
-    result = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code, str(folder), repr(time.time())], capture_output=True, text=True, timeout=120
-    )
-    if result.returncode != 0:
-        raise DegenseError(
-            f"The window could not be started: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else 'no word'}"
-        )
-    shown, painted_after, processor = json.loads(result.stdout.splitlines()[-1])
-    return float(shown), float(painted_after), float(processor)
-
-
-def show_and_tell(folder: str, started: float) -> None:
-    """Open a run as `degense RUN` does, print what `first_frame` gives, for a start at `started` (Unix time), and leave."""
-    with window_on(Path(folder)) as window:
-        wait(lambda: (handle := window.windowHandle()) is not None and handle.isExposed())
-        shown = time.time() - started
-        painted(window, lambda: viewer(window).view is not None)
-        print(json.dumps([1000 * shown, 1000 * (time.time() - started), 1000 * time.process_time()]))
-
-
-@contextmanager
-def window_on(folder: Path) -> Iterator[Shell]:
-    """The window with a run being opened in it, and settings of its own."""
-    import tempfile
-
-    from degense.app.application import FEATURES
-    from degense.app.features.documents.controller import Documents
-    from degense.app.shell.shell import Shell
-    from degense.widgets.theme import apply_theme
-
-    app = QApplication.instance() or QApplication(["degense"])
-    assert isinstance(app, QApplication)
-    with tempfile.TemporaryDirectory(prefix="degense-bench-") as scratch:
-        apply_theme(app, "dark")
-        window = Shell(SettingsFile(Path(scratch) / "settings.json"), FEATURES)
-        window.resize(1440, 900)
-        window.show()
-        documents = window.service(Documents)
-        assert documents is not None
-        documents.open_path(folder)
-        try:
-            yield window
-        finally:
-            window.close()
-            window.deleteLater()
-            app.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
 
 # -- in one window -------------------------------------------------------------------------------------------------------------------------

@@ -155,7 +155,7 @@ def state_of_process() -> dict[str, float]:
 
 def rows(folder: Path, minutes: float, progress: Progress = silent) -> list[dict[str, Cell]]:
     """The lines of the table: what was measured at the beginning and the end, and whether it grows."""
-    from degense.app.research.window_bench import window_on
+    from degense.app.research.window_start import window_on
 
     os.environ["XDG_STATE_HOME"] = str(folder / "state")
     shutil.copytree(demo_run(), folder / "first")
