@@ -86,6 +86,8 @@ class BatchFolder:
             data = untrusted.read_json(self._file(job, ".json"), LARGEST)
             seconds = {str(stage): float(spent) for stage, spent in data["seconds"].items()}
             record = JobRecord(dict(data["done"]), seconds, str(data["failure"]))
+            if not isinstance(record.done.get("train", {}), dict):
+                raise ValueError("a training that was asked for in another way")
         except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return JobRecord({}, {})
         return record
