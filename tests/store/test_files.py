@@ -1,12 +1,13 @@
 """Whole or absent, and hostile files answered in one sentence."""
 
+import json
 import os
 
 import pytest
 import torch
 
 from degense.engine.errors import DegenseError, RunError
-from degense.engine.files import replacing, replacing_folder
+from degense.engine.files import replacing, replacing_folder, write_text
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
 
 
@@ -87,3 +88,9 @@ def test_a_folder_is_on_the_disk_with_all_that_is_in_it(tmp_path, told):
     moved = told.index(("move", "out"))
     assert {name for kind, name in told[:moved] if kind == "sync"} >= {"a", "b", "inner"}
     assert told[moved + 1 :] == [("sync", tmp_path.name)]
+
+
+def test_half_a_letter_of_a_name_is_written_and_read_again(tmp_path):
+    name = os.fsdecode(b"clip-\xff")
+    write_text(tmp_path / "a.json", json.dumps({"name": name, "half": "\ud800"}, ensure_ascii=False))
+    assert read_json(tmp_path / "a.json") == {"name": name, "half": "\ud800"}

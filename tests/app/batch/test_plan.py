@@ -123,7 +123,13 @@ def test_a_record_of_a_job_that_is_damaged_counts_as_none(plan, tmp_path):
     folder.keep(job, JobRecord({"train": {}}, {"train": 1.5}))
     path = folder.path / "jobs" / f"{job.name}.json"
     sound = json.loads(path.read_text())
-    for change in ({"seconds": {"train": "long"}}, {"seconds": [1]}, {"done": 3}, {"done": {"train": "x"}}, {"seconds": {"train": float("inf")}}):
+    for change in (
+        {"seconds": {"train": "long"}},
+        {"seconds": [1]},
+        {"done": 3},
+        {"done": {"train": "x"}},
+        {"seconds": {"train": float("inf")}},
+    ):
         path.write_text(json.dumps(sound | change))
         assert folder.record(job) == JobRecord({}, {})
         assert write_report(folder, [job])
