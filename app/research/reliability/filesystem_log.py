@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import shutil
 import threading
 import time
@@ -20,7 +21,9 @@ def record(root: Path, log: Path) -> None:
     """From now on write into the folder `log` what this process syncs below `root`, with the bytes."""
     log.mkdir(parents=True, exist_ok=True)
     lines, lock, fsync = (log / "events").open("a", encoding="utf-8"), threading.Lock(), os.fsync
-    count = 0
+    count, most = 0, resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    held: dict[int, int] = {}  # handles by inode: while one is open, no other file can get its number
 
     def synced(handle: int) -> None:
         nonlocal count
@@ -30,6 +33,8 @@ def record(root: Path, log: Path) -> None:
             return
         with lock:
             about: dict[str, Any] = {"inode": os.fstat(handle).st_ino}
+            if about["inode"] not in held:
+                held[about["inode"]] = os.dup(handle)
             if path.is_dir():
                 about["names"] = {child.name: [child.is_dir(), child.lstat().st_ino] for child in path.iterdir()}
             else:
