@@ -16,6 +16,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from degense.engine.errors import DegenseError
+
 
 def record(root: Path, log: Path) -> None:
     """From now on write into the folder `log` what this process syncs below `root`, with the bytes."""
@@ -50,8 +52,11 @@ def record(root: Path, log: Path) -> None:
 
 
 def moments(log: Path) -> tuple[float, float]:
-    """When the first and the last event were, in seconds of the monotonic clock."""
-    times = [json.loads(line)["time"] for line in (log / "events").read_text(encoding="utf-8").splitlines()]
+    """When the first and the last event were, in seconds of the monotonic clock. DegenseError where there was none."""
+    events = log / "events"
+    times = [json.loads(line)["time"] for line in events.read_text(encoding="utf-8").splitlines()] if events.exists() else []
+    if not times:
+        raise DegenseError("nothing was synced in the time that was given; give more")
     return times[0], times[-1]
 
 

@@ -93,8 +93,6 @@ def _cut_power(program: Program, whole: Path, at: Path, count: int, rng: random.
     if not _wait(child, 2 * longest):
         _signal(child, signal.SIGKILL)
         _wait(child, PATIENCE)
-    if not (log / "events").exists():
-        raise DegenseError(f"{program.name} synced nothing within {2 * longest:g} seconds.")
     first, last = moments(log)
     for case in range(count):
         shutil.rmtree(out)

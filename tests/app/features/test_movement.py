@@ -9,6 +9,7 @@ from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication, QFileDialog, QPushButton
 
+from degense.app.features.anonymise.anonymity import Anonymity
 from degense.app.features.cameras.state import CameraPath
 from degense.app.features.movies.dialog import MovieDialog
 from degense.app.features.movies.movie import MovieOptions
@@ -110,7 +111,9 @@ def test_a_movie_is_stopped_and_leaves_nothing(qtbot, opened, idle, tmp_path):
         opened.registry.run("cameras.add")
     idle()
     on.cameras(opened).book.change(0, seconds=600.0)
-    on.movies(opened).write(tmp_path / "long.mp4", MovieOptions(opened.session.view_state, stops=on.cameras(opened).book.stops))
+    on.movies(opened).write(
+        tmp_path / "long.mp4", MovieOptions(opened.session.view_state, stops=on.cameras(opened).book.stops), Anonymity()
+    )
     qtbot.waitUntil(lambda: ": frame" in opened.status.busy_text.text())
     opened.registry.run("export.stop")
     idle()

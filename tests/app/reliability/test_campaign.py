@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from degense.app.research.reliability import faults, kills, mutations, programs
+from degense.app.research.reliability import kills, mutations, programs
 from degense.app.research.reliability.filesystem_log import lay_out, record
 from degense.app.research.reliability.guarded import READ, REFUSED, guarded
 from degense.app.research.reliability.mutate import mutated
@@ -20,13 +20,11 @@ from degense.app.research.reliability.readers import Reader, readers
 from degense.app.research.reliability.soak import Slope
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from degense.engine.research.bench.child import call_in_child
+from tests.app.reliability import cases
 
 #: Readers of a sample that is made at once, and which of their damaged inputs are tried here: the first ones of another seed.
 QUICK = ("clip nerfstudio", "clip colmap-binary", "labels coco", "labels label-studio", "points npz", "annotations", "session", "plan")
-
-
-def made(name: str) -> Reader:
-    return next(reader for reader in readers() if reader.name == name)
 
 
 def named(name: str) -> programs.Program:
@@ -35,7 +33,8 @@ def named(name: str) -> programs.Program:
 
 @pytest.mark.parametrize("name", QUICK)
 def test_damaged_inputs_are_read_or_refused(name, tmp_path):
-    tally = mutations.tally(made(name), 12, tmp_path / "scratch", seed=1)
+    reader = next(reader for reader in readers() if reader.name == name)
+    tally = mutations.tally(reader, 12, tmp_path / "scratch", seed=1)
     assert tally.outcomes.total() == 12
     assert tally.defects == []
 
@@ -106,13 +105,13 @@ def test_what_is_synced_survives_a_power_cut_and_nothing_else(tmp_path):
 
 @pytest.mark.parametrize("how", ["SIGKILL", "power cut"])
 def test_painting_survives_kills_and_power_cuts(how, tmp_path):
-    tally = kills.tally(named("annotate"), how, 3, tmp_path / "scratch", seed=2, longest=2.5)
+    tally = call_in_child(cases.killed, "annotate", how, 3, tmp_path / "scratch", 5.0)
     assert tally.outcomes == {READ: 3}, tally.defects
 
 
 @pytest.mark.parametrize("how", ["SIGKILL", "power cut"])
 def test_exports_are_whole_under_their_final_names(how, tmp_path):
-    tally = kills.tally(named("export"), how, 2, tmp_path / "scratch", seed=2, longest=2.0)
+    tally = call_in_child(cases.killed, "export", how, 2, tmp_path / "scratch", 5.0)
     assert tally.outcomes == {READ: 2}, tally.defects
 
 
@@ -133,15 +132,13 @@ def test_a_program_that_writes_carelessly_is_found(tmp_path):
 
 @pytest.mark.parametrize("name", ["disk full: session", "disk full: export", "disk full: index", "read-only folder: session", "CUDA"])
 def test_faults_are_met_with_a_sentence(name, tmp_path):
-    fault = next(fault for fault in faults.faults() if fault.name.startswith(name))
-    fate = faults.meet(fault, tmp_path / "scratch")
+    fate = call_in_child(cases.met, name, tmp_path / "scratch")
     assert fate.outcome == REFUSED, fate.words
 
 
 @pytest.mark.parametrize("name", ["clock that", "stalled reads", "memory of the GPU"])
 def test_faults_that_are_survived(name, tmp_path):
-    fault = next(fault for fault in faults.faults() if fault.name.startswith(name))
-    fate = faults.meet(fault, tmp_path / "scratch")
+    fate = call_in_child(cases.met, name, tmp_path / "scratch")
     assert fate.outcome == READ, fate.words
 
 
