@@ -51,10 +51,8 @@ def find_and_read(folder: Path) -> DenseModel:
         ("vision_cfg", "image_size", [224, 112]),
         ("vision_cfg", "patch_size", 35),
         ("vision_cfg", "head_width", 48),
-        ("vision_cfg", "mlp_ratio", float("nan")),
         ("vision_cfg", "mlp_ratio", 1e-3),
         ("vision_cfg", "layers", 10**9),
-        ("vision_cfg", "width", 10**30),
         ("vision_cfg", "layers", True),
         ("text_cfg", "hf_model_name", "roberta-base"),
         ("text_cfg", "hf_tokenizer_name", "bert-base-uncased"),
@@ -80,10 +78,17 @@ def test_what_is_no_plain_clip_is_one_sentence(folder, part, option, value):
     assert len(str(raised.value).removeprefix(str(folder))) < 400
 
 
-@pytest.mark.parametrize("mean", [[0.5, 0.5], [0.5, 0.5, "x"], [0.5, 0.5, float("inf")], [0.5, 0.5, 10**400], 0.5, [True] * 3])
+@pytest.mark.parametrize("mean", [[0.5, 0.5], [0.5, 0.5, "x"], 0.5, [True] * 3])
 def test_means_that_are_none(folder, mean):
     rewrite(folder, lambda said: said["preprocess_cfg"].update(mean=mean))
     with pytest.raises(DegenseError, match='says "mean"'):
+        find_and_read(folder)
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), 10**30, 10**400])
+def test_numbers_that_are_none(folder, number):
+    rewrite(folder, lambda said: said["model_cfg"]["vision_cfg"].update(width=number))
+    with pytest.raises(DegenseError, match=r"is not valid JSON \(.*number\)"):
         find_and_read(folder)
 
 
@@ -100,7 +105,7 @@ def test_a_deviation_of_zero_and_a_configuration_without_end(folder):
         find_and_read(folder)
     with (folder / "open_clip_config.json").open("wb") as file:
         file.truncate(1 << 30)
-    with pytest.raises(DegenseError, match="larger than 16 MB"):
+    with pytest.raises(DegenseError, match="larger than 16,777,216 bytes"):
         find_and_read(folder)
 
 
