@@ -137,7 +137,7 @@ def _table(what: str, ladder: Sequence[Size], rows: list[dict[str, Cell]]) -> Ta
         [
             Column("size", what, 0),
             *([Column("gaussians", "Gaussians at the end", 0)] if what != "Gaussians" else []),
-            *(Column(key, heading, 2 if heading.endswith("s") else 0) for key, heading in columns.items()),
+            *(Column(key, heading, 2 if key in COSTS else 0) for key, heading in columns.items()),
         ],
         [*told, {"size": "exponent b", **{key: value if value is None else f"{value:.2f}" for key, value in fitted.items()}}],
         curves=("size", *columns),

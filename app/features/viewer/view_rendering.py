@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
@@ -216,6 +217,12 @@ def draw_clip(clip: Clip, frame: int) -> View:
     return View(frame, clip.cameras[frame], clip.frame(frame), "rgb", None, "", "", None, None, masks)
 
 
+@lru_cache
+def _device() -> str:
+    """Where splats of the 3D view are drawn; asked once, since to look for compiled kernels reads folders."""
+    return "cuda" if gpu_usable() else "cpu"
+
+
 def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
     """Splats as the 3D view wants them, drawn by the rasterizer, with the guides over them, uint8 [H, W, 3]."""
     import torch
@@ -225,7 +232,7 @@ def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
 
     *shapes, colours = request.gaussians
     values = (*shapes, colours.astype(np.float32) / 255, np.empty((len(colours), 0), np.float32))
-    device = "cuda" if gpu_usable() else "cpu"
+    device = _device()
     splats = Splats(*(torch.from_numpy(np.ascontiguousarray(array)) for array in values)).to(device)
     features, background = splats.colors, torch.tensor(request.background, dtype=torch.float32, device=device) / 255
     if request.guides:

@@ -75,8 +75,8 @@ def _table(name: str, title: str, protocol: str, tallies: Iterable[Tally]) -> Ta
 def _faults(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
     rows: list[dict[str, Cell]] = []
     for name, fate in faults.fates(options.scratch / "faults", progress):
-        words = fate.words.replace(str(options.scratch), "…")
-        rows.append({"what": name, "outcome": "goes on" if fate.outcome == READ else fate.outcome, "words": words, "seconds": fate.seconds})
+        outcome = "goes on" if fate.outcome == READ else fate.outcome
+        rows.append({"what": name, "outcome": outcome, "words": fate.words, "seconds": fate.seconds})
     columns = [Column("what", "what"), Column("outcome", "outcome"), Column("seconds", "seconds", 1), Column("words", "what is said")]
     return Table("reliability-faults", "Faults around the program", "Each in a process of its own; refused: one sentence.", columns, rows)
 

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -54,11 +54,13 @@ def faults() -> list[Fault]:
 
 
 def fates(scratch: Path, progress: Progress = silent) -> Iterator[tuple[str, Fate]]:
-    """Name and fate of each case."""
+    """Name and fate of each case, which names files as they lie in its own folder."""
     cases = faults()
     for number, fault in enumerate(cases):
         progress(number / len(cases), fault.name)
-        yield fault.name, meet(fault, scratch / f"{number:02d}")
+        folder = scratch / f"{number:02d}"
+        fate = meet(fault, folder)
+        yield fault.name, replace(fate, words=fate.words.replace(f"{folder}{os.sep}", ""))
 
 
 def meet(fault: Fault, scratch: Path) -> Fate:

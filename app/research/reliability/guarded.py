@@ -56,11 +56,16 @@ def guarded(work: Callable[[], object], seconds: float, mebibytes: int) -> Fate:
     return Fate(outcome, words, spent) if outcome else Fate("DIED", f"status {status}", spent)
 
 
-def _do(work: Callable[[], object], writing: int, mebibytes: int) -> None:
-    """The child's side: it never returns."""
+def silence() -> None:
+    """From now on this process prints nothing and reads nothing from its terminal."""
     quiet = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(quiet, stream)
+
+
+def _do(work: Callable[[], object], writing: int, mebibytes: int) -> None:
+    """The child's side: it never returns."""
+    silence()
     with open("/proc/self/statm", encoding="ascii") as file:
         pages = int(file.read().split()[0])
     most = pages * resource.getpagesize() + (mebibytes << 20)

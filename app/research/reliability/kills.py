@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from degense.app.research.reliability.filesystem_log import lay_out, moments, record
-from degense.app.research.reliability.guarded import guarded
+from degense.app.research.reliability.guarded import guarded, silence
 from degense.app.research.reliability.programs import Killed, Program, programs
 from degense.app.research.reliability.tally import Tally
 from degense.engine.errors import DegenseError
@@ -106,9 +106,7 @@ def _started(work: Callable[[], object], failed: Path) -> int:
     child = os.fork()
     if child:
         return child
-    quiet = os.open(os.devnull, os.O_RDWR)
-    for stream in (0, 1, 2):
-        os.dup2(quiet, stream)
+    silence()
     try:
         work()
     except Exception:

@@ -13,6 +13,10 @@ from degense.app.research.reliability.guarded import Fate
 from degense.app.research.reliability.tally import Tally
 
 
+def named(name: str) -> programs.Program:
+    return next(program for program in programs.programs() if program.name == name)
+
+
 def met(name: str, scratch: Path) -> Fate:
     """What becomes of the fault whose name begins so."""
     return faults.meet(next(fault for fault in faults.faults() if fault.name.startswith(name)), scratch)
@@ -20,5 +24,4 @@ def met(name: str, scratch: Path) -> Fate:
 
 def killed(name: str, how: str, count: int, scratch: Path, longest: float) -> Tally:
     """A program killed so often."""
-    program = next(program for program in programs.programs() if program.name == name)
-    return kills.tally(program, how, count, scratch, seed=2, longest=longest)
+    return kills.tally(named(name), how, count, scratch, seed=2, longest=longest)

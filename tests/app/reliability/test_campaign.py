@@ -27,10 +27,6 @@ from tests.app.reliability import cases
 QUICK = ("clip nerfstudio", "clip colmap-binary", "labels coco", "labels label-studio", "points npz", "annotations", "session", "plan")
 
 
-def named(name: str) -> programs.Program:
-    return next(program for program in programs.programs() if program.name == name)
-
-
 @pytest.mark.parametrize("name", QUICK)
 def test_damaged_inputs_are_read_or_refused(name, tmp_path):
     reader = next(reader for reader in readers() if reader.name == name)
@@ -125,7 +121,7 @@ def test_a_program_that_writes_carelessly_is_found(tmp_path):
             os.fsync(handle)
             time.sleep(0.02)
 
-    program = programs.Program("careless", lambda folder: None, work, named("export").check)
+    program = programs.Program("careless", lambda folder: None, work, cases.named("export").check)
     tally = kills.tally(program, "power cut", 4, tmp_path / "scratch", seed=0, longest=1.0)
     assert set(tally.outcomes) == {"CRASHED"}
 
