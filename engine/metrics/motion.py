@@ -35,8 +35,8 @@ class MotionScores:
     - `recovered_share`: Σ min(‖predicted‖, ‖true‖) / Σ ‖true‖ over the same pixels. Motion where there is none, and motion beyond the
       true one, earn nothing here; they show in the error.
     - `spurious_displacement`: mean of max(‖predicted‖ − ‖true‖, 0) in `cautery`, where tissue changes colour: motion that explains a
-      change of colour. `spurious_displacement_static`: mean ‖predicted‖ where such tissue is static.
-    - `false_motion`: mean ‖predicted‖ on other static tissue.
+      change of colour. `spurious_displacement_static`: the same where such tissue is static.
+    - `false_motion`: the same on other static tissue. What counts as static may have moved a little: that much motion is not false.
     - `true_displacement`: mean ‖true‖, which is the error of the answer "nothing moves". `largest_displacement`: the largest ‖true‖.
     - `…_revealed`: the same scores over pixels that are not marked as a guess, in frames with marks; `displacement_error_uncertain`: the
       error over those that are. `displacement_error_by_observability`: by bins of the displayed motion observability, the error
@@ -118,10 +118,11 @@ class _Tally:
     def add(self, p: np.ndarray, t: np.ndarray, burnt: np.ndarray, static: float) -> None:
         """Predicted and true norms [n], where tissue changes its colour, bool [n], and the motion up to which it is static."""
         still = t <= static
+        beyond = np.maximum(p - t, 0)
         _add_mean(self._error, np.abs(p - t))
-        _add_mean(self._spurious, np.maximum(p - t, 0)[burnt])
-        _add_mean(self._spurious_static, p[burnt & still])
-        _add_mean(self._false, p[~burnt & still])
+        _add_mean(self._spurious, beyond[burnt])
+        _add_mean(self._spurious_static, beyond[burnt & still])
+        _add_mean(self._false, beyond[~burnt & still])
         _add_mean(self._true, t)
         self._largest = max(self._largest, float(t.max(initial=0)))
         self._shared += float(np.minimum(p, t).sum())

@@ -175,5 +175,5 @@ def _protocol(plan: SweepPlan) -> str:
         "time. Each score: the median of the scenes and the worst scene, each the mean of its seeds. Held-out frames, (i − 1) % 8 == 0; "
         f"motion: all frames. mIoU: all classes as prompts, by the window's decoder {DEFAULT_DECODER} for {OURS}, by the best of "
         f"{', '.join(DECODERS)} for the others. Error and false motion: by the mean true motion of the scene, at least {STATIC:.1%} of its "
-        "depth. False motion: of static tissue, charred or not. † a baseline is better."
+        "depth. False motion: beyond the true one, of static tissue, charred or not. † a baseline is better."
     )
