@@ -102,7 +102,7 @@ class TrainConfig:
     )
 
     displacement: float = setting(0.01, "Weight of |Δμ|, the size of displacements.", "Weights of the regularizers")
-    rigidity: float = setting(1.0, "Weight of the difference of Δμ between neighbours.")
+    rigidity: float = setting(4.0, "Weight of the difference of Δμ between neighbours.")
     shape: float = setting(0.002, "Weight of Δ log-scale, Δ quaternion and Δ opacity.")
     delta_color: float = setting(0.001, "Weight of |Δcolour| of Ψ_app.")
     color_residual: float = setting(0.002, "Weight of the per-Gaussian colour residuals, |Δcolour|.")
