@@ -74,14 +74,14 @@ def _table(plan: ClipsPlan, scene: RealClip) -> Table | None:
             baselines |= {name: [scores] for name, scores in read_json(path).items()}
     scores = [score for score in SCORES if any(score.read(one) is not None for several in runs.values() for one in several)]
     columns = [Column("method", "method"), *(Column(score.key, score.heading, score.digits, "mean") for score in scores)]
-    cells: list[dict[str, Cell]] = [{"method": method} | _row(several, scores) for method, several in runs.items()]
+    cells: list[dict[str, Cell]] = [{"method": method, **_row(several, scores)} for method, several in runs.items()]
     rows, others = ({name: _means(several) for name, several in kind.items()} for kind in (runs, baselines))
     for column, score in zip(columns[1:], scores, strict=True):
         below = below_baseline(rows, others, score.key, score.larger)
         for cell in cells:
             if cell["method"] in below:
                 cell[score.key] = f"{column.text(cell[score.key])} †"
-    cells += [{"method": f"baseline: {name}"} | _row(several, scores) for name, several in baselines.items()]
+    cells += [{"method": f"baseline: {name}", **_row(several, scores)} for name, several in baselines.items()]
     table = Table(f"clips-{scene.slug.rpartition('-')[0]}", f"The clip {scene.name}", _protocol(plan, first), columns, cells)
     table.command = plan.command()
     return table
