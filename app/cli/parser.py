@@ -149,9 +149,9 @@ def _scores(command: Command) -> None:
     sub.add_argument("--seeds", type=_positive, metavar="N", help="trainings and random scenes of each kind (default 3; with --quick 1)")
     sub.add_argument("--repeats", type=_positive, metavar="N", help="of each timing (default 15; with --quick 5)")
     sub.add_argument("--quick", action="store_true", help="small scenes, short trainings: to see that it runs, not to quote")
-    sub.add_argument("--clip", type=Path, action="append", default=[], metavar="CLIP", help="a real clip to measure on too; repeatable")
+    sub.add_argument("--clip", type=Path, action="append", default=[], metavar="CLIP", help="a real clip, of clips and cameras; repeatable")
     sub.add_argument("--out", type=Path, metavar="PATH", help="folder for tables (.json) and plots (.png); of a report, the file")
-    group = sub.add_argument_group("of the benchmark surgeries", "which goes on where it stopped in the folder of --out")
+    group = sub.add_argument_group("of the benchmarks surgeries and clips", "which go on where they stopped in the folder of --out")
     add_sweep_options(group, _setting, _size, _positive)
     add_reliability_options(sub.add_argument_group("of the benchmark reliability", "whose parts may follow its name"), _positive)
 

@@ -13,7 +13,7 @@ from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
 from degense.engine.research.baselines import score_baselines
 from degense.engine.research.bench.report import plain_section, save_table, write_report
-from degense.engine.research.bench.run import BENCHES, Benches, BenchOptions, check_names, run
+from degense.engine.research.bench.run import BENCHES, CLIPS, Benches, BenchOptions, check_names, run
 from degense.engine.research.comparison import SystemComparison
 from degense.engine.research.report import MethodScores, pictures_of
 from degense.engine.research.report import write_report as write_scores
@@ -54,12 +54,12 @@ def run_benchmarks(
     Parameters
     ----------
     names : sequence of str
-        Of `BENCHES` and `others`, or "all" alone for those of `BENCHES`.
+        Of `BENCHES` and `others`, or "all" alone for those of `BENCHES` but `clips`.
     sweep : dict, optional
-        What `surgeries` is told beside the rest (`BenchOptions.sweep`).
+        What `surgeries` and `clips` are told beside the rest (`BenchOptions.sweep`).
     """
     benches = BENCHES | others
-    chosen = list(BENCHES) if list(names) == ["all"] else list(dict.fromkeys(names))
+    chosen = [name for name in BENCHES if name != CLIPS] if list(names) == ["all"] else list(dict.fromkeys(names))
     check_names(chosen, benches)
     if out is not None and out.exists() and not out.is_dir():
         raise DegenseError(f"{out} is a file; name a folder for the tables and plots.")

@@ -1,4 +1,4 @@
-"""Options of `degense bench surgeries`, and what they say."""
+"""Options of `degense bench surgeries` and `degense bench clips`, and what they say."""
 
 from __future__ import annotations
 

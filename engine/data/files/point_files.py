@@ -11,7 +11,7 @@ import numpy as np
 
 from degense.engine.data.files.numbered import shown
 from degense.engine.data.files.numpy_files import npz_headers, read_npz
-from degense.engine.data.files.point_trees import labels_of, sequence_of, surgt_points, tattoos
+from degense.engine.data.files.point_trees import START, labels_of, sequence_of, surgt_points, tattoos
 from degense.engine.data.files.surgt_case import is_surgt_case
 from degense.engine.errors import ClipError
 from degense.engine.untrusted import read_json
@@ -79,6 +79,15 @@ def read_points(path: Path, frames: int, size: tuple[int, int]) -> KnownPoints:
         at = points, rows[:, 1].astype(int)
         found.pixels[at], found.hidden[at] = rows[:, 2:], np.isnan(rows[:, 2:]).any(1)
     return _located(found, path)
+
+
+def points_beside(clip: Path) -> Path | None:
+    """What `read_points` takes for a clip beside whose frames its data set keeps points: the folder; None where there are none.
+
+    ClipError for a link that leads out of the folder.
+    """
+    folder = clip if clip.is_dir() else clip.parent
+    return folder if is_surgt_case(folder) or labels_of(folder) or (folder / START).exists() else None
 
 
 def _located(found: KnownPoints, path: Path) -> KnownPoints:

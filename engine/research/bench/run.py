@@ -20,6 +20,7 @@ from degense.engine.research.bench.table import Table
 
 #: Name → (module with `run(options, progress) -> Iterable[Table]`, what it answers).
 Benches = dict[str, tuple[str, str]]
+CLIPS = "clips"  # needs clips, so it is not among "all"
 BENCHES: Benches = {
     "raster": (
         "degense.engine.research.benchmarks.raster",
@@ -33,10 +34,7 @@ BENCHES: Benches = {
     "query": ("degense.engine.research.benchmarks.query", "how long a whole clip takes to answer prompts"),
     "search": ("degense.engine.research.benchmarks.search", "how long a question to an archive takes, and how its index grows"),
     "masks": ("degense.engine.research.benchmarks.masks", "superpixels and decoders: time against mask quality"),
-    "presets": (
-        "degense.engine.research.benchmarks.presets",
-        "what the presets cost and reach on a phantom, and on real clips with --clip",
-    ),
+    "presets": ("degense.engine.research.benchmarks.presets", "what the presets cost and reach on a phantom"),
     "cameras": (
         "degense.engine.research.benchmarks.cameras",
         "camera poses from the frames: how far off they are, and what they do to a reconstruction",
@@ -44,6 +42,10 @@ BENCHES: Benches = {
     "surgeries": (
         "degense.engine.research.sweep",
         "a family of surgeries: systems, teachers and depths against exact truth and baselines; resumes",
+    ),
+    CLIPS: (
+        "degense.engine.research.real_clips",
+        "real clips, each named with --clip: systems and baselines on held-out frames, and tracks; resumes",
     ),
     "ablation": (
         "degense.engine.research.benchmarks.ablation",
@@ -90,11 +92,11 @@ class BenchOptions:
     scratch : Path
         A folder for clips and runs made on the way; its owner deletes it.
     clips : tuple of Path
-        Real clips to measure on beside the phantoms.
+        Real clips to measure on.
     out : Path or None
         Where tables go; a sweep is kept there too.
     sweep : dict
-        What one benchmark alone is told: `surgeries` (`engine.research.sweep.plan`), or `reliability` of the program.
+        What some benchmarks alone are told: `surgeries` and `clips` (`engine.research.sweep.schedule`), or `reliability` of the program.
     """
 
     device: str

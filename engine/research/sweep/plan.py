@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from degense.engine.errors import DegenseError
-from degense.engine.files import write_text
-from degense.engine.processes.capacity import trainings_at_once
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.degraded_teachers import ErrorModel
 from degense.engine.research.surgeries import DEVELOP, REPORT
-from degense.engine.research.systems import SYSTEMS, as_system
-from degense.engine.store.files import read_json, write_json
-from degense.engine.training.config import TrainConfig
+from degense.engine.research.sweep.schedule import QUICK, Schedule, check_known, names_of, said, schedule_of
 
 Depth = Literal["exact", "noisy", "none"]
 SETS = {"develop": DEVELOP, "report": REPORT}
-METHODS = (*SYSTEMS, "coupled")
-BUDGET = ("iterations", "max_gaussians")  # settings that have options of their own
 #: All nine cells of degraded teachers, which "degraded" alone stands for.
 CELLS = tuple(f"degraded:model={model},strength={strength}" for model, strength in product(get_args(ErrorModel), (1, 2, 3)))
 
@@ -55,42 +47,23 @@ class SweepJob:
 
 
 @dataclass(frozen=True)
-class SweepPlan:
-    """A sweep, and the folder that it is kept in.
+class SweepPlan(Schedule):
+    """A sweep over surgeries; its folder holds `clips/` too.
 
     Attributes
     ----------
-    out : Path
-        Holds `clips/`, `baselines/`, `flow/`, `scores/` (one file a job) and `sweep.json`, what must stay the same.
     which : {"develop", "report"}
+        On `report` nothing is chosen, so it takes no `settings`.
     size : (int, int)
         Width and height of the clips, which have so many `frames`.
-    settings : dict
-        Training settings in place of the preset's; none on `report`, on which nothing is chosen.
-    slots : int
-        Trainings at a time.
-    time_limit : float
-        Seconds after which nothing new is begun.
-    tables_only : bool
-        Make tables of what is there, and train nothing.
     """
 
-    out: Path
     which: str = "develop"
     scenes: tuple[int, ...] = tuple(DEVELOP[:6])
     size: tuple[int, int] = (320, 256)
     frames: int = 48
-    methods: tuple[str, ...] = ("degense", "degensegs", "surgtpgs", "coupled")
     teachers: tuple[str, ...] = ("labels",)
     depths: tuple[Depth, ...] = ("exact",)
-    preset: str = "balanced"
-    settings: dict[str, Any] = field(default_factory=dict)
-    seeds: tuple[int, ...] = (0,)
-    device: str = "cpu"
-    slots: int = 1
-    baselines: bool = True
-    time_limit: float = float("inf")
-    tables_only: bool = False
 
     @property
     def jobs(self) -> list[SweepJob]:
@@ -102,71 +75,40 @@ class SweepPlan:
         width, height = self.size
         return self.out / "clips" / f"{scene:03d}-{width}x{height}-{self.frames}-{depth}"
 
-    def scores(self, job: SweepJob) -> Path:
-        return self.out / "scores" / f"{job.name}.json"
-
-    def config(self, method: str, seed: int) -> TrainConfig:
-        """The settings of a method."""
-        config = TrainConfig.preset_of(self.preset, **self.settings, device=self.device, seed=seed, checkpoint_seconds=1e9)
-        return replace(config, routing="coupled") if method == "coupled" else as_system(method, config)
-
-    def begin(self) -> None:
-        """Keep what must stay the same in `sweep.json`. DegenseError when the folder holds a sweep with other settings."""
-        fixed = {"set": self.which, "size": list(self.size), "frames": self.frames, "preset": self.preset, "settings": self.settings}
-        path = self.out / "sweep.json"
-        if path.exists() and read_json(path) != fixed:
-            raise DegenseError(f"{self.out} holds a sweep with other settings; go on with the same ones, or choose another folder")
-        if not path.exists():
-            if self.tables_only:
-                raise DegenseError(f"{self.out} holds no sweep to make tables of; train one without --tables-only")
-            write_json(path, fixed)
-            write_text(self.out / ".gitignore", "*\n")
+    @property
+    def fixed(self) -> dict[str, Any]:
+        return {"set": self.which, "size": list(self.size), "frames": self.frames, "preset": self.preset, "settings": self.settings}
 
     def command(self) -> str:
         """What to type to do it again."""
         width, height = self.size
-        words = [
-            "degense",
-            "bench",
-            "surgeries",
-            "--set",
-            self.which,
-            "--scenes",
-            ",".join(map(str, self.scenes)) + "," * (len(self.scenes) == 1),
-        ]
-        words += ["--size", f"{width}x{height}", "--frames", str(self.frames), "--methods", ",".join(self.methods)]
-        words += ["--teachers", ",".join(self.teachers), "--depth", ",".join(self.depths), "--preset", self.preset]
-        words += ["--seeds", str(len(self.seeds)), "--device", self.device, "--slots", str(self.slots)]
-        for name, value in self.settings.items():
-            words += [f"--{name.replace('_', '-')}", str(value)] if name in BUDGET else ["--set-option", f"{name}={json.dumps(value)}"]
-        return shlex.join([*words, "--out", "OUT"])
+        scenes = ",".join(map(str, self.scenes)) + "," * (len(self.scenes) == 1)
+        words = ["degense", "bench", "surgeries", "--set", self.which, "--scenes", scenes, "--size", f"{width}x{height}"]
+        words += ["--frames", str(self.frames), "--teachers", ",".join(self.teachers), "--depth", ",".join(self.depths)]
+        return shlex.join([*words, *self.options()])
 
 
 def plan_of(options: BenchOptions) -> SweepPlan:
     """The sweep that the command line asks for. DegenseError for what there is not, and for settings on `report`."""
-    given: Mapping[str, Any] = {name: value for name, value in options.sweep.items() if value is not None}
-    which = given.get("which", "develop")
+    given, chosen = said(options), schedule_of(options)
+    which, settings = given.get("which", "develop"), chosen["settings"]
     if which not in SETS:
         raise DegenseError(f"there is no set {which!r} of surgeries; choose {' or '.join(SETS)}")
-    settings = {name: given[name] for name in BUDGET if name in given} | given.get("settings", {})
     if settings and which == "report":
         raise DegenseError(f"nothing is chosen on the set report: leave {', '.join(settings)} out, or use --set develop")
-    chosen: dict[str, Any] = {"settings": settings, "seeds": options.seeds, "device": options.device}
     if options.quick:
         chosen |= {"scenes": tuple(SETS[which][:2]), "size": (96, 80), "frames": 17}
         if which == "develop" and not settings:
-            chosen["settings"] = {"iterations": 120, "max_gaussians": 2000}
-    chosen |= {name: given[name] for name in ("size", "frames", "preset", "time_limit", "tables_only") if name in given}
-    chosen |= {name: tuple(dict.fromkeys(filter(None, given[name].split(",")))) for name in ("methods", "depths") if name in given}
+            chosen["settings"] = QUICK
+    chosen |= {name: given[name] for name in ("size", "frames") if name in given}
+    if "depths" in given:
+        chosen["depths"] = names_of(given["depths"])
+        check_known(chosen["depths"], get_args(Depth))
     if "teachers" in given:
         chosen["teachers"] = teachers_of(given["teachers"])
     if "scenes" in given or which == "report":
         chosen["scenes"] = scenes_of(given.get("scenes", str(len(SETS[which]))), SETS[which])
-    slots = given.get("slots") or trainings_at_once(options.device)
-    plan = SweepPlan(options.out or options.scratch, which, slots=slots, baselines=not given.get("no_baselines"), **chosen)
-    for names, known in ((plan.methods, METHODS), (plan.depths, get_args(Depth))):
-        if wrong := [name for name in names if name not in known]:
-            raise DegenseError(f"a sweep knows no {wrong[0]!r}; choose from {', '.join(known)}")
+    plan = SweepPlan(which=which, **chosen)
     for method in plan.methods:
         plan.config(method, 0)
     return plan

@@ -7,36 +7,48 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
 
 from degense.engine.files import write_text
 from degense.engine.processes.capacity import NUMERIC, cores, slot_environment, thread_environment
 from degense.engine.progress import Progress
-from degense.engine.research.sweep.clips import baseline_files, prepare_scene, score_scene_baselines
-from degense.engine.research.sweep.plan import SweepJob, SweepPlan
-from degense.engine.research.sweep.work import begin_process, score_job, warm_up
+from degense.engine.research.sweep.schedule import Job, Schedule
+from degense.engine.research.sweep.work import begin_process, warm_up
 from degense.engine.store.files import write_json
 
 _ENVIRONMENT = threading.Lock()
 
 
-def train_all(plan: SweepPlan, progress: Progress) -> None:
+@dataclass(frozen=True)
+class Work:
+    """What a sweep does: functions of its schedule and of a scene or a job. All but `baseline_files` are called in other processes."""
+
+    prepare: Callable[[Any, Any], None]  # of a scene: what its trainings share
+    baseline_files: Callable[[Any, Any], Iterable[Path]]  # of a scene: where the scores of its baselines are kept
+    score_baselines: Callable[[Any, Any], None]  # of a scene: writes those files that are missing
+    score_job: Callable[[Any, Any], dict[str, Any]]  # of a job: trains it; its scores
+
+
+def train_all(plan: Schedule, work: Work, progress: Progress) -> None:
     """Train and score what is missing, until all is done or the time limit is reached."""
     started = time.monotonic()
     for folder in ("clips", "scores", "flow"):
         (plan.out / folder).mkdir(parents=True, exist_ok=True)
     with _pool(plan, cores(), thread_environment(1)) as helpers:
         missing = {job.scene for job in plan.jobs if not plan.scores(job).exists()}
-        late = [scene for scene in plan.scenes if plan.baselines and not all(path.exists() for path in baseline_files(plan, scene))]
-        scenes = {scene: helpers.submit(prepare_scene, plan, scene) for scene in plan.scenes if scene in missing.union(late)}
+        late = [scene for scene in plan.scenes if plan.baselines and not all(path.exists() for path in work.baseline_files(plan, scene))]
+        scenes = {scene: helpers.submit(work.prepare, plan, scene) for scene in plan.scenes if scene in missing.union(late)}
         queue = _Queue(plan, scenes, started)
         with ThreadPoolExecutor(plan.slots + len(late)) as threads:
             _after_warm_up(plan, bool(queue.waiting))
-            slots = [threads.submit(_slot, plan, number, queue) for number in range(plan.slots)]
-            baselines = {scene: threads.submit(_baselines, plan, scene, scenes[scene], helpers) for scene in late}
+            slots = [threads.submit(_slot, plan, work, number, queue) for number in range(plan.slots)]
+            baselines = {scene: threads.submit(_baselines, plan, work, scene, scenes[scene], helpers) for scene in late}
             while wait([*slots, *baselines.values()], timeout=1.0).not_done:
                 progress(queue.share, queue.words)
                 if queue.over:
@@ -50,7 +62,7 @@ def train_all(plan: SweepPlan, progress: Progress) -> None:
 class _Queue:
     """The jobs that are to be done, handed out to the slots."""
 
-    def __init__(self, plan: SweepPlan, scenes: dict[int, Future[None]], started: float):
+    def __init__(self, plan: Schedule, scenes: dict[Any, Future[None]], started: float):
         self._plan, self._scenes, self._started, self._lock = plan, scenes, started, threading.Lock()
         self.waiting = [job for job in plan.jobs if not plan.scores(job).exists()]
         self.total, self.done, self.failed = len(self.waiting), 0, 0
@@ -68,7 +80,7 @@ class _Queue:
     def words(self) -> str:
         return f"{self.done} of {self.total} trained" + f", {self.failed} failed" * bool(self.failed)
 
-    def take(self) -> SweepJob | None:
+    def take(self) -> Job | None:
         """The next job, one whose clip is drawn if there is any; None when there is none, or the time is over."""
         with self._lock:
             if self.over or not self.waiting:
@@ -79,14 +91,14 @@ class _Queue:
         wait([self._scenes[job.scene]])  # a clip that could not be drawn fails the training
         return None if self.over else job
 
-    def finished(self, job: SweepJob, error: str | None, seconds: float) -> None:
+    def finished(self, job: Job, error: str | None, seconds: float) -> None:
         """Count a job and say so."""
         with self._lock:
             self.failed, self.done = self.failed + bool(error), self.done + (not error)
             _say(f"{self.words} after {time.monotonic() - self._started:.0f} s: {job.name} {'FAILED' if error else f'{seconds:.0f} s'}")
 
 
-def _slot(plan: SweepPlan, number: int, queue: _Queue) -> None:
+def _slot(plan: Schedule, work: Work, number: int, queue: _Queue) -> None:
     """Do jobs in a process of its own, which is replaced when one kills it. A failed job writes its error; the others go on."""
     pool: ProcessPoolExecutor | None = None
     while (job := queue.take()) is not None:
@@ -94,7 +106,7 @@ def _slot(plan: SweepPlan, number: int, queue: _Queue) -> None:
         pool = pool or _slot_pool(plan, number)
         complaint = plan.scores(job).with_suffix(".error.txt")
         try:
-            write_json(plan.scores(job), pool.submit(score_job, plan, job).result())
+            write_json(plan.scores(job), pool.submit(work.score_job, plan, job).result())
             complaint.unlink(missing_ok=True)
         except BrokenProcessPool:
             error, pool = "its process ended without a result", None
@@ -107,25 +119,25 @@ def _slot(plan: SweepPlan, number: int, queue: _Queue) -> None:
         pool.shutdown()
 
 
-def _baselines(plan: SweepPlan, scene: int, drawn: Future[None], helpers: ProcessPoolExecutor) -> None:
+def _baselines(plan: Schedule, work: Work, scene: Any, drawn: Future[None], helpers: ProcessPoolExecutor) -> None:
     """Score the baselines of a scene as soon as it is drawn."""
     drawn.result()
-    helpers.submit(score_scene_baselines, plan, scene).result()
+    helpers.submit(work.score_baselines, plan, scene).result()
 
 
-def _after_warm_up(plan: SweepPlan, needed: bool) -> None:
+def _after_warm_up(plan: Schedule, needed: bool) -> None:
     """On a GPU, compile kernels once before several processes would."""
     if needed and plan.device == "cuda":
         with _slot_pool(plan, 0) as pool:
             pool.submit(warm_up, plan).result()
 
 
-def _slot_pool(plan: SweepPlan, number: int) -> ProcessPoolExecutor:
+def _slot_pool(plan: Schedule, number: int) -> ProcessPoolExecutor:
     """The process of a slot, on its GPU."""
     return _pool(plan, 1, slot_environment(number, plan.slots, plan.device))
 
 
-def _pool(plan: SweepPlan, workers: int, environment: Mapping[str, str]) -> ProcessPoolExecutor:
+def _pool(plan: Schedule, workers: int, environment: Mapping[str, str]) -> ProcessPoolExecutor:
     """Processes with this environment: their numeric libraries read it when they are imported."""
     threads = int(environment[NUMERIC[0]])
     pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=begin_process, initargs=(threads, plan.out / "flow"))
