@@ -53,7 +53,7 @@ BENCHES: Benches = {
     ),
     "parts": (
         "degense.engine.research.benchmarks.parts",
-        "parts of the default on and off, with degraded teachers, against exact masks and motion",
+        "the default less each part in which it differs from the paper, against exact masks and motion",
     ),
     "annotation": (
         "degense.engine.research.benchmarks.annotation",

@@ -20,8 +20,6 @@ from degense.engine.training.config import TrainConfig
 
 #: The kind and the seed of a phantom.
 PhantomScene = tuple[str, int]
-KINDS = ("cautery", "family")
-SCENES: tuple[PhantomScene, ...] = (("cautery", 0), ("family", 0))
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Size:
 
 
 #: By device: what a GPU does in minutes takes two processor cores many hours.
-SIZES = {"cpu": Size(40, 240, 192, 600, 8000), "cuda": Size(48, 320, 256, 1000, 12_000)}
+SIZES = {"cpu": Size(24, 160, 128, 500, 6000), "cuda": Size(48, 320, 256, 1000, 12_000)}
 QUICK = Size(17, 96, 80, 120, 2000)
 
 
@@ -79,7 +77,7 @@ def size_of(options: BenchOptions) -> Size:
     return QUICK if options.quick else SIZES[options.device]
 
 
-def phantoms(options: BenchOptions, progress: Progress, scenes: Sequence[PhantomScene] = SCENES) -> dict[str, Path]:
+def phantoms(options: BenchOptions, progress: Progress, scenes: Sequence[PhantomScene]) -> dict[str, Path]:
     """A clip of each scene by its kind, and its seed where that is not 0; made once in the scratch folder."""
     size, found = size_of(options), {}
     for number, (kind, seed) in enumerate(scenes):
@@ -122,15 +120,3 @@ def score_all(trainings: list[BenchTraining], options: BenchOptions, progress: P
 def psnr_ceiling(noise: float) -> float:
     """PSNR of a perfect picture against frames with sensor noise of that standard deviation (grey levels), both rounded to 8 bits, dB."""
     return 10 * math.log10(255**2 / (noise**2 + 2 / 12))
-
-
-def protocol(options: BenchOptions) -> str:
-    """The words that the tables of such benchmarks share."""
-    size = size_of(options)
-    return (
-        f"Phantoms of {size.frames} frames, {size.width} × {size.height}, seed 0, exact depth. "
-        f"PSNR ceiling: {psnr_ceiling(PhantomOptions().noise):.1f} dB, what a perfect picture scores in 8 bits, as all are scored. "
-        f"Each training: preset quick with {size.iterations:,} iterations and at most {size.gaussians:,} Gaussians, one thread, "
-        f"{trainings_at_once(options.device)} at once. Training seeds {', '.join(map(str, options.seeds))}: mean (least–greatest). "
-        "Scores on held-out frames, (i − 1) % 8 == 0; motion on all frames, mm."
-    )

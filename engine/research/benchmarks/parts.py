@@ -1,165 +1,139 @@
-"""Parts of the default against exact truth: routing × angular loss × appearance branch × decoder, with a teacher like a VLM."""
+"""Every part in which the default differs from the paper, taken away alone: what it costs on surgeries of the set `report`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Any
 
-from degense.engine.field import ROUTINGS
 from degense.engine.progress import Progress
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
-from degense.engine.research.bench.trainings import TEACHER_WORDS, BenchTraining, base_config, phantoms, protocol, score_all, vlm_like
+from degense.engine.research.bench.trainings import (
+    TEACHER_WORDS,
+    BenchTraining,
+    PhantomScene,
+    base_config,
+    phantoms,
+    score_all,
+    size_of,
+    vlm_like,
+)
+from degense.engine.research.surgeries import REPORT
 from degense.engine.semantics.prompts import DECODERS, DEFAULT_DECODER
-from degense.engine.training.config import TrainConfig
 
-Variant = tuple[str, bool, bool]  # routing, angular loss, appearance branch
-Found = dict[Variant | str, list[dict[str, Any]]]  # scores of a variant, or of one of `OTHERS`, one a seed
-VARIANTS: list[Variant] = [*product(ROUTINGS, (True, False), (True, False))]
-BASELINE: Variant = ("coupled", False, False)
-#: The baseline as peers train its semantics: on the teacher's patches as they are.
-PEERS: dict[str, Any] = {"routing": "coupled", "angular": False, "appearance": False, "guided": False}
-#: Beside the grid: other parts of the default, taken away alone, and the baseline as peers train it, its motion too.
-OTHERS: dict[str, dict[str, Any]] = {
-    "semantics from nothing, without back-projection": {"lift": False},
-    "teacher's patches as they are": {"guided": False},
-    "baseline: coupled, L1, no Ψ_app, patches as they are": PEERS,
-    "baseline, and no flow supervision": PEERS | {"flow": 0.0, "velocities": False},
+Scores = dict[str, Any]
+
+SCENES: tuple[PhantomScene, ...] = tuple(("family", seed) for seed in REPORT[:4])
+DEFAULT = "default"
+#: Part of the default → the settings that take it away, as `degense train --set` and `--routing` know them.
+PARTS: dict[str, dict[str, Any]] = {
+    "routing isolated": {"routing": "paper"},
+    "decoupled latents": {"routing": "coupled", "angular": True},
+    "back-projection before distillation": {"lift": False},
+    "guided upsampling": {"guided": False},
+    "consensus over time": {"consensus": False},
+    "angular loss": {"angular": False},
+    "weights of rare classes": {"rarity": False},
+    "rectified states": {"linear_states": True},
+    "appearance branch and colour residuals": {"appearance": False},
+    "optical flow": {"flow": 0.0},
+    "measured depth": {"depth": 0.0},
+    "no flow where the look changes": {"flow_constancy": False},
+    "flow by its precision": {"flow_precision": False},
+    "depth by its precision": {"depth_precision": False},
+    "inferred motion of changed tissue": {"flow_inference": False},
+    "rigidity": {"rigidity": 0.0},
+    "small displacements": {"displacement": 0.0},
+    "small changes of shape": {"shape": 0.0},
+    "smooth planes": {"plane_space": 0.0, "plane_time": 0.0, "plane_static": 0.0},
+    "transient Gaussians": {"persistent": True},
+    "velocities of transient Gaussians": {"velocities": False},
+    "coarse stage on one frame": {"coarse_frames": "all"},
+    "planes at a rate of their own": {"rate_planes": 1.6e-3},
 }
-SCENE = {
-    "spurious_displacement": ("spurious, mm", 3),
-    "spurious_displacement_revealed": ("… not marked as a guess", 3),
-    "displacement_error": ("motion error, mm", 3),
-    "displacement_correlation": ("correlation", 3),
-    "recovered_share": ("recovered share", 3),
-    "psnr_mask": ("PSNR, dB", 2),
-    "ssim": ("SSIM", 3),
-    "train_seconds": ("training, s", 0),
+
+
+def relative(key: str) -> Callable[[Scores], float | None]:
+    """A length in percent of the mean true motion."""
+    return lambda scores: (
+        None if scores[key] is None or not scores["true_displacement"] else 100 * scores[key] / scores["true_displacement"]
+    )
+
+
+#: Column → its heading, how it is read, whether more is better.
+SCORES: dict[str, tuple[str, Callable[[Scores], float | None], bool]] = {
+    "miou": ("mIoU, %", lambda scores: 100 * scores["miou"][DEFAULT_DECODER], True),
+    "psnr": ("PSNR, dB", lambda scores: scores["psnr_mask"], True),
+    "error": ("motion error, %", relative("displacement_error"), False),
+    "charred": ("false motion, charred, %", relative("spurious_displacement_static"), False),
+    "static": ("false motion elsewhere, %", relative("false_motion"), False),
 }
 
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
-    """For each phantom: what each variant reaches, each class's IoU, and single parts taken from the default."""
-    clips = phantoms(options, lambda fraction, words: progress(0.03 * fraction, words))
-    for number, (kind, clip) in enumerate(clips.items()):
-        trainings = [
-            BenchTraining(
-                clip,
-                options.scratch / f"parts-{kind}-{i}-{seed}",
-                base_config(options, seed=seed, routing=variant[0], angular=variant[1], appearance=variant[2]),
-                vlm_like(seed),
-            )
-            for i, variant in enumerate(VARIANTS)
-            for seed in options.seeds
-        ]
-        trainings += [
-            BenchTraining(
-                clip,
-                options.scratch / f"parts-{kind}-other-{i}-{seed}",
-                base_config(options, seed=seed, **changes),
-                vlm_like(seed),
-            )
-            for i, changes in enumerate(OTHERS.values())
-            for seed in options.seeds
-        ]
-
-        def tell(fraction: float, words: str, n: int = number) -> None:
-            progress(0.03 + 0.97 * (n + fraction) / len(clips), words)
-
-        scores = score_all(trainings, options, tell, f"{kind}: trainings")
-        count = len(options.seeds)
-        names: list[Variant | str] = [*VARIANTS, *OTHERS]
-        found: Found = {name: scores[i * count : (i + 1) * count] for i, name in enumerate(names)}
-        yield summary(kind, found, options)
-        yield per_class(kind, found, options)
-        yield parts(kind, found, options)
+    """The default, and what each score loses when one part is taken away; then the decoders."""
+    clips = phantoms(options, lambda fraction, words: progress(0.05 * fraction, words), SCENES)
+    jobs = list(product((DEFAULT, *PARTS), clips, options.seeds))
+    trainings = [
+        BenchTraining(
+            clips[scene], options.scratch / f"parts-{number}", base_config(options, seed=seed, **PARTS.get(part, {})), vlm_like(seed)
+        )
+        for number, (part, scene, seed) in enumerate(jobs)
+    ]
+    scores = score_all(trainings, options, lambda fraction, words: progress(0.05 + 0.95 * fraction, words), "trainings")
+    found: dict[str, list[Scores]] = {part: [] for part in (DEFAULT, *PARTS)}
+    for (part, _, _), score in zip(jobs, scores, strict=True):
+        found[part].append(score)
+    yield parts(found, options)
+    yield decoders(found[DEFAULT], options)
 
 
-def words_of(variant: Variant) -> dict[str, Cell]:
-    routing, angular, appearance = variant
-    return {"routing": routing, "loss": "angular" if angular else "L1", "appearance": "on" if appearance else "off"}
-
-
-NAMES = [Column("routing", "routing"), Column("loss", "loss"), Column("appearance", "Ψ_app")]
-
-
-def summary(kind: str, found: Found, options: BenchOptions) -> Table:
-    """One row a training: masks by every decoder, false motion, motion, pictures."""
-    columns = [*NAMES, *(Column(f"miou {d}", f"mIoU {d}", 3, "mean") for d in DECODERS)]
-    columns += [Column(f"boundary {d}", f"boundary F {d}", 3, "mean") for d in DECODERS]
-    columns += [Column(key, heading, digits, "mean") for key, (heading, digits) in SCENE.items()]
-    rows: list[dict[str, Cell]] = []
-    for variant in VARIANTS:
-        runs, row = found[variant], words_of(variant)
-        for d in DECODERS:
-            row[f"miou {d}"] = [r["miou"][d] for r in runs]
-            row[f"boundary {d}"] = [r["masks"][d]["boundary_f"] for r in runs]
-        row |= {key: [r[key] for r in runs if r[key] is not None] for key in SCENE}
+def parts(found: dict[str, list[Scores]], options: BenchOptions) -> Table:
+    """Pair by pair of the same scene and seed: the score without a part, less the default's."""
+    pairs = len(found[DEFAULT])
+    columns = [Column("part", "taken away"), Column("switch", "switch")]
+    rows: list[dict[str, Cell]] = [{"part": f"nothing: {DEFAULT}"}]
+    for key, (heading, read, _) in SCORES.items():
+        columns += [Column(key, heading, 2, "mean"), Column(f"{key} worse", f"worse, of {pairs}")]
+        rows[0][key] = _known(map(read, found[DEFAULT]))
+    for part, settings in PARTS.items():
+        row: dict[str, Cell] = {"part": part, "switch": " ".join(f"`{name}={_typed(value)}`" for name, value in settings.items())}
+        for key, (_, read, larger) in SCORES.items():
+            both = ((read(without), read(default)) for without, default in zip(found[part], found[DEFAULT], strict=True))
+            changes = [one - other for one, other in both if one is not None and other is not None]
+            row |= {key: changes, f"{key} worse": str(sum((change < 0) == larger and change != 0 for change in changes))}
         rows.append(row)
-    any_run = found[BASELINE][0]
-    floor = [value for value in any_run["masks"][DECODERS[0]]["floor"].values() if value is not None]
-    rows.append(
-        {"routing": "floor: one class everywhere, nothing moves", "psnr_mask": None}
-        | {f"miou {d}": sum(floor) / len(floor) for d in DECODERS}
-        | {"displacement_error": any_run["true_displacement"], "spurious_displacement": 0.0, "recovered_share": 0.0}
-    )
-    return Table(f"parts-{kind}", f"Routing, loss and appearance, phantom “{kind}”", f"{protocol(options)} {TEACHER_WORDS}.", columns, rows)
-
-
-def per_class(kind: str, found: Found, options: BenchOptions) -> Table:
-    """IoU of every class by every variant and decoder; instruments last."""
-    classes = list(found[BASELINE][0]["masks"][DECODERS[0]]["iou"])
-    rows: list[dict[str, Cell]] = []
-    for variant in VARIANTS:
-        runs = found[variant]
-        for d in DECODERS:
-            ious = {c: [r["masks"][d]["iou"][c] for r in runs if r["masks"][d]["iou"][c] is not None] for c in classes}
-            rows.append(words_of(variant) | {"decoder": d, "miou": [r["miou"][d] for r in runs]} | ious)
-    rows.append({"routing": "floor: everywhere"} | {c: found[BASELINE][0]["masks"][DECODERS[0]]["floor"][c] for c in classes})
-    columns = [
-        *NAMES,
-        Column("decoder", "decoder"),
-        Column("miou", "mIoU", 3, "mean"),
-        *(Column(c, c, 3, "mean") for c in classes),
-    ]
-    title = f"IoU of each class, phantom “{kind}”"
-    return Table(f"parts-{kind}-classes", title, f"{protocol(options)} {TEACHER_WORDS}.", columns, rows)
-
-
-def parts(kind: str, found: Found, options: BenchOptions) -> Table:
-    """The default, the default less one part at a time, and the baseline."""
-    config = TrainConfig()
-    default: Variant = (config.routing, config.angular, config.appearance)
-    others = [routing for routing in ROUTINGS if routing != config.routing]
-    chosen: list[tuple[str, Variant | str, str]] = [("default", default, DEFAULT_DECODER)]
-    chosen += [(f"routing {routing}", (routing, *default[1:]), DEFAULT_DECODER) for routing in others]
-    chosen.append((f"{'L1' if default[1] else 'angular'} loss", (default[0], not default[1], default[2]), DEFAULT_DECODER))
-    chosen.append((f"Ψ_app {'off' if default[2] else 'on'}", (*default[:2], not default[2]), DEFAULT_DECODER))
-    chosen += [(f"decoder {d}", default, d) for d in DECODERS if d != DEFAULT_DECODER]
-    chosen += [(name, name, "threshold" if name.startswith("baseline") else DEFAULT_DECODER) for name in OTHERS]
-    chosen.append(("coupled, L1, no Ψ_app, threshold", BASELINE, "threshold"))
-    best = [r["miou"][DEFAULT_DECODER] for r in found[default]]
-    rows: list[dict[str, Cell]] = [
-        {
-            "part": name,
-            "miou": [r["miou"][d] for r in found[variant]],
-            "gap": [100 * (b - r["miou"][d]) for b, r in zip(best, found[variant], strict=True)],
-            "spurious": [r["spurious_displacement"] for r in found[variant]],
-            "correlation": [r["displacement_correlation"] for r in found[variant] if r["displacement_correlation"] is not None],
-        }
-        for name, variant, d in chosen
-    ]
     return Table(
-        f"parts-{kind}-default",
-        f"The default less one part at a time, phantom “{kind}”",
-        f"{protocol(options)} {TEACHER_WORDS}. Gaps are seed by seed.",
-        [
-            Column("part", "what is changed"),
-            Column("miou", "mIoU", 3, "mean"),
-            Column("gap", "points below the default", 1, "mean"),
-            Column("spurious", "spurious, mm", 3, "mean"),
-            Column("correlation", "correlation", 3, "mean"),
-        ],
+        "parts", "The default less one part at a time", f"{_words(options)} Rows but the first: change against the default.", columns, rows
+    )
+
+
+def decoders(scores: list[Scores], options: BenchOptions) -> Table:
+    """mIoU of the default's latents by each decoder."""
+    rows: list[dict[str, Cell]] = [{"decoder": name, "miou": [100 * score["miou"][name] for score in scores]} for name in DECODERS]
+    return Table(
+        "parts-decoders",
+        "Decoders on the default",
+        _words(options),
+        [Column("decoder", "decoder"), Column("miou", "mIoU, %", 1, "mean")],
         rows,
+    )
+
+
+def _known(values: Iterator[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _typed(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _words(options: BenchOptions) -> str:
+    size = size_of(options)
+    return (
+        f"Surgeries {', '.join(str(seed) for _, seed in SCENES)} of the set report, {size.frames} frames, {size.width} × {size.height}, "
+        f"exact depth. Preset quick with {size.iterations:,} steps and at most {size.gaussians:,} Gaussians. {TEACHER_WORDS}. "
+        f"Training seeds {', '.join(map(str, options.seeds))}. mIoU of prompts by {DEFAULT_DECODER}, held-out frames; motion in percent of "
+        "the mean true motion, all frames. Mean (least–greatest) over scenes and seeds."
     )

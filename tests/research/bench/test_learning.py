@@ -31,12 +31,12 @@ def asked(monkeypatch, tmp_path):
             masks = {d: {"boundary_f": 0.5, "iou": iou, "floor": {"liver": 0.2, "grasper": None}} for d in DECODERS}
             scores = {"miou": {d: miou - 0.05 * (d == "threshold") for d in DECODERS}, "masks": masks, "rank": 8}
             scores |= {"displacement_error": 0.1, "displacement_correlation": 0.9, "recovered_share": 0.8, "spurious_displacement": 0.05}
-            scores["spurious_displacement_revealed"] = 0.02
+            scores["spurious_displacement_static"] = 0.02
             scores |= {"true_displacement": 1.0, "largest_displacement": 10.0, "false_motion": 0.01, "psnr_mask": 33.0, "ssim": 0.9}
             found.append(scores | {"train_seconds": 5.0, "query_ms": 4.0, "query_new_frame_ms": 60.0})
         return found
 
-    def clips(options, progress, scenes=trainings.SCENES):
+    def clips(options, progress, scenes):
         names = [f"{kind} {seed}" if seed else kind for kind, seed in scenes]
         return {name: tmp_path / name for name in names}
 
@@ -69,20 +69,23 @@ def test_the_ablation_changes_routing_and_loss_and_nothing_else(asked):
     assert all(table.markdown() for table in tables.values())
 
 
-def test_parts_are_a_full_grid_with_one_budget(asked):
+def test_each_part_is_taken_from_the_default_alone(asked):
     jobs, options = asked
     tables = {table.name: table for table in parts.run(options, silent)}
-    assert len({(j.config.iterations, j.config.max_gaussians) for j in jobs}) == 1
-    assert {(j.config.seed, j.teacher) for j in jobs} == {(seed, trainings.vlm_like(seed)) for seed in options.seeds}
-    for kind in trainings.KINDS:
-        grid = {(j.config.routing, j.config.angular, j.config.appearance, j.config.seed) for j in jobs if j.clip.name == kind}
-        assert len(grid) == 3 * 2 * 2 * 2
-        assert len(tables[f"parts-{kind}-classes"].rows) >= 12 * len(DECODERS)
-        rows = {row["part"]: row for row in tables[f"parts-{kind}-default"].rows}
-        assert rows["default"]["gap"] == [0, 0]
-        assert rows["routing paper"]["gap"] == pytest.approx([10, 10])
-        assert rows["decoder threshold"]["gap"] == pytest.approx([5, 5])
-    assert len({j.out for j in jobs}) == len(jobs)
+    pairs = len(parts.SCENES) * len(options.seeds)
+    assert len(jobs) == len({j.out for j in jobs}) == (1 + len(parts.PARTS)) * pairs
+    for job, changes in zip(jobs, [{}] * pairs + [part for part in parts.PARTS.values() for _ in range(pairs)], strict=True):
+        default = trainings.base_config(options, seed=job.config.seed)
+        assert replace(job.config, given=()) == replace(default, **changes, given=()) != replace(default, iterations=1, given=())
+        assert not changes or any(getattr(default, name) != value for name, value in changes.items())
+        assert job.teacher == trainings.vlm_like(job.config.seed)
+    rows = {row["part"]: row for row in tables["parts"].rows}
+    # made-up scores fall by 0.1 with routing, loss, appearance and guided targets, nothing else
+    assert rows["nothing: default"]["miou"] == pytest.approx([90, 89] * len(parts.SCENES))
+    assert rows["guided upsampling"]["miou"] == pytest.approx([-10] * pairs)
+    assert (rows["guided upsampling"]["miou worse"], rows["rigidity"]["miou worse"]) == (str(pairs), "0")
+    assert rows["guided upsampling"]["switch"] == "`guided=false`"
+    assert {row["decoder"]: row["miou"][0] for row in tables["parts-decoders"].rows}["threshold"] == pytest.approx(85)
     assert all(table.markdown() for table in tables.values())
 
 
