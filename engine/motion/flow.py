@@ -32,7 +32,7 @@ def flow_between(rgb_a: Rgb, rgb_b: Rgb, initial: Flow | None = None) -> Flow:
     some 5 % of the width within a small region is missed, often consistently in both directions: start from an `initial` guess, as
     `follow` does; it must be finite. Frames have at least 16 pixels on each side. Safe to call from several threads.
     """
-    return _search(_even(rgb_a), _even(rgb_b), initial)
+    return _search(even(rgb_a), even(rgb_b), initial)
 
 
 def sample(field: np.ndarray, flow: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def steps_between(frames: Iterable[np.ndarray], threads: int = 8) -> Iterator[tu
     with ThreadPoolExecutor(threads) as pool:
         ahead: deque[Future[tuple[np.ndarray, np.ndarray]]] = deque()
         try:
-            for a, b in pairwise(_even(frame) for frame in frames):
+            for a, b in pairwise(even(frame) for frame in frames):
                 ahead.append(pool.submit(lambda a, b: (_search(a, b), _search(b, a)), a, b))
                 if len(ahead) > 2 * threads:
                     yield ahead.popleft().result()
@@ -85,7 +85,7 @@ def follow(
     measured = None if steps is None else iter(steps)
     with ThreadPoolExecutor(1) as other:
         for frame in frames:
-            here = _even(frame)
+            here = even(frame)
             if first is None or before is None:
                 first = before = here
                 out = back = np.zeros((*here.shape, 2), np.float32)
@@ -170,6 +170,6 @@ def _search(a: np.ndarray, b: np.ndarray, initial: np.ndarray | None = None) -> 
     return search.calc(a, b, None if initial is None else np.array(initial, np.float32, order="C"))
 
 
-def _even(rgb: np.ndarray) -> np.ndarray:
+def even(rgb: np.ndarray) -> np.ndarray:
     """Grey, uint8 [H, W], with its contrast evened out."""
     return cv2.createCLAHE(2.0, (8, 8)).apply(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))

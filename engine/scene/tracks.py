@@ -1,4 +1,4 @@
-"""Where points of tissue and instruments go: followed by the Gaussians that make the surface there."""
+"""Where points of tissue and instruments go: as the scene moves, or as its recording shows where that clearly contradicts it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from degense.engine.progress import Steps, finish
-from degense.engine.scene.material import materials_at
+from degense.engine.motion.matched import Matched, matching
+from degense.engine.progress import Result, Steps, finish
+from degense.engine.scene.material_tracks import following_material
 from degense.engine.scene.scene import Scene
 
-LEFT = 0.5  # share of its opacity below which what a point was followed by is gone: an instrument's Gaussians last for some frames
 IN_FRONT = 0.03  # of its distance: a point with a surface so far before it is hidden
 DRAWN = 160  # pixels: width of the depth that visibility is read from
+CLEARLY, LEAST = 1.28, 3.0  # a place is clearly less like the point where it is so many times as unlike, with these grey levels added
+CHANGED = 30.0  # grey levels: what is so unlike a point that the recording has lost is another thing
 
 
 class Tracks(NamedTuple):
@@ -20,14 +22,18 @@ class Tracks(NamedTuple):
 
     positions: np.ndarray  # float64 [K, T, 3]; world, clip units; NaN for a point that nothing is reconstructed at
     pixels: np.ndarray  # float64 [K, T, 2]; (x, y) in the surgeon's camera of each frame
-    visible: np.ndarray  # bool [K, T]; within the frame, and no surface in front
+    visible: np.ndarray  # bool [K, T]; within the frame, and nothing in front
 
 
 def follow_points(scene: Scene, queries: np.ndarray) -> Tracks:
     """Follow points from where they are seen, forwards and backwards through the whole clip.
 
-    A point moves by the weighted mean of the displacements of its Gaussians (`materials_at`), from the frame where they were chosen on: it
-    does not drift. They are chosen anew, where it is then, once they have lost half of their opacity.
+    A point moves as the Gaussians of the surface there do (`following_material`). Where the recording is at hand, it is also followed from
+    frame to frame (`matching`), as far as that goes; where the places found look clearly more like the point than those of the scene, in
+    most of these frames, it is there in all of them, as far away as the surface that the scene has there. Beyond them the scene goes on.
+
+    It is visible where it is followed by the recording; else where no surface of the scene is in front of it, unless the recording has
+    lost it and shows another thing there.
 
     Parameters
     ----------
@@ -40,81 +46,61 @@ def follow_points(scene: Scene, queries: np.ndarray) -> Tracks:
 def following(scene: Scene, queries: np.ndarray) -> Steps[Tracks]:
     """`follow_points`, step by step."""
     queries = np.asarray(queries, np.float64).reshape(-1, 3)
-    starts = queries[:, 0].round().astype(int)
-    positions = np.full((len(queries), scene.frames, 3), np.nan)
-    moves = [(1, range(scene.frames)), (-1, range(scene.frames - 1, -1, -1))]
-    for number, (step, frames) in enumerate(moves):
-        followed = _Followed(scene, len(queries))
-        for done, frame in enumerate(frames):
-            yield (number + done / scene.frames) / 3, "following points"
-            followed.advance(frame, frame - step)
-            begun = np.flatnonzero(starts == frame)
-            followed.begin(begun, frame, queries[begun, 1:])
-            active = starts * step <= frame * step
-            positions[active, frame] = followed.places[active]
-    return (yield from _seen(scene, positions))
+    positions = yield from _part(following_material(scene, queries), 0.0, 0.4)
+    pixels = _projected(scene, positions)
+    if scene.clip is None:
+        shown, other = np.zeros(positions.shape[:2], bool), np.zeros(positions.shape[:2], bool)
+    else:
+        matched = yield from _part(matching(scene.clip.frame, pixels, queries), 0.4, 0.8)
+        shown = contradicting(matched) & np.isfinite(positions[..., 0])
+        pixels[shown] = matched.pixels[shown]
+        other = np.isnan(matched.unlike) & (matched.guessed_unlike > CHANGED)
+    visible = yield from _part(_placed(scene, positions, pixels, shown), 0.8, 1.0)
+    return Tracks(positions, pixels, visible & ~other)
 
 
-class _Followed:
-    """Points on their way in one direction of time; `places` float64 [K, 3] says where they are."""
-
-    def __init__(self, scene: Scene, count: int):
-        self._scene = scene
-        self.places = np.full((count, 3), np.nan)
-        self._anchors, self._frames = self.places.copy(), np.zeros(count, int)  # where and when their Gaussians were chosen
-        self._rows, self._weights = np.zeros((count, 1), int), np.zeros((count, 1))
-
-    def begin(self, points: np.ndarray, frame: int, pixels: np.ndarray) -> None:
-        """Choose the Gaussians of points at pixels of a frame; points at which nothing is reconstructed have no place."""
-        if not len(points):
-            return
-        rows, weights, depth = materials_at(self._scene, frame, pixels)
-        known = weights.sum(1) > 0
-        places = self._scene.camera(frame).unproject(pixels, depth)
-        self._choose(points[known], frame, places[known], rows[known], weights[known])
-
-    def advance(self, frame: int, before: int) -> None:
-        """Move all points to a frame, from the one before."""
-        active = np.flatnonzero(np.isfinite(self.places[:, 0]))
-        for chosen in np.unique(self._frames[active]):
-            points = active[self._frames[active] == chosen]
-            here, there = self._scene.splats(int(chosen)), self._scene.splats(frame)
-            rows, weights = self._rows[points], self._weights[points]
-            left = (weights * (there.opacities / here.opacities.clamp_min(1e-6)).cpu().numpy()[rows]).sum(1)
-            gone = points[left < LEFT]
-            if len(gone) and chosen != before:
-                pixels, _ = self._scene.camera(before).project(self.places[gone])
-                found, shares, _ = materials_at(self._scene, before, pixels)
-                known = shares.sum(1) > 0
-                self._choose(gone[known], before, self.places[gone[known]], found[known], shares[known])
-                self._move(gone[known], before, frame)
-            self._move(points[self._frames[points] == chosen], int(chosen), frame)
-
-    def _choose(self, points: np.ndarray, frame: int, places: np.ndarray, rows: np.ndarray, weights: np.ndarray) -> None:
-        if self._rows.shape[1] < rows.shape[1]:
-            wider = ((0, 0), (0, rows.shape[1] - self._rows.shape[1]))
-            self._rows, self._weights = np.pad(self._rows, wider), np.pad(self._weights, wider)
-        self._frames[points], self._anchors[points], self.places[points] = frame, places, places
-        self._rows[points], self._weights[points] = rows, weights
-
-    def _move(self, points: np.ndarray, chosen: int, frame: int) -> None:
-        moved = (self._scene.splats(frame).means - self._scene.splats(chosen).means).cpu().numpy().astype(np.float64)
-        self.places[points] = self._anchors[points] + np.einsum("kn,knd->kd", self._weights[points], moved[self._rows[points]])
+def contradicting(matched: Matched) -> np.ndarray:
+    """Where the recording shows points clearly elsewhere than was guessed, bool [K, T]: in all frames to which it follows a point, if in
+    most of them what was guessed is clearly less like it; else in none."""
+    known = np.isfinite(matched.unlike)
+    with np.errstate(invalid="ignore"):
+        elsewhere = matched.guessed_unlike + LEAST > CLEARLY * (matched.unlike + LEAST)
+    return known & (2 * (known & elsewhere).sum(1) > known.sum(1))[:, None]
 
 
-def _seen(scene: Scene, positions: np.ndarray) -> Steps[Tracks]:
-    """Where points [K, T, 3] are in the frames, and in which they are visible."""
-    pixels, visible = np.full((*positions.shape[:2], 2), np.nan), np.zeros(positions.shape[:2], bool)
+def _projected(scene: Scene, positions: np.ndarray) -> np.ndarray:
+    """Pixel positions float64 [K, T, 2] of positions [K, T, 3] in the surgeon's camera of each frame."""
+    return np.stack([scene.camera(frame).project(positions[:, frame])[0] for frame in range(scene.frames)], 1)
+
+
+def _placed(scene: Scene, positions: np.ndarray, pixels: np.ndarray, shown: np.ndarray) -> Steps[np.ndarray]:
+    """Put points that are `shown` in the recording, bool [K, T], on the surface at their pixels [K, T, 2], in place; where points are within
+    the frame, and no surface is in front of those that are not shown, bool [K, T]."""
+    visible = np.zeros(shown.shape, bool)
     for frame in range(scene.frames):
-        yield (2 + frame / scene.frames) / 3, "looking whether they are visible"
-        known = np.isfinite(positions[:, frame, 0])
-        camera = scene.camera(frame)
-        found, z = camera.project(positions[known, frame])
-        pixels[known, frame] = found
+        yield frame / scene.frames, "looking whether they are visible"
+        known = np.flatnonzero(np.isfinite(positions[:, frame, 0]))
+        camera, found = scene.camera(frame), pixels[known, frame]
+        z = camera.project(positions[known, frame])[1]
         small = camera.scaled(min(1.0, DRAWN / camera.width))
         depth = scene.renderer.draw(frame, small, ("depth",))["depth"]
         column, row = np.floor(found * [small.width / camera.width, small.height / camera.height]).astype(np.int64).T
         inside = (z > 0) & (column >= 0) & (column < small.width) & (row >= 0) & (row < small.height)
         surface = depth[np.where(inside, row, 0), np.where(inside, column, 0)]
-        visible[known, frame] = inside & (z < (1 + IN_FRONT) * surface)
-    return Tracks(positions, pixels, visible)
+        moved = shown[known, frame]
+        at = np.where(np.isfinite(surface), surface, z)
+        positions[known[moved], frame] = camera.unproject(found[moved], at[moved])
+        visible[known, frame] = inside & (moved | (z < (1 + IN_FRONT) * surface))
+    return visible
+
+
+def _part(steps: Steps[Result], begin: float, end: float) -> Steps[Result]:
+    """Steps as a part of a longer work, from one fraction of it to another."""
+    try:
+        while True:
+            fraction, message = next(steps)
+            yield begin + fraction * (end - begin), message
+    except StopIteration as stop:
+        return stop.value
+    finally:
+        steps.close()
