@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from degense.app.cli.terminal import Bar, run_steps, table
-from degense.app.features.tracks.tracks import reach, tracks_json
+from degense.app.features.tracks.tracks import reach, tracks_json, without_recording
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
 
@@ -30,12 +30,13 @@ def track(options: argparse.Namespace) -> None:
         unit = scene.unit
         queries, known = _wanted(options, scene.frames, scene.clip_size)
         found = run_steps(following(scene, queries), Bar())
+        said = without_recording(scene)
         scores: dict[str, Any] = score_known_points(scene, found, known) if known else {}
     else:
         from degense.engine.data.readers import open_clip
         from degense.engine.motion.points import following_pixels
 
-        clip = open_clip(options.path)
+        clip, said = open_clip(options.path), ""
         unit = clip.unit
         queries, known = _wanted(options, len(clip), clip.size)
         pixels, seen = run_steps(following_pixels(clip.frame, len(clip), queries), Bar())
@@ -43,6 +44,8 @@ def track(options: argparse.Namespace) -> None:
         scores = score_followed(pixels, seen, known, clip.size[0]) if known else {}
     if options.json is not None:
         write_text(options.json, tracks_json(unit, queries, found, scores))
+    if said:
+        print(said)
     _say(queries, found)
     if scores.get("pairs"):
         print(table(scores))

@@ -10,8 +10,10 @@ import numpy as np
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
 from degense.engine.data.files.point_files import KnownPoints
+from degense.engine.progress import finish
 from degense.engine.scene import Scene
-from degense.engine.scene.tracks import Tracks, follow_points
+from degense.engine.scene.material_tracks import following_material
+from degense.engine.scene.tracks import Tracks
 
 WITHIN = (4, 8, 16, 32, 64)  # pixels: thresholds of `score_points`, as STIR and SurgT have them
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0}  # metric units of clips
@@ -152,12 +154,13 @@ def still_tracks(tracks: np.ndarray) -> np.ndarray:
 def scene_tracks(scene: Scene, tracks: np.ndarray, visible: np.ndarray, camera: Camera) -> np.ndarray:
     """Tracks [K, T, 3] of the points that are seen at frame 0, as a scene has them; NaN for all others and where nothing is reconstructed.
 
-    A point moves as the window and `degense track` have it (`follow_points`); `camera` is the clip's of frame 0.
+    What is scored is the reconstruction: a point moves by its Gaussians alone (`following_material`), without the recording, which the window
+    and `degense track` look at too (`follow_points`). `camera` is the clip's of frame 0.
     """
     predicted = np.full(tracks.shape, np.nan)
     pixels = camera.project(tracks[:, 0].astype(np.float64))[0]
     points = np.flatnonzero(visible[:, 0] & ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(-1))
-    found = follow_points(scene, np.c_[np.zeros(len(points)), pixels[points]]).positions
+    found = finish(following_material(scene, np.c_[np.zeros(len(points)), pixels[points]]))
     predicted[points] = tracks[points, :1] + (found - found[:, :1])
     return predicted
 

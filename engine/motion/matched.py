@@ -14,6 +14,7 @@ from degense.engine.progress import Steps
 
 PIXELS = 200_000  # frames are matched at about this size
 SIDE, LEVELS = 15, 3  # of the windows that are followed from frame to frame: pixels, and octaves above the finest
+ENOUGH = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)  # rounds in each octave, or pixels that the last one moved
 THERE_AND_BACK = 1.0  # pixels: a point that comes back farther from where it began is lost
 DRIFTED = 0.03  # of the width: a direct match farther from where the steps lead is another place that looks alike
 SMOOTH = 0.8  # pixels: σ of the blur before windows are compared
@@ -70,23 +71,25 @@ def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries
             chain.begin(np.flatnonzero(starts == frame))
             begun = np.flatnonzero(starts * frames.step <= frame * frames.step)
             found.pixels[begun, frame] = chain.places[begun] / scale
-            found.unlike[begun, frame] = chain.unlike(begun, chain.places[begun])
-            found.guessed_unlike[begun, frame] = chain.unlike(begun, guesses[begun, frame] * scale)
+            found.unlike[begun, frame] = chain.unlike[begun]
+            found.guessed_unlike[begun, frame] = chain.unlike_at(begun, guesses[begun, frame] * scale)
     return found
 
 
 class _Chain:
-    """Points on their way in one direction of time; `places` float64 [K, 2] says where they are, NaN of those that are lost."""
+    """Points on their way in one direction of time: where they are, `places` float64 [K, 2], and how `unlike` their queries they look there,
+    float32 [K]; NaN of those that are lost."""
 
     def __init__(self, queries: np.ndarray):
         self._queries, self.places = queries, np.full(queries.shape, np.nan)
+        self.unlike = np.full(len(queries), np.nan, np.float32)
         self._windows = Windows(len(queries))
         self._frame: _Frame | None = None
 
     def begin(self, points: np.ndarray) -> None:
         """Begin to follow points in the frame that was last advanced to."""
         if len(points) and self._frame is not None:
-            self.places[points] = self._queries[points]
+            self.places[points], self.unlike[points] = self._queries[points], 0
             self._windows.keep(points, self._frame.grey, self._frame.colours, self.places[points])
 
     def advance(self, frame: _Frame) -> None:
@@ -99,15 +102,16 @@ class _Chain:
         there = _step(before.even, frame.even, start)
         astray = np.linalg.norm(_step(frame.even, before.even, there) - start, axis=1)
         kept = (astray < THERE_AND_BACK) & ((there >= 0) & (there < frame.even.shape[::-1])).all(1)
-        self.places[points[~kept]] = np.nan
+        self.places[points[~kept]], self.unlike[points[~kept]] = np.nan, np.nan
         points, there = points[kept], there[kept]
         if len(points):
             direct = self._windows.matched(points, frame.grey, there)
             near = np.linalg.norm(direct - there, axis=1) < DRIFTED * frame.even.shape[1]
-            better = near & (self.unlike(points, direct) < self.unlike(points, there))
-            self.places[points] = np.where(better[:, None], direct, there)
+            chained, matched = self.unlike_at(points, there), np.where(near, self.unlike_at(points, direct), np.inf)
+            self.places[points] = np.where((matched < chained)[:, None], direct, there)
+            self.unlike[points] = np.minimum(matched, chained)
 
-    def unlike(self, points: np.ndarray, places: np.ndarray) -> np.ndarray:
+    def unlike_at(self, points: np.ndarray, places: np.ndarray) -> np.ndarray:
         """How unlike their queries the frame that was last advanced to is at places [n, 2] of points; NaN of a place that is not known."""
         assert self._frame is not None
         known = np.isfinite(places).all(1)
@@ -120,5 +124,5 @@ class _Chain:
 def _step(a: np.ndarray, b: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Where windows of frame a at places [n, 2] are in frame b, uint8 [H, W] both; float64 [n, 2]."""
     start = (places - 0.5).astype(np.float32)[:, None]
-    found, _, _ = cv2.calcOpticalFlowPyrLK(a, b, start, start.copy(), winSize=(SIDE, SIDE), maxLevel=LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW)
+    found, _, _ = cv2.calcOpticalFlowPyrLK(a, b, start, None, winSize=(SIDE, SIDE), maxLevel=LEVELS, criteria=ENOUGH)
     return found[:, 0].astype(np.float64) + 0.5

@@ -64,7 +64,7 @@ def test_without_a_prediction_a_point_is_lost():
     assert set(nothing.values()) == {0, None}
 
 
-def test_a_run_follows_points_as_the_window_does(scene, clip):
+def test_a_run_is_scored_by_its_gaussians_alone(scene, clip):
     truth = clip.truth()
     pixels = np.array([(20, 24), (40, 30), (32, 12)])
     depth = np.array([clip.depth(0)[y, x] for x, y in pixels], float)

@@ -1,10 +1,22 @@
-"""Points that are followed through a scene, against the field's own motion and against exact tracks."""
+"""Points that are followed through a scene, against the field's own motion, its recording and exact tracks."""
+
+import copy
 
 import numpy as np
 import pytest
 
+from degense.engine.motion.matched import Matched
 from degense.engine.scene.material import material_at, materials_at
-from degense.engine.scene.tracks import follow_points
+from degense.engine.scene.tracks import contradicting, follow_points
+from tests.motion.test_points import sliding
+
+
+@pytest.fixture
+def alone(scene):
+    """The scene without its recording."""
+    other = copy.copy(scene)
+    other.clip = None
+    return other
 
 
 def test_many_points_have_the_material_of_one_at_a_time(scene):
@@ -31,7 +43,8 @@ def test_many_points_have_the_material_of_one_at_a_time(scene):
     assert (weights[3] == 0).all()
 
 
-def test_points_go_where_their_gaussians_go_both_ways(scene):
+def test_points_go_where_their_gaussians_go_both_ways(alone):
+    scene = alone
     queries = np.array([[4, 20.5, 24.5], [0, 40.0, 30.0], [4, -9.0, 3.0]])
     found = follow_points(scene, queries)
     assert found.positions.shape == (3, scene.frames, 3)
@@ -63,18 +76,74 @@ def test_a_point_behind_a_surface_is_hidden(scene, monkeypatch):
     assert not visible[2]
 
 
-def test_material_that_fades_is_replaced(scene, monkeypatch):
+def test_material_that_fades_is_replaced(alone, monkeypatch):
     """An instrument's Gaussians last for some frames: its point goes on with those that are there then."""
-    from degense.engine.scene import tracks
+    from degense.engine.scene import material_tracks
 
     chosen = []
-    monkeypatch.setattr(tracks, "LEFT", 1.5)  # as if all had faded at once
-    monkeypatch.setattr(tracks, "materials_at", lambda scene, frame, pixels: chosen.append(frame) or materials_at(scene, frame, pixels))
-    found = follow_points(scene, np.array([[0, 20.5, 24.5]]))
-    assert chosen == [*range(scene.frames - 1), 0]  # forwards at each frame, and once to go backwards
+    monkeypatch.setattr(material_tracks, "LEFT", 1.5)  # as if all had faded at once
+    monkeypatch.setattr(
+        material_tracks, "materials_at", lambda scene, frame, pixels: chosen.append(frame) or materials_at(scene, frame, pixels)
+    )
+    found = follow_points(alone, np.array([[0, 20.5, 24.5]]))
+    assert chosen == [*range(alone.frames - 1), 0]  # forwards at each frame, and once to go backwards
     assert np.isfinite(found.positions).all()
-    still = follow_points(scene, np.array([[0, 20.5, 24.5]]))
+    still = follow_points(alone, np.array([[0, 20.5, 24.5]]))
     np.testing.assert_array_equal(found.positions, still.positions)
+
+
+def recording(scene, frame_of):
+    """The scene with another recording."""
+    other = copy.copy(scene)
+    other.clip = copy.copy(scene.clip)
+    other.clip.frame = frame_of
+    return other
+
+
+def slid(frame: int) -> np.ndarray:
+    """A texture that slides over the whole picture of the scene, 2 pixels to the right and 1 down a frame."""
+    return np.ascontiguousarray(sliding(min(frame, 4))[8:56, 8:72])
+
+
+def test_points_go_where_the_recording_clearly_shows_them(scene, alone):
+    """The scene knows nothing of what this recording shows; what it moves by is far less."""
+    assert scene.clip_size == (64, 48)
+    query = np.array([[0, 26.5, 20.5]])
+    found, without = follow_points(recording(scene, slid), query), follow_points(alone, query)
+    for t in range(5):
+        np.testing.assert_allclose(found.pixels[0, t], (26.5 + 2 * t, 20.5 + t), atol=0.5)
+        surface = scene.renderer.draw(t, scene.camera(t), ("depth",))["depth"]
+        x, y = np.floor(found.pixels[0, t]).astype(int)
+        pixel, z = scene.camera(t).project(found.positions[:, t])
+        np.testing.assert_allclose(pixel[0], found.pixels[0, t], atol=1e-6)
+        np.testing.assert_allclose(z[0], surface[y, x], rtol=0.02)
+    assert np.linalg.norm(without.pixels[0, 4] - found.pixels[0, 4]) > 5
+    assert found.visible[0].all()
+
+
+def test_a_recording_that_agrees_changes_nothing(scene, alone):
+    query = np.array([[0, 20.5, 24.5], [4, 40.0, 30.0]])
+    still = recording(scene, lambda frame: slid(0))
+    near = follow_points(alone, query)
+    moved = np.linalg.norm(near.pixels - query[:, None, 1:], axis=-1).max()
+    found = follow_points(still, query)
+    assert np.linalg.norm(found.pixels - query[:, None, 1:], axis=-1).max() <= moved + 1e-6
+
+
+def test_a_point_that_the_recording_loses_to_another_thing_is_hidden(scene, alone):
+    query = np.array([[0, 20.5, 24.5]])
+    covered = recording(scene, lambda frame: slid(0) if frame < 3 else np.full((48, 64, 3), 255, np.uint8))
+    found = follow_points(covered, query)
+    assert follow_points(alone, query).visible.all()
+    assert found.visible[0, :3].all()
+    assert not found.visible[0, 3:].any()
+
+
+def test_the_recording_contradicts_in_all_frames_that_it_follows_or_in_none():
+    unlike = np.array([[0, 5, 5, 5, 5, np.nan], [0, 5, 5, 5, 5, np.nan], [0, np.nan, np.nan, np.nan, np.nan, np.nan]], np.float32)
+    guessed = np.array([[0, 20, 20, 20, 5, 50], [0, 20, 6, 6, 6, 50], [0, 50, 50, 50, 50, 50]], np.float32)
+    found = contradicting(Matched(np.zeros((3, 6, 2)), unlike, guessed))
+    np.testing.assert_array_equal(found, [[True] * 5 + [False], [False] * 6, [False] * 6])
 
 
 @pytest.mark.parametrize("frame", [0, 5])

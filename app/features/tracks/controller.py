@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QHeaderView, QWidget
 
 from degense.app.features.tracks.marks import Mark, PointTool, paint_known, paint_mark
 from degense.app.features.tracks.state import Point, TrackedPoints
-from degense.app.features.tracks.tracks import TrackComparison, compare, follow, reach, tracks_csv, tracks_json
+from degense.app.features.tracks.tracks import TrackComparison, compare, follow, reach, tracks_csv, tracks_json, without_recording
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.guide_switches import GuideSwitches
 from degense.engine.files import write_text
@@ -119,6 +119,8 @@ class PointTracking(QObject):
 
     def _followed(self, ways: dict[Point, Tracks]) -> None:
         self.ways |= ways
+        if self.session.scene is not None and (said := without_recording(self.session.scene)):
+            self.shell.say(said)
         self._guides.show("tracks")
         self._show()
 

@@ -1,0 +1,59 @@
+"""Windows of frames around points, on textures that were moved by known offsets."""
+
+import cv2
+import numpy as np
+
+from degense.engine.motion.windows import Windows, unlikeness, windows_at
+
+HEIGHT, WIDTH = 80, 120
+PLACES = np.array([[40.3, 30.8], [70.0, 50.5], [90.6, 20.2]])
+
+
+def texture(shift: tuple[float, float] = (0.0, 0.0), light: float = 0.0) -> np.ndarray:
+    """Smooth noise uint8 [H, W, 3], moved by (x, y) pixels and made lighter by grey levels."""
+    noise = cv2.GaussianBlur(np.random.default_rng(3).random((HEIGHT, WIDTH, 3)).astype(np.float32), (0, 0), 2.5)
+    picture = cv2.normalize(noise, None, 40, 200, cv2.NORM_MINMAX)
+    moved = cv2.warpAffine(picture, np.float32([[1, 0, shift[0]], [0, 1, shift[1]]]), (WIDTH, HEIGHT), borderMode=cv2.BORDER_REFLECT)
+    return np.clip(moved + light, 0, 255).astype(np.uint8)
+
+
+def grey(picture: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+
+def kept(picture: np.ndarray) -> Windows:
+    windows = Windows(len(PLACES))
+    windows.keep(np.arange(len(PLACES)), grey(picture), picture, PLACES)
+    return windows
+
+
+def test_a_window_is_looked_up_between_pixels():
+    ramp = np.tile(np.arange(WIDTH, dtype=np.float32) + 0.5, (HEIGHT, 1))  # says where the middles of its pixels are
+    np.testing.assert_allclose(windows_at(ramp, PLACES).mean(1), PLACES[:, 0], atol=0.05)
+
+
+def test_what_was_moved_is_found_there_though_the_light_changed():
+    found = kept(texture()).matched(np.arange(3), grey(texture((1.7, -1.2), light=15)), PLACES)
+    np.testing.assert_allclose(found, PLACES + (1.7, -1.2), atol=0.15)
+
+
+def test_on_a_plain_surface_nothing_moves():
+    plain = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+    noisy = np.clip(plain + np.random.default_rng(0).normal(0, 3, plain.shape), 0, 255).astype(np.uint8)
+    found = kept(plain).matched(np.arange(3), grey(noisy), PLACES)
+    np.testing.assert_allclose(found, PLACES, atol=0.2)
+
+
+def test_the_right_place_is_less_unlike_than_others():
+    windows, moved = kept(texture()), texture((4, 3))
+    right, wrong = (windows.unlike(np.arange(3), moved, places) for places in (PLACES + (4, 3), PLACES))
+    assert (right < 2).all()
+    assert (wrong > 3 * right).all()
+
+
+def test_unlikeness_is_a_weighted_mean_that_forgives_half_of_a_change_of_light():
+    a = windows_at(texture(), PLACES)
+    np.testing.assert_allclose(unlikeness(a + 10, a), 5, atol=1e-3)
+    channel = a.copy()
+    channel[..., 1] += 12
+    np.testing.assert_allclose(unlikeness(channel, a), 12 / 3 / 2, atol=1e-3)
