@@ -154,7 +154,7 @@ def still_tracks(tracks: np.ndarray) -> np.ndarray:
 def scene_tracks(scene: Scene, tracks: np.ndarray, visible: np.ndarray, camera: Camera) -> np.ndarray:
     """Tracks [K, T, 3] of the points that are seen at frame 0, as a scene has them; NaN for all others and where nothing is reconstructed.
 
-    What is scored is the reconstruction: a point moves by its Gaussians alone (`following_material`), without the recording, which the window
+    What is scored is the reconstruction: a point moves by its Gaussians alone (`following_material`), without the recording that the window
     and `degense track` look at too (`follow_points`). `camera` is the clip's of frame 0.
     """
     predicted = np.full(tracks.shape, np.nan)

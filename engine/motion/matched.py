@@ -1,4 +1,4 @@
-"""Points followed through a recording by small windows, as long as frames show them there and back: what says whether other ways are right."""
+"""Points followed through a recording by small windows, as long as the frames lead there and back."""
 
 from __future__ import annotations
 
@@ -77,8 +77,8 @@ def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries
 
 
 class _Chain:
-    """Points on their way in one direction of time: where they are, `places` float64 [K, 2], and how `unlike` their queries they look there,
-    float32 [K]; NaN of those that are lost."""
+    """Points on their way in one direction of time: `places` float64 [K, 2], where they are, and `unlike` float32 [K], how unlike their
+    queries they look there; NaN of those that are lost."""
 
     def __init__(self, queries: np.ndarray):
         self._queries, self.places = queries, np.full(queries.shape, np.nan)

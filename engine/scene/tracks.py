@@ -74,8 +74,10 @@ def _projected(scene: Scene, positions: np.ndarray) -> np.ndarray:
 
 
 def _placed(scene: Scene, positions: np.ndarray, pixels: np.ndarray, shown: np.ndarray) -> Steps[np.ndarray]:
-    """Put points that are `shown` in the recording, bool [K, T], on the surface at their pixels [K, T, 2], in place; where points are within
-    the frame, and no surface is in front of those that are not shown, bool [K, T]."""
+    """Put points that are `shown` by the recording, bool [K, T], on the surface at their pixels [K, T, 2], in place.
+
+    Returns which points are within the frame and, if they are not shown, have no surface in front of them, bool [K, T].
+    """
     visible = np.zeros(shown.shape, bool)
     for frame in range(scene.frames):
         yield frame / scene.frames, "looking whether they are visible"

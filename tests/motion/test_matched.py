@@ -13,7 +13,7 @@ def followed(queries):
 
 
 def test_points_are_where_they_slide_to_both_ways():
-    queries = np.array([[0, 30.0, 40.0], [3, 40.0, 50.0]])
+    queries = np.array([[0, 40.0, 45.0], [3, 40.0, 50.0]])
     found = followed(queries)
     for k, (start, x, y) in enumerate(queries):
         right = np.array([[x + 2 * (t - start), y + (t - start)] for t in range(5)])
@@ -34,7 +34,7 @@ def test_a_point_that_is_covered_is_lost_for_good():
 
 
 def test_where_nothing_is_guessed_nothing_is_said_of_the_guess():
-    queries = np.array([[2, 30.0, 40.0]])
+    queries = np.array([[3, 40.0, 50.0]])
     found = finish(matching(sliding, np.full((1, FRAMES, 2), np.nan), queries))
     assert np.isnan(found.guessed_unlike).all()
     assert np.isfinite(found.pixels[0, :5]).all()

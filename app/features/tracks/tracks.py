@@ -37,7 +37,9 @@ def follow(scene: Scene, points: Sequence[Point]) -> Steps[dict[Point, Tracks]]:
 
 def without_recording(scene: Scene) -> str:
     """What is to be known of points that are followed without the recording, one sentence; empty with it."""
-    return "" if scene.clip is not None else f"Points move as the reconstruction does, because the recording is missing: {scene.clip_missing}."
+    return (
+        "" if scene.clip is not None else f"Points move as the reconstruction does, because the recording is missing: {scene.clip_missing}."
+    )
 
 
 class TrackComparison(NamedTuple):
