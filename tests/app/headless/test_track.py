@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 
@@ -39,6 +40,16 @@ def test_a_grid_covers_the_frame(scene, tmp_path, capsys):
     np.testing.assert_allclose(queries[0], [2, width / 6, height / 6])
     np.testing.assert_allclose(queries[-1], [2, width * 5 / 6, height * 5 / 6])
     assert "of 9 points followed" in capsys.readouterr().out
+
+
+def test_without_its_recording_a_run_says_how_points_move(scene, tmp_path, capsys):
+    shutil.copytree(scene.run.path, tmp_path / "elsewhere" / "run")
+    assert not main(["track", str(tmp_path / "elsewhere" / "run"), "--grid", "2"])
+    told = capsys.readouterr().out
+    assert "Points move as the reconstruction does, because the recording is missing" in told
+    assert "of 4 points followed" in told
+    assert not main(["track", str(scene.run.path), "--grid", "2"])
+    assert "recording is missing" not in capsys.readouterr().out
 
 
 def test_errors_are_sentences(scene, tmp_path, capsys):
