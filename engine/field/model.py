@@ -8,7 +8,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from degense.engine.field import decode_cpu
+from degense.engine.field import decode_cpu, networks_cpu
 from degense.engine.field.branches import DEFORMATION, Branch, Deformation, Kinematics
 from degense.engine.field.hexplane import HexPlane, at_time
 from degense.engine.splats import Splats
@@ -56,7 +56,7 @@ class State:
     deformation: Deformation | None
     delta_color: Tensor | None  # of Ψ_app [N, 3]
     delta_semantics: Tensor | None  # Δf_sem [N, rank]
-    means_at_other: Tensor | None = None  # centres [N, 3] at the other time, if one was given
+    means_at_other: Tensor | None = None  # centres [N, 3], or of the rows that were asked for, at the other time, if one was given
 
 
 class SceneModel(nn.Module):
@@ -142,27 +142,37 @@ class SceneModel(nn.Module):
         low, high = self.bounds
         return (points - low) / (high - low) * 2.0 - 1.0
 
-    def at(self, t: float | Tensor, *, deform: bool = True, semantics: bool = True, other: float | Tensor | None = None) -> State:
-        """The scene at time `t` ∈ [-1, 1], and with `other` the centres at a second time.
+    def at(
+        self,
+        t: float | Tensor,
+        *,
+        deform: bool = True,
+        semantics: bool = True,
+        other: float | Tensor | None = None,
+        rows: Tensor | None = None,
+    ) -> State:
+        """The scene at time `t` ∈ [-1, 1], and with `other` the centres at a second time, of all or only of the `rows`, int64 [m].
 
         Times are tensors on the model's device where the call is recorded in a CUDA graph. Without `deform` it is the canonical Gaussians
         (the coarse stage); without `semantics` the splats carry no latents, and everything that only latents need is skipped.
         """
         latents = self.canonical["semantics"] if semantics else self.canonical["semantics"][:, :0]
         if not deform or self.config.static:
-            return State(self._splats(t, None, None, latents), None, None, None, None if other is None else self.means_at(other))
-        rows = slice(None) if self.moving is None else self.moving
-        points = self.normalised(self.canonical["means"].detach()[rows])
+            means = None if other is None else self.means_at(other)
+            return State(self._splats(t, None, None, latents), None, None, None, means if means is None or rows is None else means[rows])
+        moving = slice(None) if self.moving is None else self.moving
+        points = self.normalised(self.canonical["means"].detach()[moving])
         means_at_other = None
         if other is None and self._is_fused():
             decoded, delta_color, change = self._decode_fused(points, t, semantics)
         else:
-            decoded, decoded_at_other, delta_color, change = self._decode(points, t, other, semantics)
+            decoded, decoded_at_other, delta_color, change = self._decode(points, t, other, rows, semantics)
             if other is not None and decoded_at_other is not None:
-                means_at_other = self.canonical["means"] + self.linear_motion(other) + decoded_at_other[:, :3]
+                placed = self.canonical["means"] + self.linear_motion(other)
+                means_at_other = (placed if rows is None else placed.index_select(0, rows)) + decoded_at_other[:, :3]
         deformation = Deformation.of(decoded)
         if semantics and self.semantic is not None and self.config.routing == "coupled":  # f_sem(t) = f_sem + C([ΔG_t, f_sem])
-            change = self.semantic(torch.cat([deformation.flat, latents[rows]], 1))
+            change = self.semantic(torch.cat([deformation.flat, latents[moving]], 1))
         if self.moving is not None:
             deformation, delta_color, change = self._scatter_moving(deformation, delta_color, change)
         splats = self._splats(t, deformation, delta_color, latents if change is None else latents + change)
@@ -175,6 +185,8 @@ class SceneModel(nn.Module):
         points = self.normalised(self.canonical["means"].detach())
         if self._is_fused():
             [decoded] = decode_cpu.decode(points, t, self.planes, None, self.kinematics, [self.geometry.decode])
+        elif self._is_on_cpu:
+            [decoded] = networks_cpu.networks(self.planes(points, t), self.kinematics, [(self.geometry.decode, len(points))])
         else:
             decoded = self.geometry(self.kinematics(self.planes(points, t)))
         return self.canonical["means"] + self.linear_motion(t) + decoded[:, :3]
@@ -208,7 +220,12 @@ class SceneModel(nn.Module):
     def _is_fused(self) -> bool:
         """Whether no gradient is wanted, and there is a fused way to decode: on the CPU, in float32."""
         learning = torch.is_grad_enabled() and any(parameter.requires_grad for parameter in self.parameters())
-        return not learning and self.bounds.device.type == "cpu" and self.bounds.dtype == torch.float32
+        return not learning and self._is_on_cpu
+
+    @property
+    def _is_on_cpu(self) -> bool:
+        """Whether the fused networks of the CPU can be used, which are for float32."""
+        return self.bounds.device.type == "cpu" and self.bounds.dtype == torch.float32
 
     def _decode_fused(self, points: Tensor, t: float | Tensor, semantics: bool) -> tuple[Tensor, Tensor | None, Tensor | None]:
         """`_decode` at one time, by the fused kernel."""
@@ -220,21 +237,28 @@ class SceneModel(nn.Module):
         return next(outputs), None if self.appearance is None else next(outputs), None if semantic is None else next(outputs)
 
     def _decode(
-        self, points: Tensor, t: float | Tensor, other: float | Tensor | None, semantics: bool
+        self, points: Tensor, t: float | Tensor, other: float | Tensor | None, rows: Tensor | None, semantics: bool
     ) -> tuple[Tensor, Tensor | None, Tensor | None, Tensor | None]:
-        """ΔG at `t` and at `other`, Δcolour and Δf_sem as a function of Z_kin (Eq. 1, 2); None for what there is none of."""
+        """ΔG at `t` and, of the `rows` or all, at `other`, Δcolour and Δf_sem as a function of Z_kin (Eq. 1, 2); None for what there is
+        none of."""
         features = self.planes(points, t)
         if other is not None:
-            features = torch.cat([features, self.planes(points, other)])
+            features = torch.cat([features, self.planes(points if rows is None else points.index_select(0, rows), other)])
+        latent_branch = self.semantic if semantics and self.config.routing != "coupled" else None
+        if latent_branch is None and self._is_on_cpu:
+            asked = [(self.geometry.decode, len(features))]
+            asked += [] if self.appearance is None else [(self.appearance.decode, len(points))]
+            decoded, *colors = networks_cpu.networks(features, self.kinematics, asked)
+            return decoded[: len(points)], None if other is None else decoded[len(points) :], colors[0] if colors else None, None
         kinematic = self.kinematics(features)
         decoded, decoded_at_other = self.geometry(kinematic), None
         if other is not None:
-            kinematic, (decoded, decoded_at_other) = kinematic[: len(points)], decoded.chunk(2)
+            kinematic, (decoded, decoded_at_other) = kinematic[: len(points)], decoded.tensor_split([len(points)])
         delta_color = self.appearance(kinematic) if self.appearance is not None else None
         change = None
-        if semantics and self.semantic is not None and self.config.routing != "coupled":
+        if latent_branch is not None:
             planes = self.semantic_planes
-            change = self.semantic(kinematic if planes is None else torch.cat([kinematic.detach(), planes(points, t)], 1))
+            change = latent_branch(kinematic if planes is None else torch.cat([kinematic.detach(), planes(points, t)], 1))
         return decoded, decoded_at_other, delta_color, change
 
     def _splats(self, t: float | Tensor, deformation: Deformation | None, delta_color: Tensor | None, latents: Tensor) -> Splats:

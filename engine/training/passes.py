@@ -33,7 +33,7 @@ class FieldState(NamedTuple):
     features: Tensor  # float [N, 4]; colour and camera z
     loss: Tensor  # total and terms of the deformation's `Loss`
     terms: Tensor
-    other_means: Tensor | None = None  # float [N, 3]; centres at the other time, where one was asked for
+    other_means: Tensor | None = None  # float [N, 3]; centres at the other time, where one was asked for, of the rows asked for
 
     @property
     def splats(self) -> Splats:
@@ -49,9 +49,12 @@ class FieldPass:
     def __init__(self, model: SceneModel, config: TrainConfig, neighbours: Neighbours | None, *, deform: bool):
         self.model, self.config, self.neighbours, self.deform = model, config, neighbours, deform
 
-    def __call__(self, t: Tensor, camera: Tensor, other: Tensor | None = None) -> tuple[Tensor, ...]:
-        """The fields of a `FieldState`, the last of them only with `other`, float [] like `t`; `camera` is `view_and_lens`."""
-        config, state = self.config, self.model.at(t, deform=self.deform, semantics=False, other=other)
+    def __call__(self, t: Tensor, camera: Tensor, other: Tensor | None = None, rows: Tensor | None = None) -> tuple[Tensor, ...]:
+        """The fields of a `FieldState`, the last of them only with `other`, float [] like `t`; `camera` is `view_and_lens`.
+
+        With `rows`, int64 [m], which needs `deform`, the centres at the other time are those of so many Gaussians.
+        """
+        config, state = self.config, self.model.at(t, deform=self.deform, semantics=False, other=other, rows=rows)
         splats, d, terms = state.splats, state.deformation, dict[str, Tensor]()
         if d is not None:
             terms["shape"] = config.shape * (d.log_scales.abs().mean() + d.quats.abs().mean() + d.opacities.abs().mean())

@@ -29,6 +29,7 @@ from degense.engine.training.semantic.targets import SemanticTargets
 
 GUARD_EVERY = 100  # steps between tests of whether all is finite
 ROLLBACKS = 5
+FLOW_PARTS = 4  # on the CPU the flow asks one of so many parts of the Gaussians a step: motion is smooth, and half of a step's work is this
 SMOOTHNESS_EVERY = 4  # steps between passes of the regularizers of planes and colour residuals, which change slowly
 
 
@@ -132,7 +133,9 @@ class Trainer:
         index = self._next_frame(semantic)
         set_rates(self.optimizer, self.config, self.progress, self.rate_scale)
         camera, pair = self.frames.cameras[index], self._pair(index)
-        asked = self.times[index], view_and_lens(camera, self.device), *(() if pair is None else (self.times[pair.to],))
+        rows = self._rows_of_flow()
+        other = () if pair is None else (self.times[pair.to],) if rows is None else (self.times[pair.to], rows)
+        asked = self.times[index], view_and_lens(camera, self.device), *other
         with part("prepare passes"):
             self._make_passes(asked)
         with part("field"):
@@ -143,7 +146,7 @@ class Trainer:
         renamed_at_gradient(field.features, "field backward")
         renamed_at_gradient(render.image, "raster backward")
         with part("losses"):
-            losses, squared_error = self._losses(index, pair, field, render, semantic=semantic)
+            losses, squared_error = self._losses(index, pair, field, render, rows, semantic=semantic)
             loss = reduce(add, (found.total for found in losses.values()))
         self.optimizer.zero_grad(set_to_none=True)
         with part("losses backward"):
@@ -161,20 +164,28 @@ class Trainer:
             self._guard()
 
     def _losses(
-        self, index: int, pair: Pair | None, field: FieldState, render: Render, *, semantic: bool
+        self, index: int, pair: Pair | None, field: FieldState, render: Render, rows: Tensor | None, *, semantic: bool
     ) -> tuple[dict[str, Loss], Tensor]:
         """The parts of the loss of a frame that was drawn, and its mean squared error."""
         frame, losses = self.frames[index], {"deformation": Loss(field.loss, field.terms)}
         *found, squared_error = self.passes("frame", render.image, render.alpha, frame.image, frame.valid, frame.depth)
         losses["frame"] = Loss(*found)
         if self.flow is not None and pair is not None and field.other_means is not None:
-            drawn = field.means, field.other_means, field.opacities, render.radii, render.image, render.alpha
+            of_all = field.means, field.opacities, render.radii
+            means, opacities, radii = of_all if rows is None else (values.index_select(0, rows) for values in of_all)
+            drawn = means, field.other_means, opacities, radii, render.image, render.alpha
             losses["flow"] = Loss(*self.passes("flow", *drawn, *self.flow.inputs(index, pair)))
         if self._regularizes and self.iteration % SMOOTHNESS_EVERY == 0:
             losses["smoothness"] = Loss(*self.passes("smoothness", self._smoothness_weight))
         if semantic:
             losses["semantic"] = self._semantic_loss(index)
         return losses, squared_error
+
+    def _rows_of_flow(self) -> Tensor | None:
+        """Which Gaussians the flow of this step asks, int64 [m]; None for all."""
+        if self.device.type != "cpu" or not self.deforms or self.config.static:
+            return None
+        return torch.arange(self.iteration % FLOW_PARTS, len(self.model), FLOW_PARTS)
 
     def _make_passes(self, asked: tuple[Tensor, ...]) -> None:
         """Make what reads the model, when the Gaussians or the stage have changed: before any gradient of this step is on its way."""

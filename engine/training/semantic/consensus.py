@@ -20,6 +20,7 @@ from degense.engine.progress import Progress, silent
 from degense.engine.raster import backproject, rasterize
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.semantic.appearance import Appearance, look
+from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.regions import Regions
 from degense.engine.training.semantic.targets import SemanticTargets, SureAnswer
 from degense.engine.training.semantic.vectors import shares_of, words_of
@@ -36,17 +37,17 @@ PIXELS = 400_000  # of all frames, that the appearance is learned from
 
 
 class Votes:
-    """What each frame calls the Gaussians of a model whose geometry is finished."""
+    """What each frame calls the Gaussians."""
 
-    def __init__(self, model: SceneModel, frames: TrainingFrames):
-        self._model, self._frames = model, frames
+    def __init__(self, geometry: FinishedGeometry):
+        self._geometry, self._frames = geometry, geometry.frames
         self._sums: dict[int, Tensor] = {}  # by frame, Σ_p w_ip shares_p beside Σ_p w_ip, float [N, K + 1]
         self._colors: dict[int, Tensor] = {}
 
     @torch.no_grad()
     def add(self, frame: int, shares: Float[Tensor, "pixels words"]) -> None:
         """Let a frame vote: onto each Gaussian by its share in each pixel, so as far as it is visible there and then."""
-        camera, splats = self._frames.cameras[frame], self._model.at(self._frames.clip.time(frame), semantics=False).splats
+        camera, splats = self._frames.cameras[frame], self._geometry.splats(frame)
         shape, known = (camera.height, camera.width), (shares.sum(1) > 0).to(shares)
         found = backproject(splats, shares.reshape(*shape, -1), camera, confidence=known.reshape(shape))
         self._sums[frame], self._colors[frame] = torch.cat([found.total, found.weight[:, None]], 1), splats.colors
@@ -58,7 +59,7 @@ class Votes:
         A Gaussian i has Σ_s k_is Σ_p w_ip shares_p, with k_is = exp(−‖c_i − c_is‖² / 2 h²) of its colours now and in the voting frame:
         tissue that was charred since is asked what it is called now. Its shares are blended as colours are.
         """
-        camera, splats = self._frames.cameras[frame], self._model.at(self._frames.clip.time(frame), semantics=False).splats
+        camera, splats = self._frames.cameras[frame], self._geometry.splats(frame)
         total = torch.zeros_like(next(iter(self._sums.values())))
         for voter, sums in self._sums.items():
             if voter != frame or len(self._sums) == 1:
@@ -90,13 +91,14 @@ class Consensus:
         self._frames, self._targets, self._words = frames, targets, words_of(targets.sample, targets.classes)
         width, height = frames.size
         self._scores = Latest(max(2, SCORE_BYTES // (2 * width * height * len(self._words))))
-        self._regions = Regions(model, frames)
+        geometry = FinishedGeometry(model, frames)
+        self._regions = Regions(geometry)
         asked = targets.labelled_frames
         voters = [asked[i] for i in np.unique(np.linspace(0, len(asked) - 1, min(len(asked), MOST_VOTERS)).round().astype(int))]
         random = torch.Generator().manual_seed(seed)
         shares: Callable[[int], Tensor] = self._told
         for done in range(ROUNDS):
-            votes, seen, called = Votes(model, frames), [], []
+            votes, seen, called = Votes(geometry), [], []
             for i, frame in enumerate(voters):
                 progress((done + i / len(voters)) / ROUNDS, "comparing what the teacher says over time")
                 known = self._told(frame).sum(1) > 0

@@ -6,7 +6,7 @@ nor multiply any more. Training from zero would follow the errors of single fram
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.losses import angular, l1
 from degense.engine.training.passes import SemanticPass, draw_latents
 from degense.engine.training.semantic.consensus import Consensus
+from degense.engine.training.semantic.finished import FinishedScene
 from degense.engine.training.semantic.targets import SemanticTargets
 
 REPORT_EVERY = 25  # steps
@@ -120,9 +121,8 @@ def distill(
     distance, labelled = angular if config.angular else l1, targets.frames
     steps, order = steps_of(config), list[int]()
     with _semantic_optimizer(model, config) as optimizer:
-        moments = {frame: torch.full((), frames.clip.time(frame), device=model.bounds.device) for frame in labelled}
         sums, zero = LossSums(model.bounds.device), torch.zeros((), device=model.bounds.device)
-        scene = graphed(SemanticPass(model, config, deform=True), (moments[labelled[0]],), list(model.parameters()))
+        scene = _scene_of(model, frames, config, labelled)
         for step in range(steps):
             if stop():
                 model.semantic_coefficients = None  # a resumed training back-projects again
@@ -132,11 +132,10 @@ def distill(
             order = order or [labelled[k] for k in random.permutation(len(labelled))]
             frame = order.pop()
             with part("field"):
-                means, quats, scales, opacities, latents, regularizer = scene(moments[frame])
-            splats = Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents)
+                splats, regularizer = scene(frame)
             with part("raster"):
                 latent = draw_latents(splats, frames.cameras[frame], detached=True)
-            renamed_at_gradient(latents, "field backward")
+            renamed_at_gradient(splats.semantics, "field backward")
             renamed_at_gradient(latent, "raster backward")
             with part("losses"):
                 terms = {**targets.loss(latent, frame, distance, config.region), "delta_semantics": regularizer / config.semantic}
@@ -153,6 +152,24 @@ def distill(
                 mean, _, by_name = sums.means(step % REPORT_EVERY + 1)
                 report(step + 1, steps, mean, by_name)
     return True
+
+
+def _scene_of(
+    model: SceneModel, frames: TrainingFrames, config: TrainConfig, labelled: Sequence[int]
+) -> Callable[[int], tuple[Splats, Tensor]]:
+    """The Gaussians with their latents at a frame, and the regularizer of how these change: what need not be computed again is kept where
+    that is quicker than the graph of a GPU."""
+    device = model.bounds.device
+    if device.type == "cpu" and model.config.routing == "isolated" and model.moving is None:
+        return FinishedScene(model, frames, config)
+    moments = {frame: torch.full((), frames.clip.time(frame), device=device) for frame in labelled}
+    graph = graphed(SemanticPass(model, config, deform=True), (moments[labelled[0]],), list(model.parameters()))
+
+    def scene(frame: int) -> tuple[Splats, Tensor]:
+        means, quats, scales, opacities, latents, regularizer = graph(moments[frame])
+        return Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents), regularizer
+
+    return scene
 
 
 @contextmanager

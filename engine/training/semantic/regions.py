@@ -15,11 +15,11 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from degense.engine.field import SceneModel
 from degense.engine.latest import Latest
 from degense.engine.raster import rasterize
 from degense.engine.semantics.masks.superpixels import REGION_SIZE, superpixels
-from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.fused.region_votes_cpu import region_votes
+from degense.engine.training.semantic.finished import FinishedGeometry
 
 MOST_REGIONS = 600  # of a frame
 COLOR_SCALE = 5.0  # CIELAB units: difference of colours at which a region counts e^(−½)
@@ -38,21 +38,25 @@ class FrameRegions(NamedTuple):
 class Regions:
     """Superpixels of a clip's frames, each at the place of the canonical Gaussians that it shows: what moves keeps its place."""
 
-    def __init__(self, model: SceneModel, frames: TrainingFrames):
-        self._model, self._frames = model, frames
+    def __init__(self, geometry: FinishedGeometry):
+        self._geometry, self._frames = geometry, geometry.frames
+        frames = geometry.frames
         width, height = frames.size
         self._side = max(REGION_SIZE, round(math.sqrt(width * height / MOST_REGIONS)))
         self._width = width / frames.cameras[0].fx  # of the picture, at the median depth
         self._made = Latest(KEPT)
         self._traits: list[Tensor] = []
         self._sums: list[Tensor] = []
+        self._read: dict[tuple[int, float], Tensor] = {}  # of a frame's regions, float [K, words]
 
     def clear(self) -> None:
         """Forget what was called what."""
         self._traits, self._sums = [], []
+        self._read.clear()
 
     def add(self, frame: int, shares: Float[Tensor, "pixels words"]) -> None:
         """Let the regions of a frame vote, by size; rows of zeros say nothing."""
+        self._read.clear()
         regions = self._of(frame)
         self._traits.append(regions.traits)
         self._sums.append(shares.new_zeros(len(regions.size), shares.shape[1]).index_add_(0, regions.of_pixel, shares))
@@ -60,12 +64,19 @@ class Regions:
     def read(self, frame: int, reach: float) -> Float[Tensor, "pixels words"]:
         """The shares of the votes around each pixel's region, rows of sum 1:  Σ_s exp(−‖traits − traits_s‖² / 2) Σ_p∈s shares_p, with
         places divided by `reach`, the distance in widths of the picture at which a region counts e^(−½)."""
-        regions, sums = self._of(frame), torch.cat(self._sums)
+        if (frame, reach) not in self._read:
+            self._read[frame, reach] = self._shares(frame, reach)
+        return self._read[frame, reach].index_select(0, self._of(frame).of_pixel)
+
+    def _shares(self, frame: int, reach: float) -> Float[Tensor, "regions words"]:
+        sums = torch.cat(self._sums)
         scale = sums.new_tensor([1 / reach] * 3 + [1.0] * 3)
-        traits = torch.cat(self._traits) * scale
-        votes = torch.cat([torch.exp(torch.cdist(rows, traits).square() / -2) @ sums for rows in (regions.traits * scale).split(ROWS)])
-        shares = votes / votes.sum(1, keepdim=True).clamp_min(1e-12)
-        return shares[regions.of_pixel]
+        traits, asked = torch.cat(self._traits) * scale, self._of(frame).traits * scale
+        if sums.is_cuda:
+            votes = torch.cat([torch.exp(torch.cdist(rows, traits).square() / -2) @ sums for rows in asked.split(ROWS)])
+        else:
+            votes = region_votes(asked, traits, sums)
+        return votes / votes.sum(1, keepdim=True).clamp_min(1e-12)
 
     def _of(self, frame: int) -> FrameRegions:
         return self._made.get(frame, lambda: self._found(frame))
@@ -75,8 +86,7 @@ class Regions:
         image, device = self._frames.image(frame), self._frames.device
         of_pixel = torch.from_numpy(superpixels(image, self._side).ravel().astype(np.int64)).to(device)
         colors = torch.from_numpy(cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB).reshape(-1, 3)).to(device)
-        splats = self._model.at(self._frames.clip.time(frame), semantics=False).splats
-        drawn = rasterize(splats, self._model.canonical["means"].detach(), self._frames.cameras[frame])
+        drawn = rasterize(self._geometry.splats(frame), self._geometry.model.canonical["means"].detach(), self._frames.cameras[frame])
         places = drawn.image.reshape(-1, 3) / drawn.alpha.reshape(-1, 1).clamp_min(1e-3)
         size = torch.bincount(of_pixel).to(colors)
         traits = torch.cat([places / self._width, colors / COLOR_SCALE], 1)

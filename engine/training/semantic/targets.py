@@ -19,7 +19,8 @@ from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.semantics.teachers import Teacher
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.losses import region_smoothness
+from degense.engine.training.fused import semantic_cpu
+from degense.engine.training.losses import angular, region_smoothness
 from degense.engine.training.semantic.guided_upsampling import upsample_to_regions
 from degense.engine.training.semantic.vectors import NAMED, rarity_weights, unit_vectors
 from degense.engine.vocabulary import instruments
@@ -213,6 +214,12 @@ class SemanticTargets:
         """
         target = self.target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
+        if distance is angular and flat.device.type == "cpu" and flat.dtype == torch.float32:
+            labels = semantic_cpu.Labels(target.latents, target.index, target.pixels, target.weight)
+            found = {"align": semantic_cpu.align(flat, labels)}
+            if region_weight > 0:
+                found["region"] = region_weight * semantic_cpu.region_smoothness(flat, target.regions, target.region_count)
+            return found
         error = distance(flat[target.pixels], target.latents[target.index])
         terms = {"align": (error * target.weight).sum() / max(len(target.pixels), 1)}
         if region_weight > 0:

@@ -12,6 +12,7 @@ from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.semantic.consensus import COLOR_SCALE, LEAST, PRIOR_PIXELS, Consensus, Votes, accuracy_of, own_weight
+from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.targets import SemanticTargets
 from degense.engine.training.semantic.vectors import shares_of, words_of
 from degense.engine.training.trainer import Trainer
@@ -31,7 +32,7 @@ def test_votes_are_those_of_the_other_frames_where_a_gaussian_is_seen_in_the_col
     """Against sums over an explicit matrix of blending weights in NumPy."""
     clip = MemoryClip(5)
     frames = TrainingFrames(clip, 1 << 20, CPU)
-    model, votes, random = model_for(frames, 60), Votes(model_for(frames, 60), frames), np.random.default_rng(1)
+    model, votes, random = model_for(frames, 60), Votes(FinishedGeometry(model_for(frames, 60), frames)), np.random.default_rng(1)
     weights, colors, shares = {}, {}, {}
     for frame in (0, 2, 3):
         with torch.no_grad():

@@ -10,6 +10,7 @@ from degense.engine.raster import rasterize
 from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
+from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.regions import COLOR_SCALE, Regions
 from tests.fakes import MemoryClip
 
@@ -40,7 +41,7 @@ def traits_of(frames, model, frame):
 
 def test_votes_are_weighed_by_place_in_the_scene_and_colour(stage):
     frames, model = stage
-    regions, random = Regions(model, frames), np.random.default_rng(1)
+    regions, random = Regions(FinishedGeometry(model, frames)), np.random.default_rng(1)
     of_pixel, traits, sums = {}, {}, {}
     for frame in (0, 2, 3):
         of_pixel[frame], traits[frame] = traits_of(frames, model, frame)
@@ -69,7 +70,8 @@ class TwoColors(MemoryClip):
 def test_a_region_that_is_called_otherwise_for_most_of_the_clip_is_called_as_what_looks_like_it():
     frames = TrainingFrames(TwoColors(5, 96, 80), 1 << 20, CPU)
     canonical, bounds = initial_gaussians(frames, None, 200, 0, np.random.default_rng(0), 2)
-    regions = Regions(SceneModel(FieldConfig(color_knots=2, resolution=16, time_resolution=4), bounds, canonical), frames)
+    model = SceneModel(FieldConfig(color_knots=2, resolution=16, time_resolution=4), bounds, canonical)
+    regions = Regions(FinishedGeometry(model, frames))
     truth = np.repeat([0, 1], 48)[None].repeat(80, 0)
     for frame in (0, 2, 3, 4):
         names = truth.copy()

@@ -1,0 +1,83 @@
+"""A scene whose geometry is finished, at the times of its frames: what does not change any more is computed once and kept."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from degense.engine.field import SceneModel
+from degense.engine.latest import Latest
+from degense.engine.splats import Splats
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.frames import TrainingFrames
+
+KEPT_BYTES = 1 << 28  # of all frames
+
+
+class FinishedGeometry:
+    """The Gaussians of a model at the times of its frames, without latents."""
+
+    def __init__(self, model: SceneModel, frames: TrainingFrames):
+        self.model, self.frames = model, frames
+        self._kept = Latest(KEPT_BYTES)
+
+    def splats(self, frame: int) -> Splats:
+        """The Gaussians at the time of a frame, without a gradient."""
+        return self._kept.get(frame, lambda: self._found(frame), lambda splats: _bytes(*vars(splats).values()))
+
+    @torch.no_grad()
+    def _found(self, frame: int) -> Splats:
+        return self.model.at(self.frames.clip.time(frame), semantics=False).splats
+
+
+class Moment(NamedTuple):
+    """What of a frame's latents does not change while semantics are learned (`isolated`)."""
+
+    kinematic: Tensor  # float [N, 64]; Z_kin
+    by_color: Tensor | None  # float [N, rank]; what a change of colour adds to the latents; None where they follow no colour
+
+
+class FinishedScene:
+    """The fused twin of `SemanticPass` with routing `isolated`, on the CPU, for frames in place of times.
+
+    Call it when `semantic_coefficients` are known: they are part of what is kept.
+    """
+
+    def __init__(self, model: SceneModel, frames: TrainingFrames, config: TrainConfig):
+        self._model, self._frames, self._config = model, frames, config
+        self._geometry, self._moments = FinishedGeometry(model, frames), Latest(KEPT_BYTES)
+        self._points = model.normalised(model.canonical["means"].detach())
+
+    def __call__(self, frame: int) -> tuple[Splats, Tensor]:
+        """The Gaussians with their latents, and the regularizer of the change of these."""
+        model, splats = self._model, self._geometry.splats(frame)
+        moment = self._moments.get(frame, lambda: self._moment(frame, splats), lambda kept: _bytes(*kept))
+        latents, change = model.canonical["semantics"], self._change(frame, moment.kinematic)
+        regularizer = latents.new_zeros(()) if change is None else self._config.delta_semantics * change.abs().mean()
+        latents = latents if change is None else latents + change
+        latents = latents if moment.by_color is None else latents + moment.by_color
+        return Splats(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, latents), regularizer
+
+    def _change(self, frame: int, kinematic: Tensor) -> Tensor | None:
+        """Δf_sem of Z_kin and the semantic planes; what depends on Z_kin alone gets no gradient to it."""
+        branch, planes = self._model.semantic, self._model.semantic_planes
+        if branch is None or planes is None:
+            return None
+        hidden, rectified, last = branch.decode
+        weight, latent = hidden.weight, kinematic.shape[1]
+        by_planes = planes(self._points, self._frames.clip.time(frame)) @ weight[:, latent:].T
+        return last(rectified(torch.addmm(hidden.bias, kinematic, weight[:, :latent].T) + by_planes))
+
+    @torch.no_grad()
+    def _moment(self, frame: int, splats: Splats) -> Moment:
+        model, by_color = self._model, None
+        if model.semantic_coefficients is not None:
+            change = splats.colors - model.canonical["colors"]
+            by_color = (change[:, :, None] * model.semantic_coefficients).sum(1)
+        return Moment(model.kinematics(model.planes(self._points, self._frames.clip.time(frame))), by_color)
+
+
+def _bytes(*tensors: Tensor | None) -> int:
+    return sum(tensor.numel() * tensor.element_size() for tensor in tensors if tensor is not None)

@@ -1,0 +1,62 @@
+"""What is kept of a finished geometry gives what the scene itself gives, values and gradients."""
+
+import numpy as np
+import torch
+
+from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.training.config import TrainConfig
+from degense.engine.training.frames import TrainingFrames
+from degense.engine.training.initialise import initial_gaussians
+from degense.engine.training.passes import SemanticPass
+from degense.engine.training.semantic.finished import FinishedScene
+from tests.fakes import MemoryClip
+
+RANK = 5
+
+
+def model_of(frames, **settings):
+    """A model of which everything semantic has something to say."""
+    torch.manual_seed(2)
+    canonical, bounds = initial_gaussians(frames, None, 300, RANK, np.random.default_rng(0), 3)
+    model = SceneModel(FieldConfig(rank=RANK, color_knots=3, resolution=16, time_resolution=4, **settings), bounds, canonical)
+    for parameter in model.parameters():
+        if not parameter.any():
+            torch.nn.init.normal_(parameter, 0, 0.1)
+    model.set_semantic_coefficients(torch.randn(len(model), 3, RANK))
+    return model
+
+
+def semantic(model):
+    parts = [part for part in (model.semantic, model.semantic_planes) if part is not None]
+    return [model.canonical["semantics"], *(parameter for part in parts for parameter in part.parameters())]
+
+
+def outcome(model, splats, regularizer):
+    weight = torch.randn(splats.semantics.shape, generator=torch.Generator().manual_seed(0))
+    loss = (splats.semantics * weight).sum() + 100 * regularizer
+    shape = splats.means, splats.quats, splats.scales, splats.opacities
+    return [*(values.detach() for values in (*shape, splats.semantics)), *torch.autograd.grad(loss, semantic(model), allow_unused=True)]
+
+
+def check(model, frames):
+    config = TrainConfig()
+    kept, scene = FinishedScene(model, frames, config), SemanticPass(model, config, deform=True)
+    for frame in (0, 2, 0):
+        means, quats, scales, opacities, latents, regularizer = scene(torch.tensor(frames.clip.time(frame)))
+        splats, own_regularizer = kept(frame)
+        expected = outcome(model, type(splats)(means, quats, scales, opacities, splats.colors, latents), regularizer)
+        for one, other in zip(outcome(model, splats, own_regularizer), expected, strict=True):
+            torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
+
+
+def test_it_is_the_semantic_pass():
+    frames = TrainingFrames(MemoryClip(), 1 << 20, torch.device("cpu"))
+    check(model_of(frames), frames)
+
+
+def test_it_is_the_semantic_pass_where_latents_follow_no_colour_or_never_change():
+    frames = TrainingFrames(MemoryClip(), 1 << 20, torch.device("cpu"))
+    plain, fixed = model_of(frames), model_of(frames, fixed_latents=True)
+    plain.semantic_coefficients = None
+    check(plain, frames)
+    check(fixed, frames)
