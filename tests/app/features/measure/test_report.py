@@ -13,6 +13,7 @@ from PIL import Image
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
+from degense.app.features.anonymise.file_dialog import FileDialog
 from degense.widgets.theme import class_colour
 from tests.app import installed as on
 
