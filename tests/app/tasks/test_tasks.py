@@ -69,9 +69,9 @@ def page() -> str:
     lines = [
         "# Twenty tasks, by either hand",
         "",
-        "What a first session is made of, done in the window by events that the window system sends: once by the mouse alone, once by the",
-        "keyboard alone. A step is a click, a drag, a key with those that are held, or a typed text. Seconds are those of the program: from the",
-        "first step until the window shows what was wanted, with no pause between steps, on two cores of a machine that had other work.",
+        "What a first session is made of, done in the window by events that the window system sends: once by the mouse alone, once by",
+        "the keyboard alone. A step is a click, a drag, a key with those that are held, or a typed text. Seconds are those of the program:",
+        "from the first step until the window shows what was wanted, with no pause between steps, on two cores that had other work too.",
         "Made by `DEGENSE_TASKS=docs/tasks.md make test TESTS=tests/app/tasks`; a test holds the steps to this table.",
         "",
         "| | task | mouse: steps | seconds | keyboard: steps | seconds |",
