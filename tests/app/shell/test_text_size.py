@@ -37,10 +37,12 @@ def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
     opened.session.view.add_prompt("liver")
     opened.session.view.set_layer("displacement")
     idle()
+    opened.say("Said before")
     for _ in range(7):
         qtbot.keyClick(opened, Qt.Key.Key_Equal, Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier)
     qtbot.wait(50)
     assert opened.settings.value.text_size == 2.0
+    assert not (opened.status.hint.isVisible() and opened.statusBar().currentMessage())
     assert on.layers(opened).layers.rows.fontMetrics().height() >= 1.9 * before
     opened.resize(1600, 1000)
     qtbot.wait(50)
