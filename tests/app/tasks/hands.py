@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QAction
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
@@ -48,10 +49,16 @@ class Mouse:
             self.pick(title)
 
     def pick(self, title: str) -> None:
-        """An entry of the menu that is open."""
-        menu = QApplication.activePopupWidget()
-        assert isinstance(menu, QMenu), f"no menu is open for {title}"
-        [entry] = [action for action in menu.actions() if action.text().rstrip("…") == title or action.text().startswith(f"{title}:")]
+        """An entry of the menu that is open, or that comes."""
+
+        def entries() -> list[QAction]:
+            menu = QApplication.activePopupWidget()
+            actions = menu.actions() if isinstance(menu, QMenu) else []
+            return [action for action in actions if action.text().rstrip("…") == title or action.text().startswith(f"{title}:")]
+
+        self.until(lambda: len(entries()) == 1)
+        menu, [entry] = QApplication.activePopupWidget(), entries()
+        assert isinstance(menu, QMenu)
         assert entry.isEnabled(), title
         self._send(QTest.mouseClick, menu, menu.actionGeometry(entry).center())
 
