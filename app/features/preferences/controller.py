@@ -61,7 +61,6 @@ class Preferences(QObject):
             self._dress()
         if "text_size" in values:
             apply_text_size(_application(), self.settings.value.text_size)
-            self.shell.statusBar().clearMessage()  # Qt would show it through the hint
             QTimer.singleShot(0, self, self.shell.docks.arrange)
         if "background" in values and (viewer := self.shell.service(Viewer)) is not None:
             viewer.set_background()
