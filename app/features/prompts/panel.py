@@ -57,6 +57,7 @@ class PromptBar(QWidget):
         self._names = QMenu("Names of this run", self)  # what can be asked for without a key
         self._names.triggered.connect(lambda action: self._ask_for(action.text()))
         self._names_button = GlyphButton("down", "Choose a name that this run knows", self, self._show_names)
+        self._names_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # by keys the names are offered while one types
         self._names_button.hide()
 
         self._hint = forms.label("No prompts yet", secondary=True)
