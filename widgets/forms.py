@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
-from PySide6.QtCore import QSignalBlocker, Qt, SignalInstance
+from PySide6.QtCore import QEvent, QSignalBlocker, Qt, SignalInstance
 from PySide6.QtGui import QFontDatabase, QFontMetrics, QPainter, QPaintEvent
 from PySide6.QtWidgets import (
     QAbstractItemView,
@@ -225,9 +225,18 @@ class PathLine(QWidget):
         row((self.line, 1), choose, parent=self)
 
 
+class _Table(QTableWidget):
+    """Its rows are as high as its text, also when that becomes larger."""
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange:
+            self.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 6)
+
+
 def table(name: str, heads: Sequence[str], *, editable: bool = False) -> QTableWidget:
     """A table of rows of which one can be chosen; its columns share the width."""
-    made = QTableWidget(0, len(heads))
+    made = _Table(0, len(heads))
     made.setAccessibleName(name)
     made.setHorizontalHeaderLabels(list(heads))
     made.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
@@ -237,7 +246,7 @@ def table(name: str, heads: Sequence[str], *, editable: bool = False) -> QTableW
     made.setShowGrid(False)
     made.setTabKeyNavigation(False)
     made.verticalHeader().hide()
-    made.verticalHeader().setDefaultSectionSize(made.fontMetrics().height() + 6)
+    made.changeEvent(QEvent(QEvent.Type.FontChange))
     made.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
     return made
 

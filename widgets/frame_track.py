@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QSizePolicy, QSlider, QToolTip, QWidget
 
 from degense.widgets.forms import Painted
 from degense.widgets.keys import ARROWS, keep_keys
-from degense.widgets.theme import LABEL_COLOURS, faded
+from degense.widgets.theme import faded, label_colour
 
 _MARGIN, _MARKS, _LINE, _STRIP = 10, 12, 12, 24
 
@@ -45,7 +45,7 @@ class FrameTrack(Painted, QSlider):
             self.setValue(frame)
 
     def set_marks(self, test: Iterable[int], labelled: Mapping[str, Iterable[int]]) -> None:
-        """Mark held-out frames (below the line, hollow) and frames with labels (filled), in the colour of their kind in `LABEL_COLOURS`."""
+        """Mark held-out frames (below the line, hollow) and frames with labels (filled), in the colour of their kind (`label_colour`)."""
         self._test, self._labelled = set(test), {kind: set(frames) for kind, frames in labelled.items()}
         self.update()
 
@@ -161,7 +161,7 @@ class FrameTrack(Painted, QSlider):
             painter.drawPolyline([QPointF(x - slope, y + 4), QPointF(x, y), QPointF(x + slope, y + 4)])
         width = min(max(0.8 * spacing, 2), 12)
         for kind, frames in self._labelled.items():
-            colour = QColor(LABEL_COLOURS[kind])
+            colour = label_colour(kind, self.palette())
             for frame in frames:
                 painter.fillRect(QRectF(self._x(frame) - width / 2, y + 5, width, 5), colour)
 

@@ -59,13 +59,13 @@ QFrame#chip { background: palette(button); border: 1px solid palette(mid); borde
 """
 
 
-#: What frames with labels are marked with (Okabe and Ito, that colour-blind readers tell apart).
+#: What frames with labels are marked with on dark and on light (after Okabe and Ito, that colour-blind readers tell apart).
 LABEL_COLOURS = {
-    "labels of the clip": "#999999",
-    "painted": "#0072b2",
-    "accepted": "#009e73",
-    "proposed": "#56b4e9",
-    "doubtful": "#e69f00",
+    "labels of the clip": ("#999999", "#767676"),
+    "painted": ("#0072b2", "#00508a"),
+    "accepted": ("#009e73", "#007f5d"),
+    "proposed": ("#56b4e9", "#2f8ccc"),
+    "doubtful": ("#e69f00", "#b36b00"),
 }
 #: What lies behind the 3D view, by the name of the preference: dark in every theme unless another is chosen.
 BACKGROUNDS = {"dark": "#0f1114", "black": "#000000", "grey": "#808080", "white": "#ffffff"}
@@ -74,6 +74,11 @@ BACKGROUNDS = {"dark": "#0f1114", "black": "#000000", "grey": "#808080", "white"
 def class_colour(index: int) -> QColor:
     """The colour of a class or prompt; colours repeat after the last."""
     return QColor(CLASS_COLOURS[index % len(CLASS_COLOURS)])
+
+
+def label_colour(kind: str, palette: QPalette) -> QColor:
+    """What a frame with labels of that kind, one of `LABEL_COLOURS`, is marked with."""
+    return QColor(LABEL_COLOURS[kind][0 if is_dark(palette) else 1])
 
 
 def faded(colour: QColor, alpha: int) -> QColor:
@@ -88,7 +93,7 @@ def is_dark(palette: QPalette) -> bool:
 
 def frame_background(palette: QPalette) -> QColor:
     """What surrounds frames: darker than the panels."""
-    return QColor("#0f1114" if is_dark(palette) else "#d6d9de")
+    return QColor("#0f1114" if is_dark(palette) else "#e4e6ea")
 
 
 def error_colour(palette: QPalette) -> QColor:

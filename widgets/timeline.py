@@ -7,7 +7,7 @@ from collections import deque
 
 from PySide6.QtCore import Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from degense.widgets import forms
 from degense.widgets.frame_track import FrameTrack
@@ -80,6 +80,10 @@ class Timeline(QWidget):
         self._loop_box.setToolTip("What happens at the end")
         self._readout = forms.label(name="Frame and time", wrap=False)
         self._rate = forms.label(name="Frames a second, reached and wanted", secondary=True, wrap=False)
+        self._loop_box.setMinimumContentsLength(4)
+        self._loop_box.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        for words in (self._readout, self._rate):
+            words.setMinimumWidth(1)  # with large text in a small window they are cut, not what stands beside the timeline
         self._arrange()
         self.set_speed(1.0)
         self.set_loop_mode("loop")

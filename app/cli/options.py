@@ -52,9 +52,9 @@ def anonymised_scene(scene: Scene, options: argparse.Namespace) -> Scene:
 def refuse_cover(options: argparse.Namespace) -> None:
     """DegenseError where Gaussians themselves are written, which hold burnt-in text at any place."""
     if options.cover is not None:
-        raise DegenseError(
-            "Gaussians cannot be covered; train the clip with the text outside of its masks, or write a movie or pictures instead."
-        )
+        from degense.engine.scene.anonymous import NOT_COVERED
+
+        raise DegenseError(NOT_COVERED)
 
 
 def refuse_non_empty(folder: Path) -> None:

@@ -224,9 +224,9 @@ class Docks(QObject):
         self._open_sizes = self._sizes()
         self._alone, self._was_open = shown, not shown.isHidden()
         self._hidden = [other for other in others if other not in but and not other.isHidden()]
-        shown.show()
-        for other in self._hidden:
+        for other in self._hidden:  # before the other is shown: all together may need a higher window, which then stays so
             other.hide()
+        shown.show()
 
     def rejoin(self, alone: QWidget | None = None) -> None:
         """Show again what `isolate` or `show_page` hid; nothing when something else than `alone` stands alone."""

@@ -25,6 +25,7 @@ from degense.engine.store import Run
 #: What takes the place of the names of a run and of a clip.
 RUN_NAME, CLIP_NAME = "run", "clip"
 LEFT_OUT = "left out, because it is anonymised"
+NOT_COVERED = "Gaussians cannot be covered; train the clip with the text outside of its masks, or write a movie or pictures instead."
 
 
 def read_cover(path: Path, size: tuple[int, int]) -> np.ndarray:

@@ -20,7 +20,9 @@ from degense.engine.splats import Splats
 
 CHANNELS = ("rgb", "depth", "latent", "displacement", "uncertainty", "motion", "observability", "before")
 OF_TISSUE = ("displacement", "uncertainty", "before")  # drawn of the persistent Gaussians where there are any
-FRAME_BYTES = 256 << 20
+#: What is kept of drawn frames, and of the semantics of frames: some ten times as large, and drawn anew in about 20 ms
+#: (docs/decisions/0052). The newest is kept whatever its size.
+FRAME_BYTES, QUERY_BYTES = 64 << 20, 32 << 20
 COVERED = 0.5  # alpha below which a pixel shows nothing
 NEEDS_TEACHER = "train it from a clip with label maps, or with another teacher"
 NO_OBSERVABILITY = "does not say which motion its recording reveals: it was made by an older version, or without optical flow"
@@ -34,11 +36,11 @@ class Renderer:
     def __init__(self, name: str, states: States, basis: Basis | None, camera_at: Callable[[float], Camera]):
         self.name, self.states, self.basis, self.camera_at = name, states, basis, camera_at
         self.curve: ConfidenceCurve = MARGINS_AS_CHANCES  # of the confidence of masks
-        self._cache = Latest(FRAME_BYTES)
+        self.forget()
 
     def forget(self) -> None:
         """Forget drawn frames and their semantics; baked states stay."""
-        self._cache = Latest(FRAME_BYTES)
+        self._cache, self._queries = Latest(FRAME_BYTES), Latest(QUERY_BYTES)
 
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
         """Draw one instant, all wanted channels and `alpha` [H, W] in one pass; without a camera by the surgeon's, whose frames are kept.
@@ -128,7 +130,7 @@ class Renderer:
             return self.new_query(frame, camera)
         view = self.camera_at(frame)
         weight = view.width * view.height * 4 * ((self.basis.rank if self.basis is not None else 0) + 32)
-        return self._cache.get(("query", float(frame)), lambda: self.new_query(frame, view), lambda _: weight)
+        return self._queries.get(float(frame), lambda: self.new_query(frame, view), lambda _: weight)
 
     @torch.no_grad()
     def new_query(self, frame: float, camera: Camera) -> FrameSemantics:

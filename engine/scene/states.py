@@ -43,6 +43,8 @@ class States:
     def splats(self, frame: float, *, semantics: bool = False) -> Splats:
         """All Gaussians at a frame. `semantics` False: latents may be missing (rank 0), since most views need none."""
         whole = semantics or (float(frame), True) in self._cache
+        if whole:
+            self._cache.forget((float(frame), False))
         return self._cache.get(
             (float(frame), whole),
             lambda: self.live(self.time(frame), semantics=whole).map(Tensor.clone),

@@ -193,6 +193,24 @@ def test_pictures_of_the_surgeons_view_are_kept_and_others_are_not(fresh):
     assert np.abs(picture / 255 - fresh.render(3)["rgb"]).max() <= 0.5 / 255 + 1e-6
 
 
+def test_what_is_kept_of_frames_is_bounded(fresh, monkeypatch):
+    """Semantics of frames do not push out drawn frames; Gaussians with latents take the place of those without."""
+    monkeypatch.setattr("degense.engine.scene.renderer.QUERY_BYTES", 1)
+    fresh.renderer.forget()
+    drawn = fresh.render(3)
+    first = fresh.query(3)
+    fresh.query(4)
+    assert fresh.query(3) is not first
+    assert fresh.render(3) is drawn
+    without = fresh.splats(5)
+    assert fresh.splats(5) is without
+    held = fresh.states._cache.size
+    whole = fresh.splats(5, semantics=True)
+    assert fresh.splats(5) is whole
+    sizes = [sum(tensor.nbytes for tensor in vars(splats).values()) for splats in (without, whole)]
+    assert fresh.states._cache.size - held == sizes[1] - sizes[0] > 0
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_cache_holds_the_latest_within_its_bytes(seed):
     random = np.random.default_rng(seed)

@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 from PySide6.QtGui import QColor, QPalette
 
-from degense.widgets.theme import CLASS_COLOURS, THEMES, apply_theme, class_colour, error_colour, frame_background, is_dark
+from degense.widgets.theme import (
+    CLASS_COLOURS,
+    LABEL_COLOURS,
+    THEMES,
+    apply_theme,
+    class_colour,
+    error_colour,
+    frame_background,
+    is_dark,
+    label_colour,
+)
 
 ROLE = QPalette.ColorRole
 
@@ -38,8 +48,22 @@ def test_text_stands_out(qapp, name):
         assert contrast(palette.color(text), palette.color(ground)) >= 4.5, (text, ground)
     for ground in (ROLE.Window, ROLE.Button):
         assert contrast(error_colour(palette), palette.color(ground)) >= 4.5
-    assert contrast(palette.color(ROLE.PlaceholderText), frame_background(palette)) >= (4.5 if is_dark(palette) else 3.9)
+    assert contrast(palette.color(ROLE.PlaceholderText), frame_background(palette)) >= 4.5
     assert contrast(palette.color(ROLE.Accent), palette.color(ROLE.Window)) >= 3.0  # of what has the focus
+
+
+@pytest.mark.parametrize("name", ["dark", "light"])
+def test_signs_stand_out(qapp, name):
+    """WCAG 2.2 AA, 1.4.11: what is no text but has to be seen is 3 : 1 against what lies around it."""
+    apply_theme(qapp, name)
+    palette = qapp.palette()
+    for ground in (ROLE.Window, ROLE.Base, ROLE.AlternateBase, ROLE.Button, ROLE.Midlight, ROLE.Mid):  # the frame of what has the focus
+        assert contrast(palette.color(ROLE.Accent), palette.color(ground)) >= 3.0, ground
+    for kind in LABEL_COLOURS:  # marks of the timeline
+        assert contrast(label_colour(kind, palette), palette.color(ROLE.Window)) >= 3.0, kind
+    for ground in (ROLE.Base, ROLE.AlternateBase):
+        assert contrast(error_colour(palette), palette.color(ground)) >= 4.5
+    assert contrast(QColor("white"), QColor(*3 * [255 - 150])) >= 4.5  # the bar over a view, 150 of 255 black, on a white picture
 
 
 def test_dark_is_dark_and_can_be_left(qapp):

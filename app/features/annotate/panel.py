@@ -35,7 +35,7 @@ from degense.widgets.keys import ARROWS, TYPING, keep_keys
 #: Steps of the size slider an octave of the radius.
 OCTAVE = 12
 SMALLEST = 0.5
-TOOL = 32  # side of the button of a tool, pixels
+TOOL = 32  # least side of the button of a tool, pixels; with larger text it is larger
 
 
 class AnnotationPanel(QWidget):
@@ -77,7 +77,8 @@ class AnnotationPanel(QWidget):
         forms.column(
             forms.row(*self._tool_buttons(), 8, (self._slider, 1), self._size, spacing=2),
             (self.classes, 1),
-            forms.row((self._new, 1), QLabel("Only inside"), (self._lock, 1)),
+            self._new,
+            forms.row(QLabel("Paint only inside"), (self._lock, 1)),
             self._button_row(holes="Fill holes", largest="Largest", prompt="From prompt"),
             parent=page,
         )
@@ -101,7 +102,7 @@ class AnnotationPanel(QWidget):
             button.setToolTip(f"{kind.title} ({kind.key}): {kind.description}")
             button.setObjectName(kind.name)
             button.setCheckable(True)
-            button.setFixedSize(TOOL, TOOL)
+            button.setMinimumSize(TOOL, TOOL)
             self._tools.addButton(button)
         return [button for button in self._tools.buttons() if isinstance(button, GlyphButton)]
 

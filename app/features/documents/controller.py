@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -132,9 +133,16 @@ class Documents(QObject):
         return True
 
 
+def _spare_collector() -> None:
+    """Leave what is imported out of the garbage collector, before the first scene is made: a collection of all stops every thread."""
+    if not gc.get_freeze_count():
+        gc.freeze()
+
+
 def _open_run(path: Path) -> Scene:
     from degense.engine.scene import Scene
 
+    _spare_collector()
     return Scene.open(path)
 
 

@@ -59,17 +59,19 @@ class Findings(QObject):
     def can_search(self) -> bool:
         """Whether the layer that is shown has worst places."""
         scene, view_state = self.session.scene, self.session.view_state
+        if scene is None:  # asked while the window is built: layers load torch
+            return False
         layer = get_layer(view_state.layer)
-        return scene is not None and layer.of_motion and not layer.missing(scene, ())
+        return layer.of_motion and not layer.missing(scene, ())
 
     def search(self) -> None:
         scene, view_state = self.session.scene, self.session.view_state
-        layer = get_layer(view_state.layer)
         if scene is None or not self.can_search():
             self._say("Show a layer of motion first, such as displacement, speed or spurious warp.")
             return
         from degense.engine.layers.ranking import rank
 
+        layer = get_layer(view_state.layer)
         request = layer_request(view_state, 0)
         self.shell.docks.bring(self.dock)
         self.worker.submit("rank", lambda: rank(scene, layer, request), self._take, self._say, self._take)

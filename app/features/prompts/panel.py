@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QSignalBlocker, QStringListModel, Qt, Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QCheckBox, QCompleter, QLabel, QLineEdit, QSlider, QWidget
+from PySide6.QtWidgets import QCheckBox, QCompleter, QLabel, QLineEdit, QMenu, QSlider, QWidget
 
 from degense.app.features.prompts.prompt_row import PromptRow
 from degense.app.features.prompts.similarity_histogram import SimilarityHistogram
@@ -54,6 +54,11 @@ class PromptBar(QWidget):
         self._field.returnPressed.connect(self._submit, Qt.ConnectionType.QueuedConnection)
         self._add_button = GlyphButton("plus", "Add the prompt", self)
         self._add_button.clicked.connect(self._submit)
+        self._names = QMenu("Names of this run", self)  # what can be asked for without a key
+        self._names.triggered.connect(lambda action: self._ask_for(action.text()))
+        self._names_button = GlyphButton("down", "Choose a name that this run knows", self, self._show_names)
+        self._names_button.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # by keys the names are offered while one types
+        self._names_button.hide()
 
         self._hint = forms.label("No prompts yet", secondary=True)
         self._list = forms.column(self._hint, margin=0, spacing=4)
@@ -77,7 +82,7 @@ class PromptBar(QWidget):
         self._threshold_text = QLabel(self, alignment=Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self._threshold_text.setMinimumWidth(self.fontMetrics().horizontalAdvance("-0.000"))
         forms.column(
-            forms.row((self._field, 1), self._add_button, spacing=4),
+            forms.row((self._field, 1), self._names_button, self._add_button, spacing=4),
             self._list,
             forms.row((self._decoder_box, 1), self._refined),
             self.histogram,
@@ -91,7 +96,12 @@ class PromptBar(QWidget):
     # Decoder and threshold
 
     def set_completions(self, words: Sequence[str]) -> None:
+        """The names that the run knows: what is offered while one types, and by the button beside the field."""
         self._words.setStringList(list(words))
+        self._names.clear()
+        for word in words:
+            self._names.addAction(word)
+        self._names_button.setVisible(bool(words))
 
     def set_decoders(self, decoders: Sequence[tuple[str, str, str]]) -> None:
         """The decoders on offer: (name, title, description)."""
@@ -173,6 +183,13 @@ class PromptBar(QWidget):
     def _free_colour(self) -> QColor:
         used = {row.colour.name() for row in self._rows}
         return class_colour(next((i for i in range(len(self._rows) + 1) if class_colour(i).name() not in used), len(self._rows) + 1))
+
+    def _show_names(self) -> None:
+        self._names.popup(self._names_button.mapToGlobal(self._names_button.rect().bottomLeft()))
+
+    def _ask_for(self, name: str) -> None:
+        self._field.setText(name)
+        self._submit()
 
     def _submit(self) -> None:
         text = self._field.text().strip()

@@ -14,11 +14,11 @@ from PySide6.QtGui import QPageLayout, QPageSize, QPdfWriter, QTextDocument
 
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.anonymise.anonymity import Anonymity
+from degense.app.features.anonymise.file_dialog import FileDialog
 from degense.app.features.documents.controller import clip_facts, run_facts
 from degense.app.features.events.controller import EventMarks
 from degense.app.features.measure.controller import Measuring, with_measures
 from degense.app.features.report.contents import Moment, ReportContents, report_page
-from degense.app.features.report.dialog import ReportDialog
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer, layer_rgb
 from degense.app.features.viewer.view_rendering import layer_request
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 #: The most pictures of events.
 MOST_PICTURES = 24
+KINDS = "Web page (*.html);;PDF (*.pdf)"
+HINT = "A web page (.html) or a PDF (.pdf) with pictures, events, measures and where they come from."
 MARGIN = 15  # millimetres of a printed page
 SHOWN = Anonymity()
 
@@ -48,7 +50,8 @@ class Reporter(QObject):
         scene, clip = self.session.scene, self.session.clip
         opened = scene.run.path if scene is not None else clip.path if clip is not None else Path.home()
         folder = Path.home() if is_demo(opened) else opened.parent
-        ReportDialog(self.shell, folder / f"{self.session.name}-report.html", self.export).open()
+        proposal = folder / f"{self.session.name}-report.html"
+        FileDialog(self.shell, "report", "Report", "Export", HINT, KINDS, proposal, "report.html", self.export).open()
 
     def export(self, path: Path, hidden: Anonymity = SHOWN) -> None:
         """Write a report, as the suffix says. DegenseError for another suffix, or when nothing is open."""

@@ -32,13 +32,18 @@ PARTS = ("viewer.css", "splats.vert.glsl", "splats.frag.glsl", "scene.js", "came
 Colour = tuple[int, int, int]
 
 
+def check_suffix(out: Path) -> None:
+    """DegenseError for another suffix than .html."""
+    if out.suffix.lower() != ".html":
+        raise DegenseError(f"{out} must end in .html.")
+
+
 def share(scene: Scene, out: Path, prompts: PromptSet, colours: Sequence[Colour] = ()) -> Steps[str]:
     """Write a scene as one page, with masks of the prompts in `colours`, or of the scene's classes where nothing is prompted.
 
     DegenseError for another suffix than .html, PromptError for a word that is not understood.
     """
-    if out.suffix.lower() != ".html":
-        raise DegenseError(f"{out} must end in .html.")
+    check_suffix(out)
     texts = prompts.prompts or scene.classes
     asked = PromptSet(texts, prompts.negatives, prompts.decoder, prompts.threshold) if scene.has_semantics and texts else None
     frames, samples = yield from sample(scene, asked)

@@ -8,7 +8,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.optimize import isotonic_regression
 
 BINS = 50  # of the margin, from 0 to 1, in which pixels are counted
 PRIOR_OBJECTS = 2.0  # of each size, that are as right as their pixels say
@@ -65,7 +64,7 @@ class ConfidenceCurve:
         if not some.any():
             raise ValueError("there are no pixels to fit a curve of confidence to")
         number = pixels[some]
-        chances = isotonic_regression(right[some] / number, weights=number).x.clip(0.0, 1.0)
+        chances = _never_falling(right[some] / number, number).clip(0.0, 1.0)
         return cls(tuple((margins[some] / number).tolist()), tuple(chances.tolist()))
 
     def with_objects(self, shares: np.ndarray, said: np.ndarray, right: np.ndarray) -> ConfidenceCurve:
@@ -80,9 +79,9 @@ class ConfidenceCurve:
             return self
         number, said_sum, right_sum = (np.bincount(place, weight) for weight in (None, said, right))
         usual = PRIOR_OBJECTS * said_sum / number
-        expected = isotonic_regression((right_sum + usual) / (number + PRIOR_OBJECTS), weights=number).x
+        expected = _never_falling((right_sum + usual) / (number + PRIOR_OBJECTS), number)
         ratio = (right_sum + usual) / np.maximum(said_sum + usual, 1e-9)
-        discounts = isotonic_regression(ratio, weights=said_sum + 1e-9).x.clip(0.0, 1.0)
+        discounts = _never_falling(ratio, said_sum + 1e-9).clip(0.0, 1.0)
         wrong = octaves[expected < 0.5]
         least = min(2.0 ** (wrong[-1] + 1), LARGEST_SPECK) if len(wrong) else 0.0
         return replace(self, sizes=tuple((octaves + 0.5).tolist()), discounts=tuple(discounts.tolist()), least=float(least))
@@ -103,3 +102,10 @@ class ConfidenceCurve:
 
 #: Of a run that keeps none of its own: margins are taken for chances.
 MARGINS_AS_CHANCES = ConfidenceCurve()
+
+
+def _never_falling(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The values that never fall and are nearest to those given, in weighted squares; float [n] all."""
+    from scipy.optimize import isotonic_regression  # 12 MB, which an opened run that only reads its curve does not need
+
+    return isotonic_regression(values, weights=weights).x

@@ -18,9 +18,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractButton
 
 from degense.app.features.anonymise.cover_drawing import CoverDialog
+from degense.app.features.anonymise.file_dialog import FileDialog
 from degense.app.features.export.label_dialog import LabelExportDialog
 from degense.app.features.movies.dialog import MovieDialog
-from degense.app.features.report.dialog import ReportDialog
 from degense.widgets import forms
 from tests.app import installed as on
 from tests.app.privacy.test_anonymise import NAME, assert_nameless
@@ -115,11 +115,11 @@ def test_a_report(qtbot, named, idle, tmp_path, screenshot):
     named.session.view.add_prompt("liver")
     on.events(named).state.put(6, "clip applied")
     idle()
-    dialog = dialog_of(qtbot, named, ReportDialog, Qt.Key.Key_R)
+    dialog = dialog_of(qtbot, named, FileDialog, Qt.Key.Key_R)
     write_to(dialog, tmp_path / "plain.html")
     idle()
     assert NAME in (tmp_path / "plain.html").read_text(encoding="utf-8")  # so that the test would find it
-    dialog = dialog_of(qtbot, named, ReportDialog, Qt.Key.Key_R)
+    dialog = dialog_of(qtbot, named, FileDialog, Qt.Key.Key_R)
     tick(dialog)
     assert dialog.path.line.text().endswith("/report.html")
     draw_cover(qtbot, dialog, screenshot)
@@ -134,6 +134,38 @@ def test_a_report(qtbot, named, idle, tmp_path, screenshot):
         scale = picture.shape[1] // 96
         assert picture[: 10 * scale, : 40 * scale].max() == 0
         assert picture[12 * scale :].max() > 60
+
+
+def test_a_shared_page(qtbot, named, idle, tmp_path, screenshot):
+    """Its Gaussians cannot be covered: with something blacked out nothing is written, and the dialog says why."""
+
+    def shared() -> FileDialog:
+        named.registry.run("file.share")
+        dialog = [dialog for dialog in named.findChildren(FileDialog) if dialog.isVisible()][-1]
+        dialog.activateWindow()
+        qtbot.waitUntil(dialog.isActiveWindow)
+        return dialog
+
+    named.session.view.add_prompt("liver")
+    idle()
+    write_to(shared(), tmp_path / "plain.html")
+    idle()
+    assert NAME in (tmp_path / "plain.html").read_text(encoding="utf-8")
+    dialog = shared()
+    assert NAME in dialog.path.line.text().rpartition("/")[2]
+    tick(dialog)
+    assert dialog.path.line.text().endswith("/scene.html")
+    draw_cover(qtbot, dialog)
+    write_to(dialog, tmp_path / "a.html")
+    assert "Gaussians cannot be covered" in dialog.complaint.text()
+    screenshot(dialog, "share-refused")
+    assert not (tmp_path / "a.html").exists()
+    QTest.mouseClick(dialog.anonymise.nothing, Qt.MouseButton.LeftButton)
+    assert dialog.complaint.text() == ""
+    write_to(dialog, tmp_path / "a.html")
+    idle()
+    assert_nameless(tmp_path / "a.html")
+    assert '"masks":[{"text":"liver"' in (tmp_path / "a.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("kind", "name"), [("coco", "a.json"), ("dicom-seg", "a.dcm"), ("masks-png", "masks")])
@@ -178,7 +210,7 @@ def test_a_mask_of_another_size_is_refused(qtbot, named, tmp_path, monkeypatch):
     monkeypatch.setattr(named, "ask_open", lambda *words: tmp_path / "small.png")
     said = []
     monkeypatch.setattr(named, "show_error", said.append)
-    dialog = dialog_of(qtbot, named, ReportDialog, Qt.Key.Key_R)
+    dialog = dialog_of(qtbot, named, FileDialog, Qt.Key.Key_R)
     tick(dialog)
     QTest.mouseClick(dialog.anonymise.choose, Qt.MouseButton.LeftButton)
     assert "4 × 4 pixels" in said[0]

@@ -14,17 +14,20 @@ def test_it_starts_with_a_run_and_ctrl_c_closes_it(run, own_folders):
     log = Path(os.environ["XDG_STATE_HOME"])
     process = subprocess.Popen([sys.executable, "-m", "degense.app", run], stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not list(log.rglob("degense.log")) or not list(Path(os.environ["XDG_CONFIG_HOME"]).rglob("settings.json")):
+
+    def remembered() -> bool:
+        files = list(Path(os.environ["XDG_CONFIG_HOME"]).rglob("settings.json"))
+        return bool(files) and str(run) in files[0].read_text()
+
+    while not (list(log.rglob("degense.log")) and remembered()):  # the run is open
         assert process.poll() is None, process.stderr and process.stderr.read()
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    time.sleep(0.5)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     assert "Traceback" not in err
-    [settings] = Path(os.environ["XDG_CONFIG_HOME"]).rglob("settings.json")
-    assert str(run) in settings.read_text()
+    assert remembered()
     [text] = [path.read_text() for path in log.rglob("degense.log")]
     assert "ERROR" not in text
     assert "WARNING" not in text
@@ -52,10 +55,44 @@ def test_kernels_are_compiled_beside_the_window_once(tmp_path, monkeypatch):
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-def test_torch_numba_and_vtk_are_not_needed_to_show_the_window():
+#: The window on the screen, as a program of its own, and then what is told of it.
+SHOWN = """
+import sys
+from pathlib import Path
+from PySide6.QtWidgets import QApplication
+from degense.app.application import FEATURES
+from degense.app.research.event_loop import rest, viewer, wait
+from degense.app.features.documents.controller import Documents
+from degense.app.shell.settings import SettingsFile
+from degense.app.shell.shell import Shell
+
+app = QApplication([])
+window = Shell(SettingsFile(Path(sys.argv[1])), FEATURES)
+window.show()
+wait(lambda: window.windowHandle() is not None and window.windowHandle().isExposed())
+"""
+
+
+def told(code: str, *arguments: object) -> str:
+    result = subprocess.run([sys.executable, "-c", SHOWN + code, *map(str, arguments)], capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
+    return result.stdout.strip()
+
+
+def test_torch_numba_and_vtk_are_not_needed_to_show_the_window(tmp_path):
+    heavy = "{'torch', 'numba', 'scipy', 'vtkmodules', 'matplotlib', 'pyvista'}"
+    assert told(f"print(*sorted({{name.split('.')[0] for name in sys.modules}} & {heavy}))", tmp_path / "settings.json") == ""
+
+
+def test_sources_of_modules_do_not_stay_in_memory(run, tmp_path):
+    """PySide reads the source of whatever is imported, for which torch alone takes some 40 MB, unless it is told not to."""
     code = (
-        "import sys; import degense.app.application\n"
-        "print(*sorted({name.split('.')[0] for name in sys.modules} & {'torch', 'numba', 'vtkmodules', 'matplotlib', 'pyvista'}))"
+        "window.service(Documents).open_path(Path(sys.argv[2]))\n"
+        "wait(lambda: viewer(window).view is not None)\n"
+        "rest(window)\n"
+        "import linecache\n"
+        "assert 'torch' in sys.modules\n"
+        "print(sum(sum(map(len, entry[2])) for name, entry in linecache.cache.items() if len(entry) == 4 and 'torch' in name))\n"
+        "window.close()\n"
     )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
-    assert result.stdout.strip() == ""
+    assert int(told(code, tmp_path / "settings.json", run)) < 1_000_000

@@ -5,12 +5,11 @@ from __future__ import annotations
 import shutil
 
 import numpy as np
-from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QMessageBox
 
 from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.edits import Proposal
-from degense.widgets.theme import LABEL_COLOURS
+from degense.widgets.theme import label_colour
 from tests.app import installed as on
 from tests.app.features.annotate.test_annotate import drag, press
 from tests.app.shell.test_nothing_lost import click
@@ -46,7 +45,7 @@ def test_labels_that_are_there_are_kept_and_the_timeline_tells_them_apart(qtbot,
     image = track.grab().toImage()
     for kind, frames in marks.items():
         for frame in frames:
-            assert image.pixelColor(round(track._x(frame)), track.height() - 5) == QColor(LABEL_COLOURS[kind]), (kind, frame)
+            assert image.pixelColor(round(track._x(frame)), track.height() - 5) == label_colour(kind, track.palette()), (kind, frame)
     screenshot(window, "timeline-kinds")
     accepted = state.labels(2)
     window.session.go_to(4)

@@ -134,6 +134,13 @@ def test_everything_fits(qtbot, opened, idle, screenshot, size):
     area = on.dock(opened, "Annotation").widget()
     assert not area.horizontalScrollBar().isVisible()
     screenshot(opened, f"annotating-{size[0]}")
+    opened.registry.run("annotate.mode")
+    opened.docks.toggle_drawer()
+    qtbot.wait(50)
+    opened.registry.run("annotate.mode")
+    qtbot.wait(50)
+    assert on.dock(opened, "Annotation").isVisible()
+    assert (opened.width(), opened.height()) == size
 
 
 def test_closing_the_drawer_by_its_cross_keeps_its_height(qtbot, opened):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QAbstractButton, QDialog, QLabel, QWidget
+from PySide6.QtWidgets import QAbstractButton, QDialog, QLabel, QTableWidget, QTabWidget, QWidget
 
 from degense.widgets.theme import apply_text_size
 from tests.app import installed as on
@@ -72,3 +72,21 @@ def test_the_welcome_page_at_twice_the_size(qtbot, window, qapp, usual_size, scr
     qtbot.wait(50)
     screenshot(window, "welcome-200")
     assert not cut(window)
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1024, 700)])
+def test_the_annotation_panel_at_twice_the_size(qtbot, opened, qapp, usual_size, idle, size, screenshot):
+    apply_text_size(qapp, 2.0)
+    opened.resize(*size)
+    opened.registry.run("annotate.mode")
+    idle()
+    panel = on.annotator(opened).panel
+    pages = panel.findChild(QTabWidget)
+    for index in range(pages.count()):
+        pages.setCurrentIndex(index)
+        qtbot.wait(50)
+        screenshot(opened, f"annotation-200-{size[0]}-{pages.tabText(index).lower()}")
+        assert not cut(panel), pages.tabText(index)
+        table = pages.currentWidget().findChild(QTableWidget)
+        assert table is None or table.verticalHeader().defaultSectionSize() >= table.fontMetrics().height()
+    assert opened.width() == size[0]

@@ -13,7 +13,7 @@ from PIL import Image
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from degense.app.features.report.dialog import ReportDialog
+from degense.app.features.anonymise.file_dialog import FileDialog
 from degense.widgets.theme import class_colour
 from tests.app import installed as on
 
@@ -52,11 +52,11 @@ def told(opened, idle):
     return opened
 
 
-def export(window, idle, path) -> ReportDialog:
+def export(window, idle, path) -> FileDialog:
     panel = on.viewer(window).panel
     panel.setFocus()
     QTest.keyClick(panel, Qt.Key.Key_R, BOTH)
-    dialog = window.findChild(ReportDialog)
+    dialog = window.findChild(FileDialog)
     dialog.path.line.selectAll()
     QTest.keyClicks(dialog.path.line, str(path))
     QTest.keyClick(dialog, Qt.Key.Key_Return)
