@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import pytest
 
 from degense.app.research.reliability import kills, mutations, programs
 from degense.app.research.reliability.filesystem_log import lay_out, record
-from degense.app.research.reliability.guarded import READ, REFUSED, guarded
+from degense.app.research.reliability.guarded import READ, REFUSED, guarded, waits_for_a_core
 from degense.app.research.reliability.readers import Reader, readers
 from degense.app.research.reliability.soak import Slope
 from degense.engine.errors import DegenseError
@@ -63,11 +65,17 @@ def test_a_reader_that_crashes_is_found(tmp_path):
     assert tally.row()["defects"] == len(tally.defects)
 
 
+def spin() -> None:
+    while True:
+        pass
+
+
 @pytest.mark.parametrize(
     ("work", "outcome"),
     [
         (lambda: None, READ),
         (lambda: time.sleep(60), "HUNG"),
+        (spin, "HUNG"),
         (lambda: bytearray(1 << 40), "MEMORY"),
         (lambda: os.kill(os.getpid(), signal.SIGKILL), "DIED"),
         (lambda: {}["a"], "CRASHED"),
@@ -159,3 +167,16 @@ def test_the_slope_of_what_grows_and_of_what_does_not():
     slope = Slope.of(hours, grows)
     assert slope.growth - slope.spread > 8
     assert slope.growth == pytest.approx(12, abs=2)
+
+
+@pytest.mark.parametrize(("code", "waits"), [("while True: pass", True), ("import time; time.sleep(60)", False)])
+def test_a_process_that_waits_for_a_core_is_not_hung(code, waits):
+    """One that could run and has had less than its time, and neither one that sleeps nor one that has had it."""
+    with subprocess.Popen([sys.executable, "-c", f"print(1, flush=True)\n{code}"], stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        time.sleep(0.2)
+        try:
+            assert waits_for_a_core(process.pid, 1000.0) is waits
+            assert not waits_for_a_core(process.pid, 0.0)
+        finally:
+            process.kill()
