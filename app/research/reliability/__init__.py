@@ -123,7 +123,7 @@ def _numerics(options: BenchOptions, told: dict[str, Any], progress: Progress) -
         "Numbers over long trainings",
         f"{plan.scenes} surgeries of the family (develop), {numerics.FRAMES} frames of {numerics.WIDTH} × {numerics.HEIGHT}, preset quick "
         f"with {numerics.GAUSSIANS} Gaussians, {plan.slots} at a time: each for {plan.iterations:,} iterations, and twice with the same "
-        f"seed for {plan.short:,}. Counted: numbers that are not finite in models, logs, scores and drawn frames (colour, displacement, "
+        f"seed for {plan.short:,}. Counted: numbers that are not finite in models, logs, scores and drawn frames (colours and "
         "latents), and how often a training diverged and went back. Drawing is beside float64, forward and backward, with the tolerances "
         "of `degense bench stress`. Tensors apart: ‖a − b‖ / ‖a‖ of the tensor furthest off.",
         numerics.COLUMNS,

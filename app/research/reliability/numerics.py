@@ -158,11 +158,12 @@ def pair_row(pairs: Sequence[tuple[Path, Path]], plan: NumericsPlan, failed: Seq
 
 
 def non_finite_of(run: Path, device: str) -> int:
-    """How many numbers of a run are not finite: of its model, its log, its scores, and its first and last frame as they are drawn."""
+    """How many numbers of a run are not finite: of its model, its log, its scores, and colours and latents
+    of its first and last frame. (A layer such as displacement says by NaN that nothing is known.)"""
     log = [json.loads(line) for line in (run / "metrics.jsonl").read_text(encoding="utf-8").splitlines()]
     numbers: list[object] = [read_tensors(run / "model.safetensors"), _numbers(log), _numbers(read_json(run / SCORES))]
     scene = Scene.open(run, device=device)
-    numbers += [scene.render(frame, what=("rgb", "displacement", "latent")) for frame in (0, scene.frames - 1)]
+    numbers += [scene.render(frame, what=("rgb", "latent")) for frame in (0, scene.frames - 1)]
     return non_finite(numbers)
 
 
