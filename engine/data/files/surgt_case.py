@@ -19,7 +19,7 @@ from degense.engine.data.files.numbered import regular_file, shown
 from degense.engine.errors import ClipError
 
 INFO, CALIBRATION = "info.yaml", "calibration.yaml"
-MOST_BYTES = 1 << 24
+MOST_BYTES = 1 << 22  # of YAML, which is read at little more than 1 MB a second
 MOST_PIXELS = 1 << 26
 SHAPES = {"M1": (3, 3), "M2": (3, 3), "R": (3, 3), "T": (3, 1), "D1": (5,), "D2": (5,)}
 
