@@ -49,7 +49,7 @@ def followed(monkeypatch):
 
 def test_what_leads_to_new_steps_is_damaged_further(followed, monkeypatch, tmp_path):
     monkeypatch.setattr(mutations, "mutated", one_bit)
-    found = mutations.tally(Reader("stairs", zeros, stairs), 40, tmp_path / "guided", seed=15)
+    found = mutations.tally(Reader("stairs", zeros, stairs), 100, tmp_path / "guided", seed=15)
     assert found.outcomes["CRASHED"] > 0
     assert "the top of the stairs" in found.defects[0]
     monkeypatch.setattr(mutations, "FURTHER", 0.0)
