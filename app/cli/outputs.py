@@ -157,3 +157,15 @@ def _annotations_of_clip(options: argparse.Namespace) -> Steps[str]:
     if options.anonymise:
         maps = replace(maps, names=names_of(None, len(maps.names)))
     return write_labels(options.format, maps, options.out)
+
+
+def checksum(options: argparse.Namespace) -> None:
+    """Write the check sums of a run, or say that it is as they were written."""
+    from degense.engine.store.checksums import SUMS, check_checksums, write_checksums
+
+    folder = options.run_folder
+    if options.check:
+        print(f"{folder}: all {len(check_checksums(folder))} files are as {SUMS} says")
+    else:
+        names = write_checksums(folder)
+        print(f"{folder / SUMS}: {', '.join(names)}")

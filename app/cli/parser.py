@@ -184,6 +184,10 @@ def _outputs(command: Command) -> None:
     sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
     _anonymise(sub)
 
+    sub = command("checksum", "outputs:checksum", "write check sums of a finished run, or say whether it was changed since")
+    sub.add_argument("run_folder", type=Path, metavar="RUN", help="run folder")
+    sub.add_argument("--check", action="store_true", help="compare the run with its check sums")
+
 
 def _questions(command: Command) -> None:
     sub = command("query", "questions.query:query", "say when, and with how large a mask, questions are answered in a run")

@@ -66,6 +66,7 @@ KINDS = {
     "train_seconds": lambda value: is_number(value) and value >= 0,
     "gaussians": is_count,
     "iteration": is_count,
+    "rollbacks": is_count,
     "moving": lambda value: value is None or is_number(value),
     "confidence": lambda value: value is None or isinstance(value, dict),
 }

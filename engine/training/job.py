@@ -164,7 +164,8 @@ class TrainingRun:
         if self.trainer.device.type == "cuda":
             torch.cuda.synchronize()
         seconds = spent + time.perf_counter() - self.started
-        run.info |= {"train_seconds": seconds, "iteration": self.trainer.iteration, "gaussians": len(self.trainer.model)}
+        made = {"iteration": self.trainer.iteration, "rollbacks": self.trainer.rollbacks, "gaussians": len(self.trainer.model)}
+        run.info |= {"train_seconds": seconds, **made}
         if not finished:
             self._leave("stopped")
             self.events(Stopped(self.trainer.iteration))

@@ -1,11 +1,12 @@
-"""The reliability campaign, `degense bench reliability`: kills, damaged inputs, hours of work, and what goes wrong around the program.
+"""The reliability campaign, `degense bench reliability`: kills, damaged inputs, hours of work, long trainings, and what goes wrong around
+the program.
 
 A case passes when what was there can be read again, or one sentence says what is wrong. Parts are chosen by name: all where none is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from degense.app.research.reliability import faults, kills, mutations
@@ -14,11 +15,12 @@ from degense.app.research.reliability.programs import ALLOWED
 from degense.app.research.reliability.readers import readers
 from degense.app.research.reliability.tally import COLUMNS, Tally
 from degense.engine.errors import DegenseError
+from degense.engine.processes.capacity import trainings_at_once
 from degense.engine.progress import Progress
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Cell, Column, Table
 
-PARTS = ("kills", "mutations", "soak", "faults")
+PARTS = ("kills", "mutations", "soak", "faults", "numerics")
 MINUTES, QUICK_MINUTES = 240.0, 0.5
 
 
@@ -28,7 +30,7 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     parts = tuple(told.get("parts") or PARTS)
     if unknown := [part for part in parts if part not in PARTS]:
         raise DegenseError(f"There is no part {unknown[0]!r} of the campaign; choose from {', '.join(PARTS)}.")
-    makers = {"kills": _kills, "mutations": _mutations, "soak": _soak, "faults": _faults}
+    makers = {"kills": _kills, "mutations": _mutations, "soak": _soak, "faults": _faults, "numerics": _numerics}
     for number, part in enumerate(parts):
 
         def tell(fraction: float, words: str, at: int = number) -> None:
@@ -40,8 +42,8 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
 
 
 def _said(told: dict[str, Any], part: str) -> list[str]:
-    own = {"kills": "kills", "mutations": "inputs", "soak": "minutes"}.get(part, "")
-    return [f"--{own} {told[own]:g}"] if told.get(own) else []
+    own = {"kills": ("kills",), "mutations": ("inputs",), "soak": ("minutes",), "numerics": ("scenes", "iterations", "slots")}.get(part, ())
+    return [f"--{name} {told[name]}" for name in own if told.get(name)]
 
 
 def _kills(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
@@ -62,14 +64,17 @@ def _mutations(options: BenchOptions, told: dict[str, Any], progress: Progress) 
         "reliability-mutations",
         "Damaged inputs",
         f"{count:,} damaged inputs, as many of each kind: bits, lengths and ends of the file; values, names and nesting where the format "
-        f"has them. Each is read in a process of its own, with {mutations.SECONDS:g} s and {mutations.MEBIBYTES:,} MiB beyond what the "
-        "program has. Neither: another exception, a signal, a hang, or want of memory.",
+        "has them. Half are sound files damaged once; half are damaged further, from inputs that led the program to steps (from one of its "
+        "lines to the next) that it had not taken before. "
+        f"Each is read in a process of its own, with {mutations.SECONDS:g} s and {mutations.MEBIBYTES:,} MiB beyond what the "
+        "program has. Neither: another exception, a signal, a hang, want of memory, or a file opened outside of the input.",
         mutations.tallies(readers(), count, options.scratch / "mutations", 0, progress),
+        [Column("steps", "steps taken", 0)],
     )
 
 
-def _table(name: str, title: str, protocol: str, tallies: Iterable[Tally]) -> Table:
-    return Table(name, title, protocol, COLUMNS, [tally.row() for tally in tallies])
+def _table(name: str, title: str, protocol: str, tallies: Iterable[Tally], further: Sequence[Column] = ()) -> Table:
+    return Table(name, title, protocol, [*COLUMNS[:-1], *further, COLUMNS[-1]], [tally.row() for tally in tallies])
 
 
 def _faults(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
@@ -102,4 +107,25 @@ def _soak(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Ta
         "means. Flat: the interval holds zero, or the growth is below what is called flat.",
         columns,
         rows,
+    )
+
+
+def _numerics(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
+    from degense.app.research.reliability import numerics
+
+    names = ("scenes", "iterations", "slots", "seconds")
+    chosen = numerics.QUICK if options.quick else {}
+    chosen = chosen | {name: told[name] for name in names if told.get(name)}
+    chosen.setdefault("slots", trainings_at_once(options.device))
+    plan = numerics.NumericsPlan((options.out or options.scratch) / "numerics", options.device, **chosen)
+    return Table(
+        "reliability-numerics",
+        "Numbers over long trainings",
+        f"{plan.scenes} surgeries of the family (develop), {numerics.FRAMES} frames of {numerics.WIDTH} × {numerics.HEIGHT}, preset quick "
+        f"with {numerics.GAUSSIANS} Gaussians, {plan.slots} at a time: each for {plan.iterations:,} iterations, and twice with the same "
+        f"seed for {plan.short:,}. Counted: numbers that are not finite in models, logs, scores and drawn frames (colours and "
+        "latents), and how often a training diverged and went back. Drawing is beside float64, forward and backward, with the tolerances "
+        "of `degense bench stress`. Tensors apart: ‖a − b‖ / ‖a‖ of the tensor furthest off.",
+        numerics.COLUMNS,
+        list(numerics.rows(plan, progress)),
     )

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from degense.engine.errors import DegenseError
 
@@ -30,7 +31,9 @@ class Fate:
 
 
 def guarded(work: Callable[[], object], seconds: float, mebibytes: int) -> Fate:
-    """Do `work` in a fork that is killed after `seconds` and may take `mebibytes` more than this process has.
+    """Do `work` in a fork that may take `mebibytes` more than this process has, and is killed when after `seconds` it has not ended.
+
+    A process that only waits for a core is given time until it has had `seconds` of one.
 
     A DegenseError of one line is a refusal; any other exception, signal, hang or want of memory is a defect.
     """
@@ -44,6 +47,8 @@ def guarded(work: Callable[[], object], seconds: float, mebibytes: int) -> Fate:
         _do(work, writing, mebibytes)
     os.close(writing)
     ready, _, _ = select.select([answers], [], [], seconds)
+    while not ready and waits_for_a_core(child, seconds):
+        ready, _, _ = select.select([answers], [], [], 1.0)
     if not ready:
         os.kill(child, signal.SIGKILL)
     text = os.read(answers, 1 << 16).decode("utf-8", "replace") if ready else ""
@@ -54,6 +59,13 @@ def guarded(work: Callable[[], object], seconds: float, mebibytes: int) -> Fate:
         return Fate("HUNG", f"more than {seconds:g} s", spent)
     outcome, _, words = text.partition("\n")
     return Fate(outcome, words, spent) if outcome else Fate("DIED", f"status {status}", spent)
+
+
+def waits_for_a_core(process: int, seconds: float) -> bool:
+    """Whether a process would go on if the machine were not busy: it could run, and has had less than `seconds` of processor time."""
+    threads = [path.read_text(encoding="ascii").rpartition(")")[2].split() for path in Path(f"/proc/{process}/task").glob("*/stat")]
+    ticks = sum(int(thread[11]) + int(thread[12]) for thread in threads)
+    return any(thread[0] in "RD" for thread in threads) and ticks < seconds * os.sysconf("SC_CLK_TCK")
 
 
 def silence() -> None:

@@ -17,7 +17,9 @@ from typing import Any
 
 NUMBERS = ("1e308", "-1e308", "1e999", "NaN", "Infinity", "-1", "0", "0.5", str(2**31), str(2**63), str(2**64), "1" + "0" * 400)
 BINARY = (b"\xff" * 8, b"\0" * 8, b"\xff" * 7 + b"\x7f", b"\0" * 6 + b"\xf0\x7f", b"\xff" * 4, b"\xff\xff\xff\x7f", b"\0\0\0\x80")
-TEXTS = ("", "\0", "../../../etc/passwd", "/etc/passwd", "a" * 1_000_000, "9" * 200_000, "%s%n", "\ud800", "nan", "a\nb", "CON", "é" * 5000)
+#: What no input may lead to, and names of it.
+OUTSIDE = "etc/passwd"
+TEXTS = ("", "\0", f"../../../{OUTSIDE}", f"/{OUTSIDE}", "a" * 1_000_000, "9" * 200_000, "%s%n", "\ud800", "nan", "a\nb", "CON", "é" * 5000)
 VALUES: tuple[Any, ...] = (
     *(None, True, -1, 0, 0.5, 2**31, 2**63, 10**30, 1e308, float("nan"), float("inf"), [], {}, "", [None], [[]], {"a": 1}),
     *([0] * 100_000, [1e308] * 4, "1", *TEXTS),
@@ -35,7 +37,9 @@ def mutated(data: bytes, name: str, rng: random.Random) -> bytes:
     suffix = name.rpartition(".")[2].lower()
     if suffix in ("json", "jsonl"):
         own = [_json_value, _json_value, _json_value, _token, _deep]
-    elif suffix in ("toml", "xml", "csv", "yaml", "txt", "nrrd", "cfg"):
+    elif suffix == "yaml":
+        own = [_yaml_value, _yaml_value, _token, _line]
+    elif suffix in ("toml", "xml", "csv", "txt", "nrrd", "cfg"):
         own = [_token, _token, _line]
     elif suffix == "npz":
         own = [_member, _member]
@@ -101,8 +105,15 @@ def _json_value(data: bytes, rng: random.Random) -> bytes:
     at = rng.randrange(len(lines)) if lines and all(line.startswith(b"{") for line in lines) else None
     try:
         root = [json.loads(data if at is None else lines[at])]
-    except ValueError:
+    except (ValueError, RecursionError):
         return _bits(data, rng)
+    _exchange(root, rng)
+    text = json.dumps(root[0]).encode("utf-8", "surrogatepass")
+    return text if at is None else b"".join((*lines[:at], text + b"\n", *lines[at + 1 :]))
+
+
+def _exchange(root: list[Any], rng: random.Random) -> None:
+    """A value in the only one of `root`, or somewhere in that, exchanged for another, taken away, or doubled."""
     holder: Any = root
     key: Any = 0
     while isinstance(holder[key], (dict, list)) and holder[key] and rng.random() < 0.85:
@@ -114,8 +125,18 @@ def _json_value(data: bytes, rng: random.Random) -> bytes:
         holder[key : key + 1] = [holder[key]] * rng.choice((0, 2, 3))
     else:
         holder[key] = rng.choice(VALUES)
-    text = json.dumps(root[0]).encode("utf-8", "surrogatepass")
-    return text if at is None else b"".join((*lines[:at], text + b"\n", *lines[at + 1 :]))
+
+
+def _yaml_value(data: bytes, rng: random.Random) -> bytes:
+    """As `_json_value`, of plain YAML; what OpenCV calls YAML has no value that can be exchanged so."""
+    import yaml
+
+    try:
+        root = [yaml.safe_load(data)]
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return _token(data, rng)
+    _exchange(root, rng)
+    return yaml.safe_dump(root[0], allow_unicode=True).encode("utf-8", "surrogatepass")
 
 
 def _npy(data: bytes, rng: random.Random) -> bytes:

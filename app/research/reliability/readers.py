@@ -21,7 +21,7 @@ from degense.app.features.measure.state import Measures
 from degense.app.features.prompts.mask_statistics import AreaCurves
 from degense.app.features.runs.run_summaries import summary, training_answers
 from degense.app.features.tracks.state import TrackedPoints
-from degense.app.research.reliability import samples
+from degense.app.research.reliability import data_sets, samples
 from degense.app.session.session import Session
 from degense.app.shell.settings import SettingsFile
 from degense.engine.annotation import folder as annotation_folder
@@ -36,6 +36,7 @@ from degense.engine.events import read_progress
 from degense.engine.progress import finish
 from degense.engine.scene import Scene
 from degense.engine.semantics.models.model_folder import read_config
+from degense.engine.semantics.teachers.precomputed import PrecomputedTeacher
 from degense.engine.semantics.text.text_vectors import TextVectors, write_vectors
 from degense.engine.training.checkpoint import load_checkpoint
 
@@ -60,13 +61,29 @@ def readers() -> list[Reader]:
         "nerfstudio": samples.nerfstudio,
         "colmap-text": samples.colmap_text,
         "colmap-binary": samples.colmap_binary,
-        "servct": samples.servct,
+        "servct": data_sets.servct,
+        "c3vd": data_sets.c3vd,
+        "cholecseg8k": data_sets.cholecseg8k,
+        "endovis18": data_sets.endovis18,
+        "stir": data_sets.stir,
+        "surgt": data_sets.surgt,
     }
-    seldom = ("**/*.json", "**/*.json", "**/*.np[yz]", "**/*.bin", "**/*.txt", "**/*")  # pictures are the most, and need not be
+    seldom = (
+        "**/*.json",
+        "**/*.json",
+        "**/*.np[yz]",
+        "**/*.bin",
+        "**/*.txt",
+        "**/*.yaml",
+        "**/*",
+    )  # pictures are the most, and need not be
     found = [Reader(f"clip {name}", _under(make), _use_clip, seldom) for name, make in clips.items()]
     found += [Reader("clip video", lambda folder: samples.video(folder / "clip.mp4"), _use_clip)]
     found += [Reader(f"labels {name}", partial(samples.labels, name), partial(_use_labels, name, *small)) for name in LABEL_FORMATS]
     found += [Reader(f"points {kind}", partial(samples.points, kind), _use_points) for kind in ("json", "csv", "npz")]
+    trees = {"stir": data_sets.stir, "vl-surgpt": data_sets.vl_surgpt, "surgt": data_sets.surgt}
+    of_points = ("**/*seg.png", "**/labels.json", "**/*.yaml")
+    found += [Reader(f"points {name}", _under(make), _use_points, of_points) for name, make in trees.items()]
     run = _under(samples.run)
     found += [
         Reader("annotations", samples.annotated, _use_annotations),
@@ -74,6 +91,7 @@ def readers() -> list[Reader]:
         Reader("run in the list", run, lambda path: (summary(path), training_answers(path)), ("**/*.json", "**/*.jsonl")),
         Reader("metrics.jsonl", run, lambda path: read_progress(path / "metrics.jsonl"), ("**/*.jsonl",)),
         Reader("checkpoint", _checkpoint, load_checkpoint),
+        Reader("features of a teacher", _features, _use_features, ("**/features/*",)),
         Reader("text vectors", _vectors, lambda path: TextVectors.read(path).with_classes(samples.CLASSES[:1])),
         Reader("model configuration", _config, read_config),
         Reader("session", _session, _use_session, ("**/session.json",)),
@@ -138,6 +156,21 @@ def _vectors(folder: Path) -> Path:
     rng = np.random.default_rng(0)
     write_vectors(folder / "vectors.safetensors", {name: rng.normal(size=16) for name in samples.CLASSES}, "sample")
     return folder / "vectors.safetensors"
+
+
+def _features(folder: Path) -> Path:
+    """Features of a frame's segments beside a clip."""
+    rng, clip = np.random.default_rng(0), samples.phantom(folder / "input")
+    (clip / "features").mkdir()
+    names = json.loads((clip / "classes.json").read_text(encoding="utf-8"))["classes"]
+    write_vectors(clip / "features" / "text_vectors.safetensors", {name: rng.normal(size=8) for name in names}, "sample")
+    np.save(clip / "features" / "000000_s.npy", np.maximum(samples.label_map(3), 1)[None].astype(np.int32) % 3)
+    np.save(clip / "features" / "000000_f.npy", rng.normal(size=(3, 8)).astype(np.float32))
+    return clip
+
+
+def _use_features(path: Path) -> None:
+    PrecomputedTeacher(open_clip(path), path / "features").targets(0)
 
 
 def _config(folder: Path) -> Path:

@@ -33,7 +33,7 @@ def phantom(folder: Path) -> Path:
 def jpeg_clip(folder: Path) -> Path:
     """Bare pictures: one JPEG a frame."""
     (folder / "images").mkdir(parents=True)
-    for index, picture in enumerate(_pictures()):
+    for index, picture in enumerate(pictures()):
         cv2.imwrite(str(folder / "images" / f"{index:06d}.jpg"), picture)
     return folder
 
@@ -85,32 +85,20 @@ def colmap_binary(folder: Path) -> Path:
     return folder
 
 
-def video(path: Path) -> Path:
-    """A movie file."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25, (WIDTH, HEIGHT))
-    for picture in _pictures():
-        writer.write(picture)
+def video(path: Path, views: int = 1) -> Path:
+    """A movie file, of so many views one above the other."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25, (WIDTH, views * HEIGHT))
+    for picture in pictures():
+        writer.write(np.vstack([picture] * views))
     writer.release()
     return path
-
-
-def servct(folder: Path) -> Path:
-    """As SERV-CT has it: left views, their calibrations and depth."""
-    for name in ("Left_rectified", "Rectified_calibration", "Ground_truth_CT/DepthL"):
-        (folder / name).mkdir(parents=True)
-    for index, picture in enumerate(_pictures()):
-        cv2.imwrite(str(folder / "Left_rectified" / f"{index:03d}.png"), picture)
-        cv2.imwrite(str(folder / "Ground_truth_CT" / "DepthL" / f"{index:03d}.png"), np.full(SHAPE, 5000, np.uint16))
-        lens = {"P1": {"data": [60, 0, 32, 0, 0, 60, 24, 0, 0, 0, 1, 0]}}
-        (folder / "Rectified_calibration" / f"{index:03d}.json").write_text(json.dumps(lens), encoding="utf-8")
-    return folder
 
 
 def labels(name: str, folder: Path) -> Path:
     """Label maps in one of the formats of other tools."""
     path = folder / f"labels{LABEL_FORMATS[name].suffix}"
     classes = named_classes(("Liver", "Gallbladder", "Fat") if name == "cholecseg8k" else ("instrument-shaft", "kidney-parenchyma"))
-    for _ in LABEL_FORMATS[name].write(MapSet(classes, SHAPE, NAMES, (0, 2), lambda frame: _labels(len(classes))), path):
+    for _ in LABEL_FORMATS[name].write(MapSet(classes, SHAPE, NAMES, (0, 2), lambda frame: label_map(len(classes))), path):
         pass
     return path
 
@@ -118,7 +106,7 @@ def labels(name: str, folder: Path) -> Path:
 def annotated(folder: Path) -> Path:
     """The folder of annotations of a clip."""
     work = Annotations(named_classes(CLASSES), SHAPE, FRAMES, lambda frame: None)
-    work.replace_labels({0: _labels(3), 2: _labels(2)}, "sample")
+    work.replace_labels({0: label_map(3), 2: label_map(2)}, "sample")
     annotation_folder.save(work, folder / annotation_folder.NAME)
     return folder / annotation_folder.NAME
 
@@ -143,14 +131,14 @@ def run(folder: Path) -> Path:
     return folder
 
 
-def _pictures() -> list[np.ndarray]:
-    """BGR, uint8 [H, W, 3], a texture that moves."""
+def pictures() -> list[np.ndarray]:
+    """Frames of the clips: BGR, uint8 [H, W, 3], a texture that moves."""
     rng = np.random.default_rng(0)
     base = cv2.GaussianBlur(rng.integers(0, 255, (HEIGHT, WIDTH * 2, 3), np.uint8), (0, 0), 2)
     return [np.ascontiguousarray(base[:, index : index + WIDTH]) for index in range(FRAMES)]
 
 
-def _labels(count: int) -> np.ndarray:
+def label_map(count: int) -> np.ndarray:
     """A label map uint8 [H, W] with a hole, an island and unlabelled pixels."""
     found = np.full(SHAPE, UNLABELLED, np.uint8)
     for value in range(count):

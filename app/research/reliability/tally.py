@@ -21,12 +21,16 @@ COLUMNS = [
 
 @dataclass
 class Tally:
-    """Outcomes of the cases of one kind; `defects` describes those that were neither read nor refused."""
+    """Outcomes of the cases of one kind; `defects` describes those that were neither read nor refused.
+
+    `steps` is how many steps of the program were seen to be taken, where they were followed.
+    """
 
     name: str
     outcomes: Counter[str] = field(default_factory=Counter)
     seconds: float = 0.0
     defects: list[str] = field(default_factory=list)
+    steps: int | None = None
 
     def add(self, fate: Fate, words: str) -> None:
         self.outcomes[fate.outcome] += 1
@@ -37,4 +41,4 @@ class Tally:
     def row(self) -> dict[str, Cell]:
         about: dict[str, Cell] = {"what": self.name, "cases": self.outcomes.total(), "seconds": self.seconds}
         counts: dict[str, Cell] = {"read": self.outcomes[READ], "refused": self.outcomes[REFUSED], "defects": len(self.defects)}
-        return {**about, **counts, "words": "; ".join(defect[:160] for defect in self.defects[:3])}
+        return {**about, **counts, "steps": self.steps, "words": "; ".join(defect[:160] for defect in self.defects[:3])}

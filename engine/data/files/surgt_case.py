@@ -7,6 +7,7 @@ writes them, in pixels and millimetres. Frames are rectified as the challenge do
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from degense.engine.data.files.numbered import regular_file, shown
 from degense.engine.errors import ClipError
 
 INFO, CALIBRATION = "info.yaml", "calibration.yaml"
-MOST_BYTES = 1 << 24
+MOST_BYTES = 1 << 22  # of YAML, which is read at little more than 1 MB a second
 MOST_PIXELS = 1 << 26
 SHAPES = {"M1": (3, 3), "M2": (3, 3), "R": (3, 3), "T": (3, 1), "D1": (5,), "D2": (5,)}
 
@@ -91,13 +92,13 @@ def read_boxes(file: Path, frames: int) -> tuple[np.ndarray, np.ndarray]:
         data = read_yaml(file)
         for index, entry in data.items() if isinstance(data, dict) else enumerate(data):
             visible, difficult, boxes = entry
-            if not 0 <= int(index) < frames:
+            if not 0 <= (frame := operator.index(index)) < frames:
                 continue
-            hidden[index] = not visible
+            hidden[frame] = not visible
             if visible and not difficult and boxes is not None:
                 u, v, width, height = map(float, boxes[0])
-                pixels[index] = u + width / 2, v + height / 2
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
+                pixels[frame] = u + width / 2, v + height / 2
+    except (LookupError, TypeError, ValueError, OverflowError) as error:
         raise ClipError(f"{shown(file)} is damaged, or not the ground truth of SurgT.") from error
     return pixels, hidden
 

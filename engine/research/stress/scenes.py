@@ -162,7 +162,7 @@ def stress_cases(seed: int) -> Iterator[Case]:
     yield case("focal length 0.5 pixels", lambda s: None, Camera(47, 33, 0.5, 0.5, 23.5, 16.5))
     yield case("focal length 1e6 pixels", lambda s: None, Camera(47, 33, 1e6, 1e6, 23.5, 16.5))
     yield case("principal point far outside", lambda s: None, Camera(47, 33, 42.3, 42.3, 1e4, -1e4))
-    for name, kind in (("half precision", Tensor.half), ("float64", Tensor.double)):
+    for name, kind in (("half precision", Tensor.half), ("bfloat16", Tensor.bfloat16), ("float64", Tensor.double)):
         splats, camera = random_scene(200, 47, 33, 4, seed)
         yield Case(name, splats.map(kind), camera)
     broken = torch.Generator().manual_seed(seed)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import random
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -14,8 +15,7 @@ import pytest
 
 from degense.app.research.reliability import kills, mutations, programs
 from degense.app.research.reliability.filesystem_log import lay_out, record
-from degense.app.research.reliability.guarded import READ, REFUSED, guarded
-from degense.app.research.reliability.mutate import mutated
+from degense.app.research.reliability.guarded import READ, REFUSED, guarded, waits_for_a_core
 from degense.app.research.reliability.readers import Reader, readers
 from degense.app.research.reliability.soak import Slope
 from degense.engine.errors import DegenseError
@@ -24,7 +24,21 @@ from degense.engine.research.bench.child import call_in_child
 from tests.app.reliability import cases
 
 #: Readers of a sample that is made at once, and which of their damaged inputs are tried here: the first ones of another seed.
-QUICK = ("clip nerfstudio", "clip colmap-binary", "labels coco", "labels label-studio", "points npz", "annotations", "session", "plan")
+QUICK = (
+    "clip cholecseg8k",
+    "clip c3vd",
+    "clip surgt",
+    "points stir",
+    "points vl-surgpt",
+    "clip nerfstudio",
+    "clip colmap-binary",
+    "labels coco",
+    "labels label-studio",
+    "points npz",
+    "annotations",
+    "session",
+    "plan",
+)
 
 
 @pytest.mark.parametrize("name", QUICK)
@@ -51,11 +65,17 @@ def test_a_reader_that_crashes_is_found(tmp_path):
     assert tally.row()["defects"] == len(tally.defects)
 
 
+def spin() -> None:
+    while True:
+        pass
+
+
 @pytest.mark.parametrize(
     ("work", "outcome"),
     [
         (lambda: None, READ),
         (lambda: time.sleep(60), "HUNG"),
+        (spin, "HUNG"),
         (lambda: bytearray(1 << 40), "MEMORY"),
         (lambda: os.kill(os.getpid(), signal.SIGKILL), "DIED"),
         (lambda: {}["a"], "CRASHED"),
@@ -149,8 +169,14 @@ def test_the_slope_of_what_grows_and_of_what_does_not():
     assert slope.growth == pytest.approx(12, abs=2)
 
 
-def test_mutations_are_repeatable_and_differ():
-    data = b'{"a": [1, 2, {"b": "c"}], "d": 0.5}'
-    first, again = ([mutated(data, "x.json", rng) for _ in range(30)] for rng in (random.Random(3), random.Random(3)))
-    assert first == again
-    assert len(set(first)) > 20
+@pytest.mark.parametrize(("code", "waits"), [("while True: pass", True), ("import time; time.sleep(60)", False)])
+def test_a_process_that_waits_for_a_core_is_not_hung(code, waits):
+    """One that could run and has had less than its time, and neither one that sleeps nor one that has had it."""
+    with subprocess.Popen([sys.executable, "-c", f"print(1, flush=True)\n{code}"], stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        time.sleep(0.2)
+        try:
+            assert waits_for_a_core(process.pid, 1000.0) is waits
+            assert not waits_for_a_core(process.pid, 0.0)
+        finally:
+            process.kill()

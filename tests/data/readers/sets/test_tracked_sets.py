@@ -134,6 +134,9 @@ def test_a_case_of_surgt_is_its_rectified_left_view(tmp_path, turned):
     [
         ("gt_rectified_0.yaml", "0: !!python/object/apply:os.system ['true']"),
         ("gt_rectified_0.yaml", "0: [true, false, [[1, 2]]]"),
+        ("gt_rectified_0.yaml", '"1": [true, false, [[1, 2, 3, 4]]]'),
+        ("gt_rectified_0.yaml", "1.5: [true, false, null]"),
+        ("gt_rectified_0.yaml", "0: [true, false, []]"),
         ("gt_rectified_0.yaml", "["),
         ("info.yaml", "name_video: video.mp4"),
         ("info.yaml", "[1]"),
@@ -141,7 +144,7 @@ def test_a_case_of_surgt_is_its_rectified_left_view(tmp_path, turned):
         ("calibration.yaml", "%YAML:1.0\n---\nM1: 3\n"),
         ("calibration.yaml", "%YAML:1.0\n---\n" + MATRIX.format(name="M1", rows=3, cols=3, data=", ".join(["0."] * 9))),
     ],
-    ids=range(8),
+    ids=range(11),
 )
 def test_what_is_damaged_or_hostile_is_refused_in_a_sentence(tmp_path, name, content):
     case = write_surgt(tmp_path, BOXES)
