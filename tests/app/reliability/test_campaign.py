@@ -26,7 +26,6 @@ from tests.app.reliability import cases
 #: Readers of a sample that is made at once, and which of their damaged inputs are tried here: the first ones of another seed.
 QUICK = (
     "clip cholecseg8k",
-    "clip c3vd",
     "clip surgt",
     "points stir",
     "points vl-surgpt",
