@@ -16,4 +16,4 @@ def leave_sources_unread() -> None:
     """Let PySide take every module for one that does not use its features. Versions that do not ask so go on as they do."""
     features = sys.modules.get("shibokensupport.feature")
     if features is not None and hasattr(features, "_mod_uses_pyside"):
-        features._mod_uses_pyside = lambda module: False
+        vars(features)["_mod_uses_pyside"] = lambda module: False
