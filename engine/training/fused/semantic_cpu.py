@@ -18,7 +18,7 @@ class Labels(NamedTuple):
     """What the pixels of a frame are compared with."""
 
     latents: Tensor  # float [k, d]
-    index: Tensor  # int32 [L]; the latent of each labelled pixel
+    latent_of: Tensor  # int32 [L]; the row of the latent of each labelled pixel
     pixels: Tensor  # int32 [L]; flat positions of these
     weight: Tensor  # float [L]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from degense.engine.field import SceneModel
 from degense.engine.latest import Latest
@@ -66,6 +66,7 @@ class FinishedScene:
         if branch is None or planes is None:
             return None
         hidden, rectified, last = branch.decode
+        assert isinstance(hidden, nn.Linear)
         weight, latent = hidden.weight, kinematic.shape[1]
         by_planes = planes(self._points, self._frames.clip.time(frame)) @ weight[:, latent:].T
         return last(rectified(torch.addmm(hidden.bias, kinematic, weight[:, :latent].T) + by_planes))
