@@ -35,7 +35,7 @@ def test_alignment():
     drawn, labels, _ = example()
 
     def plain(values):
-        target = labels.latents.to(values)[labels.index]
+        target = labels.latents.to(values)[labels.latent_of]
         return (angular(values[labels.pixels], target) * labels.weight).sum() / len(labels.pixels)
 
     check(lambda values: semantic_cpu.align(values, labels), plain, drawn)
@@ -53,7 +53,7 @@ def test_smoothness_of_regions():
 @pytest.mark.parametrize("count", [0, 1])
 def test_frames_of_few_labels(count):
     drawn, labels, _ = example()
-    few = semantic_cpu.Labels(labels.latents, labels.index[:count], labels.pixels[:count], labels.weight[:count])
+    few = semantic_cpu.Labels(labels.latents, labels.latent_of[:count], labels.pixels[:count], labels.weight[:count])
     value, grad = gradient(lambda values: semantic_cpu.align(values, few), drawn)
     assert torch.isfinite(value)
     assert grad.any(1).sum() == count
