@@ -20,6 +20,7 @@ from degense.engine.research.bench.trainings import (
     vlm_like,
 )
 from degense.engine.research.surgeries import REPORT
+from degense.engine.research.sweep.tables import relative
 from degense.engine.semantics.prompts import DECODERS, DEFAULT_DECODER
 
 Scores = dict[str, Any]
@@ -54,20 +55,13 @@ PARTS: dict[str, dict[str, Any]] = {
 }
 
 
-def relative(key: str) -> Callable[[Scores], float | None]:
-    """A length in percent of the mean true motion."""
-    return lambda scores: (
-        None if scores[key] is None or not scores["true_displacement"] else 100 * scores[key] / scores["true_displacement"]
-    )
-
-
 #: Column → its heading, how it is read, whether more is better.
 SCORES: dict[str, tuple[str, Callable[[Scores], float | None], bool]] = {
-    "miou": ("mIoU, %", lambda scores: 100 * scores["miou"][DEFAULT_DECODER], True),
+    "miou": ("mIoU", lambda scores: scores["miou"][DEFAULT_DECODER], True),
     "psnr": ("PSNR, dB", lambda scores: scores["psnr_mask"], True),
-    "error": ("motion error, %", relative("displacement_error"), False),
-    "charred": ("false motion, charred, %", relative("spurious_displacement_static"), False),
-    "static": ("false motion elsewhere, %", relative("false_motion"), False),
+    "error": ("motion error", relative("displacement_error"), False),
+    "charred": ("false motion, charred", relative("spurious_displacement_static"), False),
+    "static": ("false motion elsewhere", relative("false_motion"), False),
 }
 
 
@@ -95,7 +89,7 @@ def parts(found: dict[str, list[Scores]], options: BenchOptions) -> Table:
     columns = [Column("part", "taken away"), Column("switch", "switch")]
     rows: list[dict[str, Cell]] = [{"part": f"nothing: {DEFAULT}"}]
     for key, (heading, read, _) in SCORES.items():
-        columns += [Column(key, heading, 2, "mean"), Column(f"{key} worse", f"worse, of {pairs}")]
+        columns += [Column(key, heading, 3, "mean"), Column(f"{key} worse", f"worse, of {pairs}")]
         rows[0][key] = _known(map(read, found[DEFAULT]))
     for part, settings in PARTS.items():
         row: dict[str, Cell] = {"part": part, "switch": " ".join(f"`{name}={_typed(value)}`" for name, value in settings.items())}
@@ -111,12 +105,12 @@ def parts(found: dict[str, list[Scores]], options: BenchOptions) -> Table:
 
 def decoders(scores: list[Scores], options: BenchOptions) -> Table:
     """mIoU of the default's latents by each decoder."""
-    rows: list[dict[str, Cell]] = [{"decoder": name, "miou": [100 * score["miou"][name] for score in scores]} for name in DECODERS]
+    rows: list[dict[str, Cell]] = [{"decoder": name, "miou": [score["miou"][name] for score in scores]} for name in DECODERS]
     return Table(
         "parts-decoders",
         "Decoders on the default",
         _words(options),
-        [Column("decoder", "decoder"), Column("miou", "mIoU, %", 1, "mean")],
+        [Column("decoder", "decoder"), Column("miou", "mIoU", 3, "mean")],
         rows,
     )
 
@@ -134,6 +128,6 @@ def _words(options: BenchOptions) -> str:
     return (
         f"Surgeries {', '.join(str(seed) for _, seed in SCENES)} of the set report, {size.frames} frames, {size.width} × {size.height}, "
         f"exact depth. Preset quick with {size.iterations:,} steps and at most {size.gaussians:,} Gaussians. {TEACHER_WORDS}. "
-        f"Training seeds {', '.join(map(str, options.seeds))}. mIoU of prompts by {DEFAULT_DECODER}, held-out frames; motion in percent of "
+        f"Training seeds {', '.join(map(str, options.seeds))}. mIoU of prompts by {DEFAULT_DECODER}, held-out frames; motion as a share of "
         "the mean true motion, all frames. Mean (least–greatest) over scenes and seeds."
     )

@@ -30,7 +30,13 @@ def asked(monkeypatch, tmp_path):
             iou = {"liver": miou, "grasper": None}
             masks = {d: {"boundary_f": 0.5, "iou": iou, "floor": {"liver": 0.2, "grasper": None}} for d in DECODERS}
             scores = {"miou": {d: miou - 0.05 * (d == "threshold") for d in DECODERS}, "masks": masks, "rank": 8}
-            scores |= {"displacement_error": 0.1, "displacement_correlation": 0.9, "recovered_share": 0.8, "spurious_displacement": 0.05}
+            scores |= {
+                "displacement_error": 0.1,
+                "displacement_scale": 100.0,
+                "displacement_correlation": 0.9,
+                "recovered_share": 0.8,
+                "spurious_displacement": 0.05,
+            }
             scores["spurious_displacement_static"] = 0.02
             scores |= {"true_displacement": 1.0, "largest_displacement": 10.0, "false_motion": 0.01, "psnr_mask": 33.0, "ssim": 0.9}
             found.append(scores | {"train_seconds": 5.0, "query_ms": 4.0, "query_new_frame_ms": 60.0})
@@ -81,11 +87,11 @@ def test_each_part_is_taken_from_the_default_alone(asked):
         assert job.teacher == trainings.vlm_like(job.config.seed)
     rows = {row["part"]: row for row in tables["parts"].rows}
     # made-up scores fall by 0.1 with routing, loss, appearance and guided targets, nothing else
-    assert rows["nothing: default"]["miou"] == pytest.approx([90, 89] * len(parts.SCENES))
-    assert rows["guided upsampling"]["miou"] == pytest.approx([-10] * pairs)
+    assert rows["nothing: default"]["miou"] == pytest.approx([0.9, 0.89] * len(parts.SCENES))
+    assert rows["guided upsampling"]["miou"] == pytest.approx([-0.1] * pairs)
     assert (rows["guided upsampling"]["miou worse"], rows["rigidity"]["miou worse"]) == (str(pairs), "0")
     assert rows["guided upsampling"]["switch"] == "`guided=false`"
-    assert {row["decoder"]: row["miou"][0] for row in tables["parts-decoders"].rows}["threshold"] == pytest.approx(85)
+    assert {row["decoder"]: row["miou"][0] for row in tables["parts-decoders"].rows}["threshold"] == pytest.approx(0.85)
     assert all(table.markdown() for table in tables.values())
 
 
