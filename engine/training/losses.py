@@ -20,6 +20,7 @@ Plane = Float[Tensor, "height width"]
 Latents = Float[Tensor, "pixels d"]
 
 WINDOW, SIGMA = 11, 1.5
+TORN = 0.01  # scene units (median depth 1): neighbours that move so differently are drawn to each other with a quarter of the force
 
 
 class _Blur(torch.autograd.Function):
@@ -151,6 +152,10 @@ def nearest_neighbours(points: Tensor, count: int) -> tuple[Tensor, Tensor]:
 
 
 def rigidity(displacement: Float[Tensor, "n 3"], neighbours: Int[Tensor, "n k"], weights: Float[Tensor, "n k"]) -> Scalar:
-    """Mean weighted ‖Δμ_i − Δμ_j‖ over neighbour pairs: tissue moves together with what it hangs on."""
+    """Mean weighted r / (1 + r / `TORN`) of r = ‖Δμ_i − Δμ_j‖ over neighbour pairs: tissue moves together with what it hangs on.
+
+    Pairs that part for good, an instrument and the tissue behind it or the two sides of a cut, are hardly drawn to each other.
+    """
     difference = displacement[:, None] - rows_of(displacement, neighbours)
-    return (weights * (difference.square().sum(-1) + 1e-12).sqrt()).mean()
+    parted = (difference.square().sum(-1) + 1e-12).sqrt()
+    return (weights * parted / (1 + parted / TORN)).mean()

@@ -72,7 +72,20 @@ def test_rigid_motion_costs_nothing():
     neighbours, weights = torch.tensor([[1], [0], [1]]), torch.ones(3, 1)
     shift = torch.tensor([0.3, -0.2, 0.5]).expand(3, 3)
     assert rigidity(shift, neighbours, weights).item() == pytest.approx(0, abs=1e-5)
-    assert rigidity(torch.eye(3), neighbours, weights).item() == pytest.approx(2**0.5, rel=1e-5)
+
+
+def test_neighbours_that_have_parted_are_hardly_drawn_to_each_other():
+    neighbours, weights = torch.tensor([[1], [0]]), torch.tensor([[1.0], [0.5]])
+
+    def loss_and_force(parted: float) -> tuple[float, float]:
+        shift = torch.tensor([[0.0, 0.0, 0.0], [0.0, parted, 0.0]], requires_grad=True)
+        value = rigidity(shift, neighbours, weights)
+        value.backward()
+        return value.item(), shift.grad[1, 1].item()
+
+    near, far = loss_and_force(1e-5), loss_and_force(1.0)
+    assert near == pytest.approx((0.75 * 1e-5, 0.75), rel=0.01)  # as ‖Δμ_i − Δμ_j‖
+    assert far == pytest.approx((0.75 / 101, 0.75 / 101**2), rel=1e-4)
 
 
 def test_rows_asked_for_many_times_get_the_same_gradient_every_time():
