@@ -51,7 +51,7 @@ def _channels(levels):
 
 
 @njit(cache=True, nogil=True)
-def _finish(rows, bias, rectified):
+def finish_layer(rows, bias, rectified):
     """rows + bias, or relu of it, in place."""
     for n in range(rows.shape[0]):
         for c in range(rows.shape[1]):
@@ -81,19 +81,19 @@ def _decode(
         if semantic.shape[1]:
             _sample(points[begin:end], semantic_levels, semantic)
         np.dot(features, entry, current)
-        _finish(current, biases[0], True)
+        finish_layer(current, biases[0], True)
         for layer in range(trunk.shape[0]):
             np.dot(current, trunk[layer], following)
-            _finish(following, biases[layer + 1], not linear or layer + 1 < trunk.shape[0])
+            finish_layer(following, biases[layer + 1], not linear or layer + 1 < trunk.shape[0])
             current, following = following, current
         for decoder in range(hidden.shape[0]):
             np.dot(current, hidden[decoder], following)
             if from_semantic[decoder].any():
                 np.dot(semantic, from_semantic[decoder], semantic_part)
                 following += semantic_part
-            _finish(following, hidden_biases[decoder], True)
+            finish_layer(following, hidden_biases[decoder], True)
             np.dot(following, last[decoder], outs[decoder, begin:end])
-            _finish(outs[decoder, begin:end], last_biases[decoder], False)
+            finish_layer(outs[decoder, begin:end], last_biases[decoder], False)
 
 
 def decode(

@@ -16,7 +16,7 @@ from torch.autograd.function import once_differentiable
 from torch.nn.functional import pad
 
 from degense.engine.field.branches import Kinematics
-from degense.engine.field.decode_cpu import ROWS, _finish
+from degense.engine.field.decode_cpu import ROWS, finish_layer
 from degense.engine.threads import run_kernel, take_ticket
 
 STRETCH = 16 * ROWS  # rows that a ticket stands for backwards
@@ -31,17 +31,17 @@ def _forward(features, rows, linear, entry, trunk, biases, hidden, hidden_biases
             return
         end = min(begin + ROWS, features.shape[0])
         np.dot(features[begin:end], entry, latents[0, begin:end])
-        _finish(latents[0, begin:end], biases[0], True)
+        finish_layer(latents[0, begin:end], biases[0], True)
         for layer in range(trunk.shape[0]):
             np.dot(latents[layer, begin:end], trunk[layer], latents[layer + 1, begin:end])
-            _finish(latents[layer + 1, begin:end], biases[layer + 1], not linear or layer + 1 < trunk.shape[0])
+            finish_layer(latents[layer + 1, begin:end], biases[layer + 1], not linear or layer + 1 < trunk.shape[0])
         for decoder in range(hidden.shape[0]):
             stop = min(end, rows[decoder])
             if begin < stop:
                 np.dot(latents[trunk.shape[0], begin:stop], hidden[decoder], inner[decoder, begin:stop])
-                _finish(inner[decoder, begin:stop], hidden_biases[decoder], True)
+                finish_layer(inner[decoder, begin:stop], hidden_biases[decoder], True)
                 np.dot(inner[decoder, begin:stop], last[decoder], outs[decoder, begin:stop])
-                _finish(outs[decoder, begin:stop], last_biases[decoder], False)
+                finish_layer(outs[decoder, begin:stop], last_biases[decoder], False)
 
 
 @njit(cache=True, nogil=True)

@@ -10,15 +10,11 @@ from degense.engine.research.bench.table import Table
 from degense.engine.research.real_clips.plan import plan_of
 from degense.engine.research.real_clips.tables import tables_of
 from degense.engine.research.real_clips.work import baseline_files, prepare_clip, score_clip_baselines, score_job
-from degense.engine.research.sweep.run import Work, train_all
+from degense.engine.research.sweep.run import Work, sweep
 
-CLIPS = Work(prepare_clip, baseline_files, score_clip_baselines, score_job)
+CLIPS = Work(prepare_clip, baseline_files, score_clip_baselines, score_job, tables_of)
 
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     """Train what is missing in the folder of the sweep, and make a table of each clip."""
-    plan = plan_of(options)
-    plan.begin()
-    if not plan.tables_only:
-        train_all(plan, CLIPS, progress)
-    yield from tables_of(plan)
+    return sweep(plan_of(options), CLIPS, progress)

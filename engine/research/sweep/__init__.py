@@ -9,17 +9,13 @@ from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Table
 from degense.engine.research.sweep.clips import baseline_files, prepare_scene, score_scene_baselines
 from degense.engine.research.sweep.plan import plan_of
-from degense.engine.research.sweep.run import Work, train_all
+from degense.engine.research.sweep.run import Work, sweep
 from degense.engine.research.sweep.tables import tables_of
 from degense.engine.research.sweep.work import score_job
 
-SURGERIES = Work(prepare_scene, baseline_files, score_scene_baselines, score_job)
+SURGERIES = Work(prepare_scene, baseline_files, score_scene_baselines, score_job, tables_of)
 
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     """Train what is missing in the folder of the sweep, and make the tables of what is there."""
-    plan = plan_of(options)
-    plan.begin()
-    if not plan.tables_only:
-        train_all(plan, SURGERIES, progress)
-    yield from tables_of(plan)
+    return sweep(plan_of(options), SURGERIES, progress)

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ from typing import Any
 from degense.engine.files import write_text
 from degense.engine.processes.capacity import NUMERIC, cores, slot_environment, thread_environment
 from degense.engine.progress import Progress
+from degense.engine.research.bench.table import Table
 from degense.engine.research.sweep.schedule import Job, Schedule
 from degense.engine.research.sweep.work import begin_process, warm_up
 from degense.engine.store.files import write_json
@@ -27,12 +28,21 @@ _ENVIRONMENT = threading.Lock()
 
 @dataclass(frozen=True)
 class Work:
-    """What a sweep does: functions of its schedule and of a scene or a job. All but `baseline_files` are called in other processes."""
+    """What a sweep does: functions of its schedule, and of a scene or a job. `prepare` and those that score run in other processes."""
 
     prepare: Callable[[Any, Any], None]  # of a scene: what its trainings share
     baseline_files: Callable[[Any, Any], Iterable[Path]]  # of a scene: where the scores of its baselines are kept
     score_baselines: Callable[[Any, Any], None]  # of a scene: writes those files that are missing
     score_job: Callable[[Any, Any], dict[str, Any]]  # of a job: trains it; its scores
+    tables_of: Callable[[Any], list[Table]]  # of what is there
+
+
+def sweep(plan: Schedule, work: Work, progress: Progress) -> Iterator[Table]:
+    """Train what is missing in the folder of the sweep, and make the tables of what is there."""
+    plan.begin()
+    if not plan.tables_only:
+        train_all(plan, work, progress)
+    yield from work.tables_of(plan)
 
 
 def train_all(plan: Schedule, work: Work, progress: Progress) -> None:
