@@ -104,7 +104,7 @@ class _CoveredRenderer(Renderer):
 
     def __init__(self, scene: Scene, cover: np.ndarray | None) -> None:
         super().__init__(RUN_NAME, scene.states, scene.basis, scene.camera)
-        self.curve, self._cover = scene.renderer.curve, cover
+        self.curve, self.labelled, self._cover = scene.renderer.curve, scene.renderer.labelled, cover
         self.only_surgeons = cover is not None
 
     def draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -130,7 +130,12 @@ class _CoveredRenderer(Renderer):
         splats = self.states.splats(frame, semantics=True)
         drawn = rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), camera, clean=True)
         shown = ~torch.from_numpy(self._cover).to(drawn.image.device)
-        return query_of(replace(drawn, image=drawn.image * shown[..., None], alpha=drawn.alpha * shown), self.basis, self.curve)
+        return query_of(
+            replace(drawn, image=drawn.image * shown[..., None], alpha=drawn.alpha * shown),
+            self.basis,
+            self.curve,
+            self.known(frame, camera),
+        )
 
     def _check(self, frame: float, camera: Camera) -> None:
         if camera is not self.camera_at(frame):

@@ -95,8 +95,9 @@ def _seen(scene: Scene, masks: np.ndarray, frame: float) -> np.ndarray:
 def splat_semantics(scene: Scene, frame: float) -> FrameSemantics:
     """The latents of the Gaussians at one instant as one line of N pixels without a picture. The scene must have semantics."""
     assert scene.basis is not None
-    latents = scene.splats(frame, semantics=True).semantics
-    return FrameSemantics(None, (latents if latents.is_cuda else latents.numpy())[None], scene.basis)
+    latents, labelled = scene.splats(frame, semantics=True).semantics, scene.renderer.labelled
+    known = labelled.splats()[None] if labelled is not None else None
+    return FrameSemantics(None, (latents if latents.is_cuda else latents.numpy())[None], scene.basis, known=known)
 
 
 def query_clip(scene: Scene, prompts: PromptSet, frames: Sequence[int] | None = None) -> Iterator[tuple[int, Decoded]]:

@@ -12,6 +12,7 @@ from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError
 from degense.engine.latest import Latest
 from degense.engine.raster import camera_depths, rasterize
+from degense.engine.scene.labelled import LabelledPlaces
 from degense.engine.scene.states import States
 from degense.engine.semantics import Basis
 from degense.engine.semantics.masks import FrameSemantics, query_of
@@ -36,6 +37,7 @@ class Renderer:
     def __init__(self, name: str, states: States, basis: Basis | None, camera_at: Callable[[float], Camera]):
         self.name, self.states, self.basis, self.camera_at = name, states, basis, camera_at
         self.curve: ConfidenceCurve = MARGINS_AS_CHANCES  # of the confidence of masks
+        self.labelled: LabelledPlaces | None = None  # where the teacher labels few frames
         self.forget()
 
     def forget(self) -> None:
@@ -138,7 +140,12 @@ class Renderer:
         if self.basis is None:
             raise DegenseError(f"{self.name} was trained without semantics, so it cannot be prompted; {NEEDS_TEACHER}")
         splats = self.states.splats(frame, semantics=True)
-        return query_of(rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), camera, clean=True), self.basis, self.curve)
+        drawn = rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), camera, clean=True)
+        return query_of(drawn, self.basis, self.curve, self.known(frame, camera))
+
+    def known(self, frame: float, camera: Camera) -> Tensor | None:
+        """Which pixels show what a labelled frame shows, bool [H, W]; None where the teacher labels the whole clip."""
+        return self.labelled.pixels(frame, camera) if self.labelled is not None else None
 
 
 def _blended(splats: Splats, values: Tensor, camera: Camera) -> np.ndarray:

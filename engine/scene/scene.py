@@ -16,6 +16,7 @@ from degense.engine.errors import DegenseError, PromptError, RunError
 from degense.engine.field import SceneModel
 from degense.engine.gpu import gpu_usable
 from degense.engine.motion.observed import ObservedMotion
+from degense.engine.scene.labelled import LabelledPlaces
 from degense.engine.scene.renderer import COVERED, NEEDS_TEACHER, Renderer
 from degense.engine.scene.states import States
 from degense.engine.semantics import Basis, TextEncoder, open_encoder
@@ -40,6 +41,7 @@ class Scene:
         clip: Clip | None,  # the recording, when it is still where it was
         clip_missing: str = "",  # why it is not, in one sentence
         observability: Tensor | None = None,
+        label_support: tuple[Tensor, list[int]] | None = None,  # what the labelled frames of a sparse teacher show, and these frames
     ):
         self.run, self.model, self.basis, self.encoder, self.clip, self.clip_missing = run, model, basis, encoder, clip, clip_missing
         self.has_semantics = basis is not None
@@ -50,6 +52,8 @@ class Scene:
         self.renderer = Renderer(self.name, self.states, basis, self.camera)
         if (points := run.info.get("confidence")) is not None:
             self.renderer.curve = _curve_of(points, run)
+        if label_support is not None:
+            self.renderer.labelled = LabelledPlaces(self.states, *label_support, self.cameras)
         self.render, self.render_rgb = self.renderer.render, self.renderer.render_rgb
         self._asked: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._vectors: dict[tuple[str, ...], np.ndarray] = {}  # of the last texts: those of the classes, again and again
@@ -83,7 +87,8 @@ class Scene:
         missing = ""
         if clip is None:
             clip, missing = _find_clip(run)
-        return cls(run, model, basis, encoder_of_run, clip, missing, run.load_observability(len(model)))
+        kept = run.load_observability(len(model)), run.load_label_support(len(model))
+        return cls(run, model, basis, encoder_of_run, clip, missing, *kept)
 
     @property
     def frames(self) -> int:

@@ -14,7 +14,15 @@ from degense.engine.store.run import Run
 
 SUMS = "SHA256SUMS"
 #: What a training leaves and nothing writes afterwards; a session, annotations and previews are the user's.
-TRAINED = ("run.json", "model.safetensors", "observability.safetensors", "basis.safetensors", "text_vectors.safetensors", "metrics.jsonl")
+TRAINED = (
+    "run.json",
+    "model.safetensors",
+    "observability.safetensors",
+    "label_support.safetensors",
+    "basis.safetensors",
+    "text_vectors.safetensors",
+    "metrics.jsonl",
+)
 MOST_BYTES = 1 << 16
 LINE = re.compile(r"([0-9a-f]{64})  ([\w.]+)")
 

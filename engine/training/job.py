@@ -31,6 +31,7 @@ from degense.engine.training.passes import draw
 from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
 from degense.engine.training.semantic.confidence import confidence_of
 from degense.engine.training.semantic.distillation import DISTILLATIONS, steps_of
+from degense.engine.training.semantic.label_support import label_support
 from degense.engine.training.trainer import Diverged, Trainer
 
 REPORT_EVERY = 25  # steps
@@ -252,6 +253,9 @@ class TrainingRun:
             words = f"this teacher calls the same place differently in {share:.0%} of the frames"
             run.info["teacher"] |= {"disagreement": share, "provenance": f"{run.info['teacher']['provenance']}; {words}"}
             self.events(Reliability(words))
+        if (semantics := self.inputs.semantics) is not None and semantics.sparse:
+            with part("label support"):
+                run.save_label_support(label_support(trainer.model, semantics, self.inputs.frames), semantics.labelled_frames)
         run.save_model(trainer.model)
         if trainer.flow is not None:
             with part("observability"):

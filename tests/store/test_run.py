@@ -101,6 +101,37 @@ def test_damaged_observability_is_refused(tmp_path, tensors):
         Run(tmp_path, {}).load_observability(3)
 
 
+CAMERA = {"width": 4, "height": 4, "fx": 4.0, "fy": 4.0, "cx": 2.0, "cy": 2.0, "count": 5, "viewmats": [torch.eye(4).tolist()]}
+
+
+def test_label_support_comes_back(tmp_path):
+    run, support = Run(tmp_path, {"cameras": CAMERA}), torch.tensor([0.0, 0.25, 1.0])
+    assert run.load_label_support(3) is None
+    run.save_label_support(support, [0, 4])
+    again, frames = run.load_label_support(3)
+    assert torch.equal(again, support)
+    assert frames == [0, 4]
+
+
+@pytest.mark.parametrize(
+    "tensors",
+    [
+        {"support": torch.zeros(4), "frames": torch.tensor([0])},
+        {"support": torch.tensor([0.0, 0.5, 1.5]), "frames": torch.tensor([0])},
+        {"support": torch.zeros(3), "frames": torch.tensor([5])},
+        {"support": torch.zeros(3), "frames": torch.tensor([-1])},
+        {"support": torch.zeros(3), "frames": torch.tensor([0.0])},
+        {"support": torch.zeros(3), "frames": torch.zeros(0, dtype=torch.int64)},
+        {"support": torch.zeros(3)},
+    ],
+    ids=["longer", "above", "late", "early", "type", "none", "missing"],
+)
+def test_damaged_label_support_is_refused(tmp_path, tensors):
+    write_tensors(tmp_path / "label_support.safetensors", tensors)
+    with pytest.raises(RunError, match=r"label_support\.safetensors"):
+        Run(tmp_path, {"cameras": CAMERA}).load_label_support(3)
+
+
 def test_layers_of_earlier_versions_have_todays_names():
     assert current_layer("support") == "observability"
     assert current_layer("rgb") == "rgb"

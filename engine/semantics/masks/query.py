@@ -38,6 +38,7 @@ class PendingMasks:
     asked: PromptVectors
     regions: bool  # whether the similarities are refined
     least: float  # share of the picture, below which objects are left out
+    known: Tensor | None = None  # bool [...]; where masks may be at all
 
     def read(self) -> Decoded:
         """Bring all similarities into memory at once and decode them; in any thread, which alone waits."""
@@ -49,6 +50,8 @@ class PendingMasks:
             if own is not None
         ]
         found = decode(similarities, self.asked.decoder, self.asked.threshold, self.regions, self.least)
+        if self.known is not None:
+            found = owned(found.masks & self.known.cpu().numpy(), similarities)
         return _answers(self.asked, found, similarities) if self.asked.questions else found
 
 
@@ -71,7 +74,8 @@ class FrameSemantics:
 
     Rendered are the colour uint8 [H, W, 3], the latent float32 [H, W, d], d the rank of the basis, whose zero and non-finite pixels have
     similarity 0, and the opacity `alpha` float32 [H, W], which weighs the similarity. Colours are None for latents that are no picture,
-    such as those of Gaussians; all decoders then work element by element. `curve` tells chances from margins, as the run has it.
+    such as those of Gaussians; all decoders then work element by element. `curve` tells chances from margins, as the run has it. Where
+    `known`, bool [H, W], is False, nobody said what is there: no mask holds it, and the chance of a name to be right is 0.
     """
 
     def __init__(
@@ -81,6 +85,7 @@ class FrameSemantics:
         basis: Basis,
         alpha: np.ndarray | Tensor | None = None,
         curve: ConfidenceCurve = MARGINS_AS_CHANCES,
+        known: Tensor | None = None,
     ):
         if rgb is not None and (rgb.ndim != 3 or rgb.shape[2] != 3 or str(rgb.dtype).rpartition(".")[2] != "uint8" or 0 in rgb.shape):
             raise ValueError(f"rgb must be uint8 [H, W, 3] and not empty, not {rgb.dtype} {tuple(rgb.shape)}")
@@ -89,7 +94,9 @@ class FrameSemantics:
             raise ValueError(f"latent must be {(*size, basis.rank)}, not {tuple(latent.shape)}")
         if alpha is not None and tuple(alpha.shape) != size:
             raise ValueError(f"alpha must be {size}, not {tuple(alpha.shape)}")
-        self.basis, self.curve = basis, curve
+        if known is not None and tuple(known.shape) != size:
+            raise ValueError(f"known must be {size}, not {tuple(known.shape)}")
+        self.basis, self.curve, self.known = basis, curve, known
         kind: type[Any] = TorchAggregation if isinstance(latent, Tensor) else CpuAggregation
         self._aggregation: Aggregation[Any] = kind(rgb, latent, alpha)
         self._has_picture = rgb is not None
@@ -126,7 +133,7 @@ class FrameSemantics:
         wanted = [[None if rows is None or not len(rows) else np.atleast_2d(rows) for rows in kinds] for kinds in prompts]
         self._found(np.concatenate([rows for kinds in wanted for rows in kinds if rows is not None]), kind)  # all that is new, at once
         best = [[None if rows is None else self._best(rows, kind) for rows in kinds] for kinds in wanted]
-        return PendingMasks(best, self._aggregation.numpy, asked, kind == "refined", self.curve.least)
+        return PendingMasks(best, self._aggregation.numpy, asked, kind == "refined", self.curve.least, self.known)
 
     def confidence(self, vectors: np.ndarray, mask: np.ndarray, classes: np.ndarray | None = None) -> float:
         """The share of a mask bool [H, W] that is expected to be right, in [0, 1], by the `chances` of its pixels and the sizes of its
@@ -135,7 +142,8 @@ class FrameSemantics:
 
     def chances(self, vectors: np.ndarray, classes: np.ndarray | None = None) -> np.ndarray:
         """The chance of each pixel, if a mask of the prompt holds it, to be right, float32 [H, W]; `classes` [n, D] are its rivals."""
-        return self.curve(self.margin(vectors, classes))
+        chances = self.curve(self.margin(vectors, classes))
+        return chances if self.known is None else chances * self.known.cpu().numpy()
 
     def margin(self, vectors: np.ndarray, classes: np.ndarray | None = None) -> np.ndarray:
         """Refined similarity with the prompt, less that with the best other class [n, D], float32 [H, W] in [0, 1]."""
@@ -168,10 +176,11 @@ class FrameSemantics:
         return rivals if len(rivals) else None
 
 
-def query_of(drawn: Render, basis: Basis, curve: ConfidenceCurve = MARGINS_AS_CHANCES) -> FrameSemantics:
-    """The semantics of a frame drawn with colours and latents [H, W, 3 + d]; from a GPU nothing is read back."""
+def query_of(drawn: Render, basis: Basis, curve: ConfidenceCurve = MARGINS_AS_CHANCES, known: Tensor | None = None) -> FrameSemantics:
+    """The semantics of a frame drawn with colours and latents [H, W, 3 + d], `known` as `FrameSemantics` has it; from a GPU nothing is
+    read back."""
     rgb = (drawn.image[..., :3].clamp(0, 1) * 255 + 0.5).byte()
     latent = drawn.image[..., 3:]
     if rgb.is_cuda:
-        return FrameSemantics(rgb, latent, basis, drawn.alpha, curve)
-    return FrameSemantics(rgb.numpy(), latent.numpy(), basis, drawn.alpha.numpy(), curve)
+        return FrameSemantics(rgb, latent, basis, drawn.alpha, curve, known)
+    return FrameSemantics(rgb.numpy(), latent.numpy(), basis, drawn.alpha.numpy(), curve, known)
