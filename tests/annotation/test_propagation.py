@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -15,6 +17,7 @@ from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.errors import DegenseError
 from degense.engine.metrics.masks import MaskScores
+from degense.engine.scene.states import States
 from degense.engine.splats import Splats
 from tests.fakes import MovingWall
 
@@ -84,11 +87,44 @@ def test_nothing_to_carry_is_said(corrected):
         carry(MovingWall(), corrected)
 
 
+def test_what_enters_from_outside_of_the_labelled_frame_stays_unlabelled():
+    """A wall that slides in from the left looks like what is labelled, but nobody has labelled it."""
+    clip = MovingWall(frames=8, velocity=(0.06, 0.0, 0.0), labelled=[0])
+    told = {}
+    labels = np.where(clip.material(0)[..., 0] > 0, 1, 0).astype(np.uint8)
+    found = carry(clip, {0: labels}, tell=lambda frame, _, chance: told.update({frame: chance}))
+    column = clip.flow(7, 0)[..., 0] + np.arange(96) + 0.5  # where the points of the last frame lie in the first
+    entered, shown = column < -1, column > 2
+    assert (found[7].labels[entered] == UNLABELLED).mean() > 0.9
+    assert (found[7].labels[shown] == UNLABELLED).mean() < 0.05
+    assert told[7][entered].mean() > 0.85
+    assert found[7].unknown > 0.1
+
+
+class SheetStates(States):
+    """The states of `TwoSheets`."""
+
+    def __init__(self, scene):
+        self.scene, self.model = scene, SimpleNamespace(bounds=torch.zeros(2, 3))
+
+    def splats(self, frame, *, semantics=False):
+        return self.scene.splats(frame)
+
+    def advected_means(self, frame):
+        return self.scene.splats(frame).means
+
+
 class TwoSheets:
     """A scene of two sheets of Gaussians that slide to the right, 2 pixels a frame: label them once, and they know where they are."""
 
+    frames, cameras = 10, [Camera(64, 48, 64.0, 64.0, 32.0, 24.0)] * 10
+
+    @property
+    def states(self):
+        return SheetStates(self)
+
     def camera(self, frame):
-        return Camera(64, 48, 64.0, 64.0, 32.0, 24.0)
+        return self.cameras[frame]
 
     def splats(self, frame):
         x, y = np.meshgrid(np.arange(-1.2, 1.2, 0.04), np.arange(-1.2, 1.2, 0.04))
@@ -118,6 +154,9 @@ def test_gaussians_take_their_labels_along():
     assert found[:, 20:40].sum(-1).mean() > 0.7
     strange = votes.at(5, np.full((*shape, 3), 255, np.uint8))  # something else is recorded there
     assert strange.max() < 0.1
+    outside = votes.outside(5)  # the sheets have moved by 10 pixels
+    assert outside[:, :9].all()
+    assert not outside[:, 11:60].any()
     nowhere = FieldVotes(scene, {0: labels}, {0: np.zeros(shape, bool)}, 2)
     assert nowhere.at(0, picture).max() == 0
 

@@ -11,6 +11,8 @@ decides where something enters, leaves or changes in place. Islands that are too
 
 What no corrected frame shows has no class: with u(p) the chance that a pixel shows such a thing (`unknown_chance`), class k has the chance
 (1 − u) softmax_k(s / 1.5), and where u exceeds a tenth the pixel stays unlabelled, since a wrong name is worse than none.
+Where the flow leads out of the picture in every corrected frame, and where a scene finds that none of them shows the place (hidden, or
+outside), u is at least `OUTSIDE`: tissue that entered later may be of any class, however much it looks like one.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ FLOOR = 0.02  # ε
 APPEARANCE_WEIGHT = 2.0
 #: Scores are divided by this before they are taken for log-probabilities: the errors of the three sources are not independent.
 SOFTENED = 1.5
+#: The chance that a pixel is unknown whose point lies outside of every corrected frame, as flow or a scene has it.
+OUTSIDE = 0.9
 UNKNOWN_FROM = 0.1  # a pixel with a greater chance to be unknown stays unlabelled
 #: An island is dropped below this share of what the class covers in the corrected frames, and of the picture; a class that covers less
 #: than the first in a frame altogether is not there.
@@ -83,6 +87,8 @@ def propagate(
         if field is not None:
             scores += np.log(field.at(frame, rgb) * clip.valid(frame)[..., None] + FLOOR)
         chances, strange = softmax(scores / SOFTENED, -1), unknown_chance(unknown_evidence(appearance.novelty(rgb), *flow.traces(frame)))
+        outside = flow.outside(frame) if field is None else flow.outside(frame) | (field.outside(frame) & clip.valid(frame))
+        strange = np.maximum(strange, OUTSIDE * outside)
         chances *= 1 - strange[..., None]
         chances[..., -1] += strange
         decided = chances.copy()

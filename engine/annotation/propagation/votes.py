@@ -8,6 +8,7 @@ anew from the corrected frames.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -19,7 +20,9 @@ from degense.engine.clip import Clip
 from degense.engine.motion import consistent, follow, sample
 from degense.engine.raster import backproject, rasterize
 from degense.engine.scene import Scene
+from degense.engine.scene.labelled import LabelledPlaces
 from degense.engine.threads import one_torch_thread
+from degense.engine.training.semantic.label_support import support_of
 
 #: Weight of a label that was warped where forward and backward flow disagree.
 INCONSISTENT = 0.2
@@ -42,7 +45,7 @@ class FlowVotes:
         self._clip, self._labels, self._count = clip, labels, count
         self._shape = clip.size[1], clip.size[0]
         self._spans = list(spans(sorted(labels), frames[0], frames[-1]))
-        self._moved: dict[int, dict[int, tuple[bytes, bytes, bytes]]] = {}
+        self._moved: dict[int, dict[int, tuple[bytes, ...]]] = {}
 
     @property
     def steps(self) -> int:
@@ -59,14 +62,14 @@ class FlowVotes:
                 agrees = consistent(back, out) & inside
                 unlike = np.linalg.norm(sample(first, back) - _lab(self._clip.frame(frame)), axis=-1)
                 coded = np.nan_to_num(2 * unlike, nan=255).clip(0, 255).astype(np.uint8)
-                self._moved.setdefault(frame, {})[span[0]] = pack(moved), pack(agrees), pack(coded)
+                self._moved.setdefault(frame, {})[span[0]] = pack(moved), pack(agrees), pack(coded), pack(inside)
                 yield frame
 
     def at(self, frame: int) -> np.ndarray:
         """Weights of the labels in each pixel, float32 [H, W, count], at most 1."""
         found = self._moved.get(frame, {})
         votes = np.zeros((*self._shape, self._count), np.float32)
-        for weight, (moved, agrees, _) in zip(nearness(frame, list(found)) if found else (), found.values(), strict=True):
+        for weight, (moved, agrees, *_) in zip(nearness(frame, list(found)) if found else (), found.values(), strict=True):
             certain = np.where(unpack(agrees, self._shape), 1.0, INCONSISTENT).astype(np.float32) * weight
             index = unpack(moved, self._shape)[..., None].astype(np.int64)
             np.put_along_axis(votes, index, np.take_along_axis(votes, index, -1) + certain[..., None], -1)
@@ -77,8 +80,12 @@ class FlowVotes:
 
         float32 and bool [H, W], over the corrected frames on both sides: the more like one counts.
         """
-        found = [(unpack(unlike, self._shape), unpack(agrees, self._shape)) for _, agrees, unlike in self._moved[frame].values()]
+        found = [(unpack(unlike, self._shape), unpack(agrees, self._shape)) for _, agrees, unlike, _ in self._moved[frame].values()]
         return np.min([unlike for unlike, _ in found], 0).astype(np.float32) / 2, np.max([agrees for _, agrees in found], 0) > 0
+
+    def outside(self, frame: int) -> np.ndarray:
+        """Whether the flow leads out of the picture in every corrected frame that it was followed to, bool [H, W]."""
+        return ~np.logical_or.reduce([unpack(inside, self._shape) > 0 for *_, inside in self._moved[frame].values()])
 
 
 def spans(sources: Sequence[int], first: int, last: int) -> Iterator[list[int]]:
@@ -117,6 +124,7 @@ class FieldVotes:
     def __init__(self, scene: Scene, labels: Mapping[int, np.ndarray], valid: Mapping[int, np.ndarray], count: int):
         self._scene = scene
         self._seen = {frame: self._backproject(frame, labels[frame], valid[frame], count) for frame in labels}
+        self._valid = valid
 
     def _backproject(self, frame: int, labels: np.ndarray, valid: np.ndarray, count: int) -> Tensor:
         """Σ_p w_ip [L(p) = k] over the valid pixels of a frame, [N, count]; w_ip is the share of Gaussian i in pixel p."""
@@ -137,6 +145,16 @@ class FieldVotes:
         image = drawn.image.cpu().numpy()
         unlike = np.abs(image[..., -3:].clip(0, 1) - observed.astype(np.float32) / 255).mean(-1)
         return image[..., :-3] * np.exp(-((unlike / UNLIKE) ** 2))[..., None]
+
+    @cached_property
+    def _places(self) -> LabelledPlaces:
+        scene = self._scene
+        support = support_of(scene.splats, scene.cameras, self._valid, range(scene.frames))
+        return LabelledPlaces(scene.states, support, list(self._valid), scene.cameras)
+
+    def outside(self, frame: int) -> np.ndarray:
+        """Which pixels show a place that no corrected frame shows, bool [H, W]."""
+        return ~self._places.pixels(frame, self._scene.camera(frame)).cpu().numpy()
 
 
 #: Pixels of each class and corrected frame to learn from.
