@@ -63,6 +63,10 @@ BENCHES: Benches = {
         "degense.engine.research.benchmarks.carrying",
         "labels of one frame carried to all: content that entered later, and whether the confidence is right",
     ),
+    "hand-held": (
+        "degense.engine.research.hand_held",
+        "a long clip of a hand-held camera with one labelled frame: masks at its end, and what entered later",
+    ),
     "observability": (
         "degense.engine.research.benchmarks.observability",
         "the uncertainty of displacement: how often its bound is kept, and whether it sorts the errors",
