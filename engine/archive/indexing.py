@@ -18,7 +18,8 @@ from degense.engine.scene import Scene
 
 LOCK = ".degense-index.lock"
 #: Folders below the archive that are looked into, and the files of a run that its answers depend on.
-DEPTH, FILES = 4, ("run.json", "model.safetensors", "basis.safetensors", "text_vectors.safetensors", "observability.safetensors")
+DEPTH = 4
+FILES = ("run.json", *(f"{name}.safetensors" for name in ("model", "basis", "text_vectors", "observability", "label_support")))
 
 
 @dataclass

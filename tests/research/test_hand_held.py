@@ -60,7 +60,8 @@ def test_answers_have_the_scores_that_they_deserve(clip):
         scores.add(frame, perfect(clip, scores, frame), np.ones(clip.size[::-1]))
     cells = scores.cells()
     assert (cells["last"], cells["entered"], cells["new"], cells["misnamed"]) == (1.0, 100.0, 100.0, 0.0)
-    assert (cells["missed"], cells["error"]) == (0.0, 0.0)
+    assert (cells["missed"], cells["error"], cells["both"]) == (0.0, 0.0, 100.0)
+    assert 5 < cells["pixels"] < 50 > cells["new_pixels"] > 0
     named = AnswerScores(clip)
     for frame in scored_frames(clip):
         named.add(frame, clip.labels(frame))

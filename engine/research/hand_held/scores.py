@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from degense.engine.clip import UNLABELLED, Clip
+from degense.engine.metrics.averages import mean
 from degense.engine.metrics.masks import iou
 from degense.engine.research.bench.table import Cell
 from degense.engine.research.benchmarks.carrying import calibration_error
@@ -19,8 +20,8 @@ class AnswerScores:
     """Of label maps of several frames of a phantom whose first frame is labelled.
 
     - `last`: mean over the tissues of the first frame of their IoU on the `SHOWN` pixels of the frame that was added last.
-    - `entered`, `new`: pixels of these kinds that are left unlabelled, of all frames; `misnamed`: `ENTERED` pixels that are neither that
-      nor named right. None where there are no such pixels.
+    - `entered`, `new`, `both`: pixels of these kinds, and of either, that are left unlabelled, of all frames; `misnamed`: `ENTERED` pixels
+      that are neither that nor named right. None where there are no such pixels. `pixels`, `new_pixels`: how many of all pixels they are.
     - `missed`: `SHOWN` pixels that are left unlabelled.
     - `error`: expected calibration error of the chance that an answer is right. Right is an `ENTERED` or `NEW` pixel that is unlabelled,
       and another that has its class. None without chances.
@@ -47,21 +48,23 @@ class AnswerScores:
         kinds, labels = self.kinds(frame), self._labels(frame)
         shown, bare, named = kinds == SHOWN, answer == UNLABELLED, answer == labels
         found = [iou((answer == value) & shown, (labels == value) & shown) for value in np.unique(labels[shown])]
-        self._last = float(np.mean(found)) if found else 0.0
+        self._last = mean(found) or 0.0
         said = np.full(kinds.shape, np.nan) if chances is None else chances
         self._told.append(np.stack([kinds, bare, named, said]).reshape(4, -1).astype(np.float32))
 
     def cells(self) -> dict[str, Cell]:
         """The scores, percentages but `last`."""
         kinds, bare, named, said = np.concatenate(self._told, 1)
-        right = np.where((kinds == ENTERED) | (kinds == NEW), bare, named)
-        entered = kinds == ENTERED
+        entered, new = kinds == ENTERED, kinds == NEW
+        right = np.where(entered | new, bare, named)
         return {
             "last": self._last,
             "pixels": 100 * float(entered.mean()),
             "entered": _percent(bare, entered),
             "misnamed": _percent((bare == 0) & (named == 0), entered),
-            "new": _percent(bare, kinds == NEW),
+            "new_pixels": 100 * float(new.mean()),
+            "new": _percent(bare, new),
+            "both": _percent(bare, entered | new),
             "missed": _percent(bare, kinds == SHOWN),
             "error": None if np.isnan(said).any() else 100 * calibration_error(said, right),
         }

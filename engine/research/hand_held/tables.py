@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,9 @@ COLUMNS = [
     Column("pixels", "entered later, % of pixels", 1),
     Column("entered", "of it unlabelled, %", 1),
     Column("misnamed", "of it misnamed, %", 1),
-    Column("new", "new classes unlabelled, %", 1),
+    Column("new_pixels", "new classes, % of pixels", 1),
+    Column("new", "of them unlabelled, %", 1),
+    Column("both", "of both unlabelled, %", 1),
     Column("missed", "shown tissue unlabelled, %", 1),
 ]
 
@@ -47,21 +49,7 @@ def run(options: BenchOptions, progress: Progress = silent) -> Iterator[Table]:
     frames, width, height = (16, 96, 80) if options.quick else (FRAMES, 160, 128)
     surgeries = CHOSEN[:1] if options.quick else CHOSEN + REPORTED
     config = TrainConfig.preset_of("quick", device=options.device, **({"iterations": 60, "max_gaussians": 3_000} if options.quick else {}))
-    what = (
-        f"Surgeries {', '.join(map(str, surgeries))} of the family ({', '.join(map(str, CHOSEN))}: of choosing), hand-held camera with a "
-        f"path of {CAMERA:g} mm, {frames} frames, {width} × {height}, exact depth; only the first frame is labelled. Entered later: tissue "
-        f"of a class that the first frame shows, at a place that it does not show. Scored on {SCORED} evenly spread frames; mIoU on tissue "
-        "that the first frame shows."
-    )
-    masks = Table("hand-held-masks", "One labelled frame, a hand-held camera", f"{what} Scenes: preset quick.", COLUMNS)
-    error = Column("error", "calibration error, %", 1)
-    carried = Table(
-        "hand-held-carrying",
-        "Labels of one frame carried through a clip of a hand-held camera",
-        f"{what} Calibration error: expected, of the chance that a pixel's label is right, in ten bins; what entered later and new classes "
-        "are right where they are unlabelled.",
-        [*COLUMNS, error],
-    )
+    masks, carried = tables(surgeries, frames, width, height)
     for done, seed in enumerate(surgeries):
 
         def tell(fraction: float, words: str, done: int = done, seed: int = seed) -> None:
@@ -78,6 +66,26 @@ def run(options: BenchOptions, progress: Progress = silent) -> Iterator[Table]:
             carried.rows.append({"surgery": str(seed), "answer": name, **scored_carrying(clip, given).cells()})
     yield masks
     yield carried
+
+
+def tables(surgeries: Sequence[int], frames: int, width: int, height: int) -> tuple[Table, Table]:
+    """The tables without rows."""
+    what = (
+        f"Surgeries {', '.join(map(str, surgeries))} of the family ({', '.join(map(str, CHOSEN))}: of choosing), hand-held camera with a "
+        f"path of {CAMERA:g} mm, {frames} frames, {width} × {height}, exact depth; only the first frame is labelled. Entered later: tissue "
+        f"of a class that the first frame shows, at a place that it does not show. Scored on {SCORED} evenly spread frames; mIoU on tissue "
+        "that the first frame shows."
+    )
+    masks = Table("hand-held-masks", "One labelled frame, a hand-held camera", f"{what} Scenes: preset quick.", COLUMNS)
+    error = Column("error", "calibration error, %", 1)
+    carried = Table(
+        "hand-held-carrying",
+        "Labels of one frame carried through a clip of a hand-held camera",
+        f"{what} Calibration error: expected, of the chance that a pixel's label is right, in ten bins; what entered later and new classes "
+        "are right where they are unlabelled.",
+        [*COLUMNS, error],
+    )
+    return masks, carried
 
 
 def trained(folder: Path, config: TrainConfig, progress: Progress) -> Scene:
