@@ -87,8 +87,9 @@ def test_nothing_to_carry_is_said(corrected):
         carry(MovingWall(), corrected)
 
 
-def test_what_enters_from_outside_of_the_labelled_frame_stays_unlabelled():
-    """A wall that slides in from the left looks like what is labelled, but nobody has labelled it."""
+def test_what_enters_from_outside_of_the_labelled_frame_stays_unlabelled(monkeypatch):
+    """A wall that slides in from the left, with looks that tell nothing: nobody has labelled what enters."""
+    monkeypatch.setattr("degense.engine.annotation.propagation.propagate.unknown_chance", lambda evidence: np.zeros(evidence.shape[1:]))
     clip = MovingWall(frames=8, velocity=(0.06, 0.0, 0.0), labelled=[0])
     told = {}
     labels = np.where(clip.material(0)[..., 0] > 0, 1, 0).astype(np.uint8)
