@@ -7,7 +7,8 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtGui import QColor, QPalette
+from PySide6.QtGui import QColor, QImage, QPalette
+from PySide6.QtWidgets import QToolButton, QWidget
 
 from degense.widgets.theme import (
     CLASS_COLOURS,
@@ -64,6 +65,35 @@ def test_signs_stand_out(qapp, name):
     for ground in (ROLE.Base, ROLE.AlternateBase):
         assert contrast(error_colour(palette), palette.color(ground)) >= 4.5
     assert contrast(QColor("white"), QColor(*3 * [255 - 150])) >= 4.5  # the bar over a view, 150 of 255 black, on a white picture
+
+
+@pytest.mark.parametrize("name", ["dark", "light"])
+@pytest.mark.parametrize("role", [ROLE.Window, ROLE.Base, ROLE.Button])
+def test_a_pressed_button_stands_out(qtbot, qapp, name, role):
+    """WCAG 2.2 AA, 1.4.11: a line of the pressed button, as long as it, is 3 : 1 against the same button released and against its fill."""
+    apply_theme(qapp, name)
+    ground = QWidget()
+    qtbot.addWidget(ground)
+    ground.setAutoFillBackground(True)
+    ground.setBackgroundRole(role)
+    button = QToolButton(ground)
+    button.setCheckable(True)
+    button.setGeometry(10, 10, 40, 30)
+    ground.resize(60, 50)
+
+    def shown(pressed: bool) -> QImage:
+        button.setChecked(pressed)
+        return ground.grab().toImage()
+
+    released, pressed = shown(False), shown(True)
+    fill = pressed.pixelColor(30, 25)
+    rows = [[(x, y) for x in range(14, 46)] for y in range(10, 40)]  # without the round corners
+    line = [
+        row
+        for row in rows
+        if all(contrast(pressed.pixelColor(*at), other) >= 3.0 for at in row for other in (released.pixelColor(*at), fill))
+    ]
+    assert len(line) >= 2
 
 
 def test_dark_is_dark_and_can_be_left(qapp):
