@@ -53,6 +53,8 @@ QToolButton:hover { background: palette(midlight); }
 QToolButton:checked { background: palette(mid); border-bottom: 3px solid palette(accent); }
 QToolButton:focus { border: 1px solid palette(accent); }
 QToolButton:checked:focus { border-bottom: 3px solid palette(accent); }
+QPushButton:checked { color: palette(button-text); background: palette(mid); border: 1px solid palette(mid); border-bottom: 3px solid palette(accent); }
+QDialogButtonBox { dialogbuttonbox-buttons-have-icons: 0; }
 QMainWindow > QTabBar { qproperty-elideMode: ElideNone; }
 QFrame#tour { background: palette(button); border: 1px solid palette(accent); border-radius: 8px; }
 QFrame#tourFrame { border: 2px solid palette(accent); border-radius: 4px; }

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from PySide6.QtGui import QColor, QImage, QPalette
-from PySide6.QtWidgets import QToolButton, QWidget
+from PySide6.QtWidgets import QPushButton, QToolButton, QWidget
 
 from degense.widgets.theme import (
     CLASS_COLOURS,
@@ -69,14 +69,15 @@ def test_signs_stand_out(qapp, name):
 
 @pytest.mark.parametrize("name", ["dark", "light"])
 @pytest.mark.parametrize("role", [ROLE.Window, ROLE.Base, ROLE.Button])
-def test_a_pressed_button_stands_out(qtbot, qapp, name, role):
+@pytest.mark.parametrize("kind", [QToolButton, QPushButton])
+def test_a_pressed_button_stands_out(qtbot, qapp, name, role, kind):
     """WCAG 2.2 AA, 1.4.11: a line of the pressed button, as long as it, is 3 : 1 against the same button released and against its fill."""
     apply_theme(qapp, name)
     ground = QWidget()
     qtbot.addWidget(ground)
     ground.setAutoFillBackground(True)
     ground.setBackgroundRole(role)
-    button = QToolButton(ground)
+    button = kind(ground)
     button.setCheckable(True)
     button.setGeometry(10, 10, 40, 30)
     ground.resize(60, 50)
