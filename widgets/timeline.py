@@ -231,18 +231,15 @@ class Timeline(QWidget):
 
     def _show_readout(self) -> None:
         """Frame and time, or the frame alone where there is no room for both."""
-        self._readout.setMinimumWidth(1)
-        self._row.invalidate()
-        room = self.width() - self._row.minimumSize().width() - 2 * EDGE
         last = self._count - 1
         frame, seconds = f"Frame {self.frame()} / {last}", f"{self.frame() / self._fps:.2f} / {last / self._fps:.2f} s"
-        words = [f"{frame}    {seconds}", frame] if self._count else ["No frames"]
-        metrics = self._readout.fontMetrics()
-        fits = [text for text in words if metrics.horizontalAdvance(text) < room]
-        self._readout.setText(fits[0] if fits else words[-1])
-        self._readout.setToolTip(words[0])
-        if fits:  # else it is cut, and not what stands beside the timeline
-            self._readout.setMinimumWidth(metrics.horizontalAdvance(fits[0]) + 1)
+        short, full = (frame, f"{frame}    {seconds}") if self._count else ("No frames", "No frames")
+        self._readout.setMinimumWidth(self._readout.fontMetrics().horizontalAdvance(short))
+        self._readout.setToolTip(full)
+        self._readout.setText(full)
+        self._row.invalidate()
+        if self._row.sizeHint().width() > self.width() - 2 * EDGE:
+            self._readout.setText(short)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)
