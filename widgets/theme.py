@@ -51,6 +51,7 @@ QLabel#secondary { color: palette(placeholder-text); }
 QToolButton { padding: 3px; border: 1px solid transparent; border-radius: 4px; }
 QToolButton:hover { background: palette(midlight); }
 QToolButton:checked { background: palette(mid); border-bottom: 3px solid palette(accent); }
+QToolButton#qt_toolbar_ext_button { padding: 0; min-width: 14px; }
 QToolButton:focus { border: 1px solid palette(accent); }
 QToolButton:checked:focus { border-bottom: 3px solid palette(accent); }
 QPushButton:checked { color: palette(button-text); background: palette(mid); border: 1px solid palette(mid); border-bottom: 3px solid palette(accent); }

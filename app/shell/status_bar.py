@@ -7,7 +7,7 @@ from html import escape
 from types import MappingProxyType
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtGui import QAction
+from PySide6.QtGui import QAction, QIcon
 from PySide6.QtWidgets import QLabel, QMainWindow, QProgressBar, QSizePolicy, QToolBar, QToolButton
 
 from degense.widgets import forms
@@ -43,6 +43,11 @@ class StatusBar(QObject):
         #: Buttons that do not fit are in a menu at its end.
         self.stripe = forms.named(QToolBar(movable=False, floatable=False), "Panels of the drawer")
         self.stripe.setObjectName("stripe")
+        self.more = self.stripe.findChild(QToolButton, "qt_toolbar_ext_button")
+        if self.more is not None:  # its own icon is black in every theme
+            self.more.setIcon(QIcon())
+            self.more.setText("»")
+            self.more.setAccessibleName("More panels")
         bar.addPermanentWidget(self.stripe)
         self.set_busy()
         self.set_notice()

@@ -7,9 +7,10 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtGui import QColor, QImage, QPalette
-from PySide6.QtWidgets import QPushButton, QToolButton, QWidget
+from PySide6.QtGui import QAction, QColor, QImage, QPalette
+from PySide6.QtWidgets import QMainWindow, QPushButton, QToolButton, QWidget
 
+from degense.app.shell.status_bar import StatusBar
 from degense.widgets.theme import (
     CLASS_COLOURS,
     LABEL_COLOURS,
@@ -95,6 +96,25 @@ def test_a_pressed_button_stands_out(qtbot, qapp, name, role, kind):
         if all(contrast(pressed.pixelColor(*at), other) >= 3.0 for at in row for other in (released.pixelColor(*at), fill))
     ]
     assert len(line) >= 2
+
+
+@pytest.mark.parametrize("name", ["dark", "light"])
+def test_what_a_tool_bar_has_no_room_for_is_found_at_its_end(qtbot, qapp, name):
+    """The arrow that opens its menu is drawn whole: 5 columns of pixels or more stand out."""
+    apply_theme(qapp, name)
+    window = QMainWindow()
+    qtbot.addWidget(window)
+    status = StatusBar(window)
+    for number in range(12):
+        status.add_button(QAction(f"Panel {number}", window))
+    window.resize(300, 100)
+    window.show()
+    qapp.processEvents()
+    arrow = status.more
+    assert arrow.isVisible()
+    image = arrow.grab().toImage()
+    ground = image.pixelColor(0, 0)
+    assert sum(any(contrast(image.pixelColor(x, y), ground) >= 3 for y in range(image.height())) for x in range(image.width())) >= 5
 
 
 def test_dark_is_dark_and_can_be_left(qapp):
