@@ -54,7 +54,7 @@ QToolButton:checked { background: palette(mid); border-bottom: 3px solid palette
 QToolButton#qt_toolbar_ext_button { padding: 0; min-width: 14px; }
 QToolButton:focus { border: 1px solid palette(accent); }
 QToolButton:checked:focus { border-bottom: 3px solid palette(accent); }
-QPushButton:checked { color: palette(button-text); background: palette(mid); border: 1px solid palette(mid); border-bottom: 3px solid palette(accent); }
+QPushButton:checked { background: palette(mid); border: 1px solid palette(mid); border-bottom: 3px solid palette(accent); }
 QDialogButtonBox { dialogbuttonbox-buttons-have-icons: 0; }
 QMainWindow > QTabBar { qproperty-elideMode: ElideNone; }
 QFrame#tour { background: palette(button); border: 1px solid palette(accent); border-radius: 8px; }

@@ -45,11 +45,11 @@ class Renderer:
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
         """Draw one instant, all wanted channels in one pass; without a camera by the surgeon's, whose frames are kept.
 
-        Of `CHANNELS`, float32: `alpha` [H, W], the opacity; `rgb` [H, W, 3] in [0, 1]; `depth` [H, W], clip units; `latent` [H, W, d]; `displacement` [H, W] and
-        `uncertainty` [H, W], how far off it may be, clip units, of the persistent Gaussians where there are any, and the scene's depth
-        where transient ones hide them: nobody sees how tissue moves behind an instrument; `motion` [H, W, 2], pixels from here to the same
-        point at the reference frame; `observability` [H, W] in [0, 1]; `before` [H, W, 3], the colours that the persistent Gaussians had at
-        the reference frame. All but the opacity, colours and latents are NaN where nothing is.
+        Of `CHANNELS`, float32: `alpha` [H, W], the opacity; `rgb` [H, W, 3] in [0, 1]; `depth` [H, W], clip units; `latent` [H, W, d];
+        `displacement` [H, W] and `uncertainty` [H, W], how far off it may be, clip units, of the persistent Gaussians where there are
+        any, and the scene's depth where transient ones hide them: nobody sees how tissue moves behind an instrument; `motion` [H, W, 2],
+        pixels from here to the same point at the reference frame; `observability` [H, W] in [0, 1]; `before` [H, W, 3], the colours that
+        the persistent Gaussians had at the reference frame. All but the opacity, colours and latents are NaN where nothing is.
         """
         if unknown := set(what) - set(CHANNELS):
             raise ValueError(f"nothing is called {sorted(unknown)}; choose from {CHANNELS}")

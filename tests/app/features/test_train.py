@@ -15,11 +15,8 @@ from PySide6.QtWidgets import QDialog, QMessageBox, QTabWidget
 from degense.app.application import FEATURES
 from degense.app.features.train import controller
 from degense.app.features.train.job import TrainingJob
-from degense.app.features.train.train_dialog import TrainDialog
-from degense.app.session.sample import ASSETS, SAMPLE
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.shell import Shell
-from degense.engine.data.readers import open_clip
 from degense.engine.events import Event, TrainingProgress, read_progress
 from degense.engine.training import TrainConfig
 from tests.app import installed as on
@@ -64,12 +61,6 @@ def test_the_dialog_knows_what_it_costs_and_what_cannot_be(with_clip, tiny_clip,
     job = dialog.job()
     assert (job.preset, job.clip, job.out, job.iterations) == ("best", tiny_clip, tiny_clip.parent / "fresh", None)
     dialog.reject()
-
-
-def test_a_run_of_the_sample_goes_into_the_user_s_folder(qtbot, window, monkeypatch, tmp_path):
-    monkeypatch.setattr("pathlib.Path.home", lambda: tmp_path)
-    dialog = TrainDialog(open_clip(ASSETS / SAMPLE / "clip"), {}, {}, False, window)
-    assert dialog.out.text() == str(tmp_path / "clip-run")
 
 
 def test_a_teacher_that_the_clip_has_nothing_for_says_what_it_needs(qtbot, with_clip, screenshot):
