@@ -25,6 +25,8 @@ class StatusBar(QObject):
         self.hint.setAccessibleName("What the mouse does here")
         self.hint.setMinimumWidth(1)
         bar.addWidget(self.hint, 1)
+        # Qt hides it beneath a message too, but shows it over that when the bar is laid out anew.
+        bar.messageChanged.connect(lambda message: self.hint.setVisible(not message))
         self.notice = forms.complaint()
         self.notice.setAccessibleName("What needs attention")
         self.notice.setTextFormat(Qt.TextFormat.RichText)

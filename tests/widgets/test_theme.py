@@ -117,6 +117,21 @@ def test_what_a_tool_bar_has_no_room_for_is_found_at_its_end(qtbot, qapp, name):
     assert sum(any(contrast(image.pixelColor(x, y), ground) >= 3 for y in range(image.height())) for x in range(image.width())) >= 5
 
 
+def test_a_hint_and_a_message_do_not_overlap(qtbot, qapp):
+    """Also after the status bar has been laid out anew."""
+    window = QMainWindow()
+    qtbot.addWidget(window)
+    status = StatusBar(window)
+    status.hint.setText("Click both ends")
+    window.show()
+    window.statusBar().showMessage("24 frames")
+    window.statusBar().addPermanentWidget(QPushButton("taller\nthan all"))
+    qapp.processEvents()
+    assert not status.hint.isVisible()
+    window.statusBar().clearMessage()
+    assert status.hint.isVisible()
+
+
 def test_dark_is_dark_and_can_be_left(qapp):
     apply_theme(qapp, "dark")
     assert is_dark(qapp.palette())
