@@ -6,6 +6,7 @@ take a minute on a busy machine, and Python's lock with them.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -16,9 +17,10 @@ import platformdirs
 
 
 def _done() -> Path:
-    """The file that says that these versions of numba and of the program have compiled."""
+    """The file that says that these versions of numba and of the program have compiled here: numba keeps kernels beside their sources."""
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("degense", appauthor=False))
-    return folder / f"kernels-{version('degense')}-{version('numba')}-{sys.version_info.major}.{sys.version_info.minor}"
+    place = hashlib.sha256(os.fsencode(Path(__file__).resolve().parent)).hexdigest()[:12]
+    return folder / f"kernels-{version('degense')}-{version('numba')}-{sys.version_info.major}.{sys.version_info.minor}-{place}"
 
 
 def start() -> subprocess.Popen[bytes] | None:

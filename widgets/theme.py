@@ -50,8 +50,12 @@ QFrame#viewBar > QWidget { color: white; background: none; }
 QLabel#secondary { color: palette(placeholder-text); }
 QToolButton { padding: 3px; border: 1px solid transparent; border-radius: 4px; }
 QToolButton:hover { background: palette(midlight); }
-QToolButton:checked { background: palette(mid); }
+QToolButton:checked { background: palette(mid); border-bottom: 3px solid palette(accent); }
+QToolButton#qt_toolbar_ext_button { padding: 0; min-width: 14px; }
 QToolButton:focus { border: 1px solid palette(accent); }
+QToolButton:checked:focus { border-bottom: 3px solid palette(accent); }
+QPushButton:checked { background: palette(mid); border: 1px solid palette(mid); border-bottom: 3px solid palette(accent); }
+QDialogButtonBox { dialogbuttonbox-buttons-have-icons: 0; }
 QMainWindow > QTabBar { qproperty-elideMode: ElideNone; }
 QFrame#tour { background: palette(button); border: 1px solid palette(accent); border-radius: 8px; }
 QFrame#tourFrame { border: 2px solid palette(accent); border-radius: 4px; }

@@ -6,7 +6,7 @@ import time
 from collections import deque
 
 from PySide6.QtCore import Qt, QTimer, Signal
-from PySide6.QtGui import QKeyEvent
+from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from degense.widgets import forms
@@ -20,6 +20,7 @@ LOOP_MODES = tuple(_LOOP_TITLES)
 
 #: Playback goes on after this many seconds when `frame_drawn` is not called.
 PATIENCE = 0.5
+EDGE = 6  # pixels beside what stands here
 
 
 def played_frame(phase: float, count: int, mode: str) -> tuple[int, bool]:
@@ -82,8 +83,7 @@ class Timeline(QWidget):
         self._rate = forms.label(name="Frames a second, reached and wanted", secondary=True, wrap=False)
         self._loop_box.setMinimumContentsLength(4)
         self._loop_box.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        for words in (self._readout, self._rate):
-            words.setMinimumWidth(1)  # with large text in a small window they are cut, not what stands beside the timeline
+        self._rate.setMinimumWidth(1)  # with large text in a small window it is cut, not what stands beside the timeline
         self._arrange()
         self.set_speed(1.0)
         self.set_loop_mode("loop")
@@ -92,8 +92,8 @@ class Timeline(QWidget):
     def _arrange(self) -> None:
         first, previous, following, last = self._move_buttons
         buttons = (first, previous, self._play_button, following, last)
-        row = forms.row(*buttons, 8, self._speed_box, 4, self._loop_box, 0, self._rate, 12, self._readout, spacing=2)
-        forms.column(self.track, row, spacing=4, parent=self).setContentsMargins(6, 4, 6, 4)
+        self._row = forms.row(*buttons, 8, self._speed_box, 4, self._loop_box, 0, self._rate, 12, self._readout, spacing=2)
+        forms.column(self.track, self._row, spacing=4, parent=self).setContentsMargins(EDGE, 4, EDGE, 4)
 
     # The frames
 
@@ -230,11 +230,20 @@ class Timeline(QWidget):
             self._rate.setText(f"{reached:.0f} / {self._fps * self.speed():.3g} fps")
 
     def _show_readout(self) -> None:
-        if self._count:
-            last = self._count - 1
-            self._readout.setText(f"Frame {self.frame()} / {last}    {self.frame() / self._fps:.2f} / {last / self._fps:.2f} s")
-        else:
-            self._readout.setText("No frames")
+        """Frame and time, or the frame alone where there is no room for both."""
+        last = self._count - 1
+        frame, seconds = f"Frame {self.frame()} / {last}", f"{self.frame() / self._fps:.2f} / {last / self._fps:.2f} s"
+        short, full = (frame, f"{frame}    {seconds}") if self._count else ("No frames", "No frames")
+        self._readout.setMinimumWidth(self._readout.fontMetrics().horizontalAdvance(short))
+        self._readout.setToolTip(full)
+        self._readout.setText(full)
+        self._row.invalidate()
+        if self._row.sizeHint().width() > self.width() - 2 * EDGE:
+            self._readout.setText(short)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        super().resizeEvent(event)
+        self._show_readout()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.key() == Qt.Key.Key_Space:

@@ -17,6 +17,7 @@ from degense.app.shell.menus import Menus
 from degense.app.shell.messages import Choice, ask, show_error
 from degense.app.shell.panes import Panes
 from degense.app.shell.settings import SettingsFile
+from degense.app.shell.spare_memory import SpareMemory, giver
 from degense.app.shell.status_bar import StatusBar
 from degense.app.shell.worker import Job, Worker
 from degense.engine.errors import DegenseError
@@ -45,6 +46,8 @@ class Shell(QMainWindow):
         self.panes = Panes(self.docks)
         self.add_dock, self.add_actions, self.set_busy = self.docks.add, self.registry.add, self.status.set_busy
         self.worker.add_channel("export", 70)  # of all features that read or write files
+        if (give := giver()) is not None:
+            SpareMemory(self.worker, give)
         self.may_close: list[Callable[[Callable[[], object]], bool]] = []
         self._services: list[object] = []
         self.complaint.connect(self.show_error, Qt.ConnectionType.QueuedConnection)

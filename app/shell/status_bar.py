@@ -7,7 +7,7 @@ from html import escape
 from types import MappingProxyType
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtGui import QAction
+from PySide6.QtGui import QAction, QIcon
 from PySide6.QtWidgets import QLabel, QMainWindow, QProgressBar, QSizePolicy, QToolBar, QToolButton
 
 from degense.widgets import forms
@@ -25,6 +25,8 @@ class StatusBar(QObject):
         self.hint.setAccessibleName("What the mouse does here")
         self.hint.setMinimumWidth(1)
         bar.addWidget(self.hint, 1)
+        # Qt hides it beneath a message too, but shows it over that when the bar is laid out anew.
+        bar.messageChanged.connect(lambda message: self.hint.setVisible(not message))
         self.notice = forms.complaint()
         self.notice.setAccessibleName("What needs attention")
         self.notice.setTextFormat(Qt.TextFormat.RichText)
@@ -43,6 +45,11 @@ class StatusBar(QObject):
         #: Buttons that do not fit are in a menu at its end.
         self.stripe = forms.named(QToolBar(movable=False, floatable=False), "Panels of the drawer")
         self.stripe.setObjectName("stripe")
+        self.more = self.stripe.findChild(QToolButton, "qt_toolbar_ext_button")
+        if self.more is not None:  # its own icon is black in every theme
+            self.more.setIcon(QIcon())
+            self.more.setText("»")
+            self.more.setAccessibleName("More panels")
         bar.addPermanentWidget(self.stripe)
         self.set_busy()
         self.set_notice()

@@ -16,7 +16,7 @@ def colour_difference(here: np.ndarray, there: np.ndarray) -> np.ndarray:
 
 
 def _pixels(scene: Scene, request: LayerRequest) -> np.ndarray:
-    drawn = scene.render(request.frame, request.camera, ("rgb", "before"))
+    drawn = scene.render(request.frame, request.camera, ("rgb", "alpha", "before"))
     shown = drawn["rgb"] / np.maximum(drawn["alpha"], 0.5)[..., None]
     return np.where(np.isfinite(drawn["before"][..., 0]), colour_difference(shown, np.nan_to_num(drawn["before"])), np.float32(np.nan))
 

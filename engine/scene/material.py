@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from degense.engine.errors import DegenseError
+from degense.engine.scene.nearest import nearest
 from degense.engine.scene.scene import Scene
 
 #: Gaussians that a spot is followed by, and how far (pixels) their centres may lie from it.
@@ -38,13 +38,10 @@ def materials_at(scene: Scene, frame: int, pixels: np.ndarray) -> tuple[np.ndarr
     shown = np.flatnonzero((depth > 0) & (opacities > FAINT) & np.isfinite(positions).all(1))
     if not len(shown):
         return np.zeros((len(pixels), 1), int), np.zeros((len(pixels), 1)), here
-    distance, found = cKDTree(positions[shown]).query(
-        np.where(inside[:, None], pixels, 0), min(LOOKED_AT, len(shown)), distance_upper_bound=REACH
-    )
-    distance, found = distance.reshape(len(pixels), -1), found.reshape(len(pixels), -1)
-    rows = shown[np.minimum(found, len(shown) - 1)]
+    found, distance = nearest(positions[shown], np.where(inside[:, None], pixels, 0), LOOKED_AT)
+    rows = shown[found]
     with np.errstate(invalid="ignore"):
-        near = np.isfinite(distance) & (np.abs(depth[rows] - here[:, None]) < THICKNESS * here[:, None])
+        near = (distance <= REACH) & (np.abs(depth[rows] - here[:, None]) < THICKNESS * here[:, None])
     weights = np.where(near, opacities[rows] * np.exp(-((np.where(near, distance, 0) / (REACH / 3)) ** 2) / 2), 0)
     best = np.argsort(weights, axis=1)[:, -FOLLOWED:]
     rows, weights = np.take_along_axis(rows, best, 1), np.take_along_axis(weights, best, 1)

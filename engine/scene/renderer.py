@@ -19,11 +19,11 @@ from degense.engine.semantics.masks import FrameSemantics, query_of
 from degense.engine.semantics.masks.confidence import MARGINS_AS_CHANCES, ConfidenceCurve
 from degense.engine.splats import Splats
 
-CHANNELS = ("rgb", "depth", "latent", "displacement", "uncertainty", "motion", "observability", "before")
+CHANNELS = ("alpha", "rgb", "depth", "latent", "displacement", "uncertainty", "motion", "observability", "before")
 OF_TISSUE = ("displacement", "uncertainty", "before")  # drawn of the persistent Gaussians where there are any
 #: What is kept of drawn frames, and of the semantics of frames: some ten times as large, and drawn anew in about 20 ms
 #: (docs/decisions/0052). The newest is kept whatever its size.
-FRAME_BYTES, QUERY_BYTES = 64 << 20, 32 << 20
+FRAME_BYTES, QUERY_BYTES = 64 << 20, 16 << 20
 COVERED = 0.5  # alpha below which a pixel shows nothing
 NEEDS_TEACHER = "train it from a clip with label maps, or with another teacher"
 NO_OBSERVABILITY = "does not say which motion its recording reveals: it was made by an older version, or without optical flow"
@@ -45,13 +45,13 @@ class Renderer:
         self._cache, self._queries = Latest(FRAME_BYTES), Latest(QUERY_BYTES)
 
     def render(self, frame: float, camera: Camera | None = None, what: tuple[str, ...] = ("rgb",)) -> dict[str, np.ndarray]:
-        """Draw one instant, all wanted channels and `alpha` [H, W] in one pass; without a camera by the surgeon's, whose frames are kept.
+        """Draw one instant, all wanted channels in one pass; without a camera by the surgeon's, whose frames are kept.
 
-        Of `CHANNELS`, float32: `rgb` [H, W, 3] in [0, 1]; `depth` [H, W], clip units; `latent` [H, W, d]; `displacement` [H, W] and
-        `uncertainty` [H, W], how far off it may be, clip units, of the persistent Gaussians where there are any, and the scene's depth
-        where transient ones hide them: nobody sees how tissue moves behind an instrument; `motion` [H, W, 2], pixels from here to the same
-        point at the reference frame; `observability` [H, W] in [0, 1]; `before` [H, W, 3], the colours that the persistent Gaussians had at
-        the reference frame. All but the colours and latents are NaN where nothing is.
+        Of `CHANNELS`, float32: `alpha` [H, W], the opacity; `rgb` [H, W, 3] in [0, 1]; `depth` [H, W], clip units; `latent` [H, W, d];
+        `displacement` [H, W] and `uncertainty` [H, W], how far off it may be, clip units, of the persistent Gaussians where there are
+        any, and the scene's depth where transient ones hide them: nobody sees how tissue moves behind an instrument; `motion` [H, W, 2],
+        pixels from here to the same point at the reference frame; `observability` [H, W] in [0, 1]; `before` [H, W, 3], the colours that
+        the persistent Gaussians had at the reference frame. All but the opacity, colours and latents are NaN where nothing is.
         """
         if unknown := set(what) - set(CHANNELS):
             raise ValueError(f"nothing is called {sorted(unknown)}; choose from {CHANNELS}")
@@ -61,8 +61,13 @@ class Renderer:
         return self._cache.get(key, lambda: self.draw(frame, self.camera_at(frame), what), lambda d: sum(a.nbytes for a in d.values()))
 
     def render_rgb(self, frame: float, camera: Camera | None = None) -> np.ndarray:
-        """The colours of `render`, uint8 [H, W, 3]."""
-        return (self.render(frame, camera)["rgb"] * 255 + 0.5).astype(np.uint8)
+        """The colours of `render`, uint8 [H, W, 3]. Of the surgeon's camera they are kept as they are: a fifth of what `render` keeps."""
+        if camera is not None:
+            return self._drawn_rgb(frame, camera)
+        return self._cache.get(("rgb", float(frame)), lambda: self._drawn_rgb(frame, self.camera_at(frame)), lambda image: image.nbytes)
+
+    def _drawn_rgb(self, frame: float, camera: Camera) -> np.ndarray:
+        return (self.draw(frame, camera, ("rgb",))["rgb"] * 255 + 0.5).astype(np.uint8)
 
     @torch.no_grad()
     def draw(self, frame: float, camera: Camera, what: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -72,13 +77,14 @@ class Renderer:
         transient = [(~self.states.model.persistent)[:, None].float()] if "uncertainty" in what else []
         drawn = rasterize(splats, torch.cat([*columns.values(), *transient], 1), camera, clean=True)
         image, alpha = drawn.image.cpu().numpy(), drawn.alpha.cpu().numpy()
-        out, first = {"alpha": alpha}, 0
+        out: dict[str, np.ndarray] = {}
+        first = 0
         for name, column in columns.items():
             value = image[..., first : first + column.shape[1]]
             first += column.shape[1]
             if name == "rgb":
                 value = np.clip(value, 0, 1)
-            elif name != "latent":
+            elif name not in ("alpha", "latent"):
                 value = np.where(alpha[..., None] >= COVERED, value / np.maximum(alpha[..., None], COVERED), np.nan)
             if name in OF_TISSUE and len(rows := self.states.persistent) < len(splats):
                 # blood or char hides tissue that goes on moving, and has no place of its own at the reference frame
@@ -93,6 +99,8 @@ class Renderer:
     def _column(self, name: str, splats: Splats, frame: float, camera: Camera) -> Tensor:
         """The features [N, c] that are blended for a channel. DegenseError when the run has none."""
         states = self.states
+        if name == "alpha":
+            return splats.colors.new_ones(len(splats), 1)
         if name == "rgb":
             return splats.colors
         if name == "depth":

@@ -181,7 +181,7 @@ class Scene:
     def _seen(self, example: Example) -> np.ndarray:
         """The feature that is drawn at a place, as a unit vector [1, D]."""
         assert self.basis is not None
-        drawn = self.render(example.frame, None, ("latent",))
+        drawn = self.render(example.frame, None, ("latent", "alpha"))
         latent = drawn["latent"][example.y, example.x].astype(np.float64)
         length = float(np.linalg.norm(latent))
         if drawn["alpha"][example.y, example.x] < COVERED or not (np.isfinite(length) and length > 0):

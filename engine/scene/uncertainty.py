@@ -7,8 +7,9 @@ from typing import TypeVar
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
 from torch import Tensor
+
+from degense.engine.scene.nearest import nearest
 
 Bounds = TypeVar("Bounds", Tensor, np.ndarray)
 
@@ -31,9 +32,9 @@ def revealed_around(means: Float[Tensor, "n 3"], observability: Float[Tensor, " 
     known = (observability >= REVEALED).nonzero()[:, 0].cpu()
     if not len(known):
         return torch.zeros(len(means), 0, dtype=torch.int64, device=means.device)
-    place = means.detach().cpu().double().numpy()
-    _, nearest = cKDTree(place[known]).query(place, range(1, min(NEIGHBOURS, len(known)) + 1), workers=-1)
-    return known[torch.from_numpy(nearest)].to(means.device)
+    place = means.detach().cpu().numpy()
+    rows, _ = nearest(place[known], place, NEIGHBOURS)
+    return known[torch.from_numpy(rows)].to(means.device)
 
 
 def error_bound(moved: Float[Tensor, "n 3"], around: Int[Tensor, "n k"], most: float) -> Float[Tensor, " n"]:

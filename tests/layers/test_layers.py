@@ -77,7 +77,7 @@ def test_what_is_not_covered_is_unknown(scene):
     aside = Camera(64, 48, surgeon.fx, surgeon.fy, 32, 24, viewmat)
     for name in ("depth", "displacement"):
         values = LAYERS[name].image(scene, request(camera=aside)).values
-        uncovered = scene.render(SIDE, aside)["alpha"] < 0.5
+        uncovered = scene.render(SIDE, aside, ("alpha",))["alpha"] < 0.5
         assert uncovered.any()
         assert not uncovered.all()
         assert np.array_equal(np.isnan(values), uncovered)

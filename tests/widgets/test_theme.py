@@ -7,8 +7,10 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtGui import QColor, QPalette
+from PySide6.QtGui import QAction, QColor, QImage, QPalette
+from PySide6.QtWidgets import QMainWindow, QPushButton, QToolButton, QWidget
 
+from degense.app.shell.status_bar import StatusBar
 from degense.widgets.theme import (
     CLASS_COLOURS,
     LABEL_COLOURS,
@@ -64,6 +66,70 @@ def test_signs_stand_out(qapp, name):
     for ground in (ROLE.Base, ROLE.AlternateBase):
         assert contrast(error_colour(palette), palette.color(ground)) >= 4.5
     assert contrast(QColor("white"), QColor(*3 * [255 - 150])) >= 4.5  # the bar over a view, 150 of 255 black, on a white picture
+
+
+@pytest.mark.parametrize("name", ["dark", "light"])
+@pytest.mark.parametrize("role", [ROLE.Window, ROLE.Base, ROLE.Button])
+@pytest.mark.parametrize("kind", [QToolButton, QPushButton])
+def test_a_pressed_button_stands_out(qtbot, qapp, name, role, kind):
+    """WCAG 2.2 AA, 1.4.11: a line of the pressed button, as long as it, is 3 : 1 against the same button released and against its fill."""
+    apply_theme(qapp, name)
+    ground = QWidget()
+    qtbot.addWidget(ground)
+    ground.setAutoFillBackground(True)
+    ground.setBackgroundRole(role)
+    button = kind(ground)
+    button.setCheckable(True)
+    button.setGeometry(10, 10, 40, 30)
+    ground.resize(60, 50)
+
+    def shown(pressed: bool) -> QImage:
+        button.setChecked(pressed)
+        return ground.grab().toImage()
+
+    released, pressed = shown(False), shown(True)
+    fill = pressed.pixelColor(30, 25)
+    rows = [[(x, y) for x in range(14, 46)] for y in range(10, 40)]  # without the round corners
+    line = [
+        row
+        for row in rows
+        if all(contrast(pressed.pixelColor(*at), other) >= 3.0 for at in row for other in (released.pixelColor(*at), fill))
+    ]
+    assert len(line) >= 2
+
+
+@pytest.mark.parametrize("name", ["dark", "light"])
+def test_what_a_tool_bar_has_no_room_for_is_found_at_its_end(qtbot, qapp, name):
+    """The arrow that opens its menu is drawn whole: 5 columns of pixels or more stand out."""
+    apply_theme(qapp, name)
+    window = QMainWindow()
+    qtbot.addWidget(window)
+    status = StatusBar(window)
+    for number in range(12):
+        status.add_button(QAction(f"Panel {number}", window))
+    window.resize(300, 100)
+    window.show()
+    qapp.processEvents()
+    arrow = status.more
+    assert arrow.isVisible()
+    image = arrow.grab().toImage()
+    ground = image.pixelColor(0, 0)
+    assert sum(any(contrast(image.pixelColor(x, y), ground) >= 3 for y in range(image.height())) for x in range(image.width())) >= 5
+
+
+def test_a_hint_and_a_message_do_not_overlap(qtbot, qapp):
+    """Also after the status bar has been laid out anew."""
+    window = QMainWindow()
+    qtbot.addWidget(window)
+    status = StatusBar(window)
+    status.hint.setText("Click both ends")
+    window.show()
+    window.statusBar().showMessage("24 frames")
+    window.statusBar().addPermanentWidget(QPushButton("taller\nthan all"))
+    qapp.processEvents()
+    assert not status.hint.isVisible()
+    window.statusBar().clearMessage()
+    assert status.hint.isVisible()
 
 
 def test_dark_is_dark_and_can_be_left(qapp):

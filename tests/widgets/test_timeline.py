@@ -228,6 +228,24 @@ def test_marks_and_strips_are_painted(timeline):
     bar.set_strips({})
 
 
+def test_what_has_no_room_is_left_out_whole(timeline, qapp):
+    """The time first; a number is never cut in two."""
+    timeline.set_frames(24)
+    words = next(label for label in timeline.findChildren(QLabel) if label.accessibleName() == "Frame and time")
+    timeline.resize(900, 60)
+    timeline.show()
+    timeline.set_frame(14)
+    assert "14 / 23" in words.text()
+    assert "0.56 / 0.92 s" in words.text()
+    full = words.text()
+    timeline.resize(timeline._row.sizeHint().width() - 10, 60)
+    qapp.processEvents()
+    assert words.text() == "Frame 14 / 23"
+    assert words.width() >= words.fontMetrics().horizontalAdvance(words.text())
+    assert words.toolTip() == full
+    assert timeline.minimumSizeHint().width() < timeline._row.sizeHint().width()  # it holds no window wide
+
+
 def test_no_frames_and_one_frame(timeline, heard, qtbot):
     timeline.play()
     timeline.set_frames(0)

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 from degense.app.features.train import settings_help as words
 from degense.app.features.train.job import TrainingJob
 from degense.app.features.train.settings_table import SettingsTable
+from degense.app.session.sample import is_demo
 from degense.engine.errors import DegenseError
 from degense.engine.files import free_path
 from degense.engine.semantics.teachers import default_teacher, teacher_choices
@@ -52,7 +53,8 @@ class TrainDialog(forms.Dialog):
         self.seed = forms.number("Seed", most=2**31 - 1)
         self._place = forms.PathLine("Run folder", lambda at: QFileDialog.getSaveFileName(self, "Folder for the run", at, "")[0])
         self.out = self._place.line
-        self.out.setText(str(free_path(clip.path.parent / f"{clip.path.stem}-run")))
+        beside = Path.home() if is_demo(clip.path) else clip.path.parent  # the sample is part of the program
+        self.out.setText(str(free_path(beside / f"{clip.path.stem}-run")))
         names = ("preset", "routing", "teacher", "device", "poses", "iterations", "max_gaussians", "seed")
         self._controls: dict[str, QWidget] = {name: getattr(self, name) for name in names}
         self.table = SettingsTable()

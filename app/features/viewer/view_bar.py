@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtWidgets import QFrame, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QWidget
 
 from degense.widgets import forms
 from degense.widgets.colour_bar import Gradient
@@ -12,7 +12,7 @@ _EDGE, _HEIGHT = 8, 124
 
 
 class ViewBar(QFrame):
-    """Lies in the upper right corner of the widget that it is given, and lets the mouse through."""
+    """Lies in the upper right corner of the widget that it is given, below its note where there is no room, and lets the mouse through."""
 
     def __init__(self, host: QWidget) -> None:
         super().__init__(host)
@@ -43,4 +43,8 @@ class ViewBar(QFrame):
 
     def _stay(self) -> None:
         self.adjustSize()
-        self.move(self._host.width() - self.width() - _EDGE, _EDGE)
+        left, top = self._host.width() - self.width() - _EDGE, _EDGE
+        note = self._host.findChild(QLabel, "viewNote")
+        if note is not None and not note.isHidden() and left <= note.geometry().right() + _EDGE:
+            top += note.geometry().bottom() + 1
+        self.move(left, top)

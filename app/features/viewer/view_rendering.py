@@ -163,6 +163,8 @@ def _coloured(scene: Scene, layer: Layer, query: LayerRequest, request: ViewRequ
     from degense.engine.layers.layer import colourise as layer_colours
 
     view_state = request.view_state
+    if layer.name == "rgb":
+        return _Coloured(scene.render_rgb(query.frame, query.camera), None, "", layer.cmap, (False, False), "")
     chosen = view_state.range(layer.name)
     image, cmap = layer.image(scene, query), chosen.cmap or layer.cmap
     span = (request.spans.get(layer.name) or layer_range(scene, layer, query, "frame", chosen.clip)) if image.kind == "scalar" else None

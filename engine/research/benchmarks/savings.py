@@ -184,7 +184,7 @@ def _early_termination(scene: Scene) -> Iterator[Saving]:
 def _kept_maps(scene: Scene) -> Iterator[Saving]:
     frame = scene.frames // 2
     vectors = scene.vectors(scene.classes)
-    drawn = scene.renderer.draw(frame, scene.camera(frame), ("rgb", "latent"))
+    drawn = scene.renderer.draw(frame, scene.camera(frame), ("rgb", "latent", "alpha"))
     rgb, latent, alpha = (drawn["rgb"] * 255 + 0.5).astype(np.uint8), drawn["latent"], drawn["alpha"]
     assert scene.basis is not None
     basis = scene.basis

@@ -155,7 +155,7 @@ def test_slow_pictures_of_the_3d_view_are_coarse_at_first(qtbot, opened, idle, m
         qtbot.waitUntil(lambda: len(sizes) > 2 and sizes[-1] == splats._canvas.width())
         assert min(sizes) == splats._canvas.width() // 2
         shown = to_array(splats._canvas.pixmap().toImage())
-        rendered = opened.session.scene.renderer.draw(8, splats.camera.current(), ("rgb",))
+        rendered = opened.session.scene.renderer.draw(8, splats.camera.current(), ("rgb", "alpha"))
         covered = rendered["alpha"] > 0.99
         assert np.abs(shown[covered] / 255 - rendered["rgb"][covered]).max() < 0.03
 

@@ -8,8 +8,11 @@ from PySide6.QtGui import QDropEvent
 from PySide6.QtWidgets import QMessageBox
 
 from degense.app.application import FEATURES
+from degense.app.features.train.train_dialog import TrainDialog
+from degense.app.session.sample import ASSETS, SAMPLE
 from degense.app.shell.settings import SettingsFile
 from degense.app.shell.shell import Shell
+from degense.engine.data.readers import open_clip
 from tests.app import installed as on
 
 
@@ -119,3 +122,10 @@ def test_the_sample_is_not_changed_by_looking_at_it(window, run, idle, monkeypat
     window.close()
     assert not (run / "session.json").exists()
     assert window.settings.value.recent == ()
+
+
+def test_a_training_of_the_sample_goes_into_the_user_s_folder(window, monkeypatch, tmp_path):
+    """The sample is part of the program, and may lie where nobody can write."""
+    monkeypatch.setattr("pathlib.Path.home", lambda: tmp_path)
+    dialog = TrainDialog(open_clip(ASSETS / SAMPLE / "clip"), {}, {}, False, window)
+    assert dialog.out.text() == str(tmp_path / "clip-run")

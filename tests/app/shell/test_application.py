@@ -51,6 +51,8 @@ def test_kernels_are_compiled_beside_the_window_once(tmp_path, monkeypatch):
         "process.terminate(); process.wait()\n"
         "warm_up._done().touch()\n"
         "assert warm_up.start() is None\n"
+        "warm_up.__file__ = '/another/installation/degense/app/warm_up.py'\n"  # whose kernels lie beside its own sources
+        "assert not warm_up._done().exists()\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 

@@ -6,9 +6,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QPushButton, QWidget
+from PySide6.QtWidgets import QDockWidget, QPushButton, QWidget
 
 from degense.app.features.welcome.page import WelcomePage
 from degense.app.features.welcome.samples import INSTRUMENT, PROMPT
@@ -125,6 +125,23 @@ def test_correct_a_label(qtbot, window, page, idle, demo, screenshot):
     idle()
     assert page.isVisible()
     assert not on.viewer(window).panel.isVisible()
+
+
+def test_the_tour_stays_above_what_is_opened(qtbot, window, page, idle, demo):
+    """All of its card is what lies uppermost there, also after a panel came that the window lays out anew."""
+    take = next(button for button in page.findChildren(QPushButton) if button.text() == "Take the tour")
+    QTest.mouseClick(take, Qt.MouseButton.LeftButton)
+    idle()
+    tour = window.findChild(Tour)
+    for title in ("Curves", "Tracks", "Areas"):
+        window.docks.bring(next(dock for dock in window.findChildren(QDockWidget) if dock.windowTitle() == title))
+        idle()
+        qtbot.wait(400)  # the panel slides in
+        area = tour.geometry()
+        for place in (area.topLeft(), area.center(), area.bottomRight()):
+            inside = QPoint(min(max(place.x(), area.left() + 3), area.right() - 3), min(max(place.y(), area.top() + 3), area.bottom() - 3))
+            shown = window.childAt(inside)
+            assert shown is tour or tour.isAncestorOf(shown), (title, shown)
 
 
 def test_taking_the_tour_again(qtbot, window, page, idle, demo):

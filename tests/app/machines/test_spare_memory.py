@@ -1,0 +1,61 @@
+"""Freed memory goes back to the system when the worker rests, and not while it works."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from degense.app.shell import spare_memory
+from degense.app.shell.spare_memory import SpareMemory, giver
+from degense.app.shell.worker import Worker
+
+
+@pytest.fixture
+def worker(qapp):
+    worker = Worker()
+    worker.add_channel("view", 20)
+    yield worker
+    worker.close()
+
+
+def nothing(value: object) -> None:
+    """What listens to nothing."""
+
+
+def test_memory_is_given_back_once_after_work(qtbot, worker, monkeypatch):
+    monkeypatch.setattr(spare_memory, "REST_MS", 40)
+    given: list[str] = []
+    spare = SpareMemory(worker, lambda: given.append(threading.current_thread().name))
+    worker.submit("view", lambda: None, nothing, nothing)
+    qtbot.waitUntil(lambda: given == ["worker"])
+    qtbot.waitUntil(worker.idle)
+    qtbot.wait(150)
+    assert given == ["worker"]  # its own answer does not count as work
+    gate = threading.Event()
+    spare._worked("view")
+    worker.submit("view", gate.wait, nothing, nothing)
+    qtbot.wait(120)
+    assert given == ["worker"]
+    gate.set()
+    qtbot.waitUntil(lambda: len(given) == 2)
+
+
+@pytest.mark.skipif(giver() is None, reason="the C library gives memory back by itself")
+def test_what_was_freed_leaves_the_program(qapp):
+    assert sys.platform == "linux"
+
+    def resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+    give = giver()
+    assert give is not None
+    pieces = [b"x" * 60_000 for _ in range(1000)]  # below the size of which the C library maps each by itself
+    last = bytes(60_000)  # what lies behind them keeps the heap from shrinking
+    filled = resident()
+    pieces.clear()
+    give()
+    assert filled - resident() > 40_000_000
+    assert len(last) == 60_000
