@@ -24,6 +24,7 @@ from degense.engine.semantics.examples import Example, split_examples
 from degense.engine.semantics.masks import FrameSemantics
 from degense.engine.semantics.masks.confidence import ConfidenceCurve
 from degense.engine.store import Run
+from degense.engine.store.run import LabelSupport
 from degense.engine.vocabulary.questions import Question, heads, nouns_of, read_question
 
 KEPT_PROMPTS = 1000
@@ -41,7 +42,7 @@ class Scene:
         clip: Clip | None,  # the recording, when it is still where it was
         clip_missing: str = "",  # why it is not, in one sentence
         observability: Tensor | None = None,
-        label_support: tuple[Tensor, list[int]] | None = None,  # what the labelled frames of a sparse teacher show, and these frames
+        label_support: LabelSupport | None = None,
     ):
         self.run, self.model, self.basis, self.encoder, self.clip, self.clip_missing = run, model, basis, encoder, clip, clip_missing
         self.has_semantics = basis is not None
@@ -53,7 +54,7 @@ class Scene:
         if (points := run.info.get("confidence")) is not None:
             self.renderer.curve = _curve_of(points, run)
         if label_support is not None:
-            self.renderer.labelled = LabelledPlaces(self.states, *label_support, self.cameras)
+            self.renderer.labelled = LabelledPlaces(self.states, label_support, self.cameras)
         self.render, self.render_rgb = self.renderer.render, self.renderer.render_rgb
         self._asked: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._vectors: dict[tuple[str, ...], np.ndarray] = {}  # of the last texts: those of the classes, again and again

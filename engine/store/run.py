@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -28,6 +28,14 @@ from degense.engine.store.run_info import check_info, plane_numbers
 FORMAT = 1
 LABEL_SUPPORT = "label_support.safetensors"
 MAX_FRAMES, MAX_GAUSSIANS, MAX_SIDE = 1_000_000, 10_000_000, 16_384
+
+
+class LabelSupport(NamedTuple):
+    """What the labelled frames of a sparse teacher show (`engine.training.semantic.label_support`)."""
+
+    shown: torch.Tensor  # float32 [N] in [0, 1]; how much of each Gaussian they show
+    familiar: torch.Tensor  # float32 [N] in [0, 1]; in which share of its pixels a Gaussian looks like what they show
+    frames: list[int]
 
 
 @dataclass
@@ -127,22 +135,26 @@ class Run:
             raise RunError(f"{path} does not hold {count} numbers from 0 to 1, one for each Gaussian; delete it to open the run without it")
         return shares
 
-    def save_label_support(self, support: torch.Tensor, frames: list[int]) -> None:
-        """Keep how much of each Gaussian [N] the labelled `frames` of a sparse teacher show (`engine.training.semantic.label_support`)."""
-        write_tensors(self.path / LABEL_SUPPORT, {"support": support, "frames": torch.tensor(frames, dtype=torch.int64)})
+    def save_label_support(self, support: LabelSupport) -> None:
+        """Keep what the labelled frames of a sparse teacher show."""
+        frames = torch.tensor(support.frames, dtype=torch.int64)
+        write_tensors(self.path / LABEL_SUPPORT, {"shown": support.shown, "familiar": support.familiar, "frames": frames})
 
-    def load_label_support(self, count: int) -> tuple[torch.Tensor, list[int]] | None:
-        """What `save_label_support` kept of the `count` Gaussians of the model, float32 [N] in [0, 1], and frames; None without."""
+    def load_label_support(self, count: int) -> LabelSupport | None:
+        """What `save_label_support` kept of the `count` Gaussians of the model; None without."""
         path = self.path / LABEL_SUPPORT
         if not path.exists():
             return None
         tensors = finite(read_tensors(path), path)
-        support, frames = (tensors.get(name, torch.empty(0)) for name in ("support", "frames"))
-        sound = support.dtype == torch.float32 and support.shape == (count,) and bool(((support >= 0) & (support <= 1)).all())
+        shown, familiar, frames = (tensors.get(name, torch.empty(0)) for name in ("shown", "familiar", "frames"))
+        sound = all(
+            shares.dtype == torch.float32 and shares.shape == (count,) and bool(((shares >= 0) & (shares <= 1)).all())
+            for shares in (shown, familiar)
+        )
         known = frames.dtype == torch.int64 and frames.ndim == 1 and 0 < len(frames) <= len(self.cameras)
         if not (sound and known and bool(((frames >= 0) & (frames < len(self.cameras))).all())):
             raise RunError(f"{path} does not hold what the labelled frames show of {count} Gaussians; delete it to open the run without it")
-        return support, frames.tolist()
+        return LabelSupport(shown, familiar, frames.tolist())
 
     def save_basis(self, basis: Basis) -> None:
         write_tensors(

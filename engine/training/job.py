@@ -255,7 +255,7 @@ class TrainingRun:
             self.events(Reliability(words))
         if (semantics := self.inputs.semantics) is not None and semantics.sparse:
             with part("label support"):
-                run.save_label_support(label_support(trainer.model, semantics, self.inputs.frames), semantics.labelled_frames)
+                run.save_label_support(label_support(trainer.model, semantics, self.inputs.frames))
         run.save_model(trainer.model)
         if trainer.flow is not None:
             with part("observability"):

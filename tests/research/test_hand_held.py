@@ -77,6 +77,7 @@ def test_a_scene_of_one_labelled_frame_leaves_unlabelled_what_entered(folder, cl
     config = TrainConfig.preset_of("quick", iterations=60, semantic_steps=20, max_gaussians=1500, device="cpu")
     scene = trained(folder, config, silent)
     found = {name: scored(clip, answer).cells() for name, answer in answers(clip, scene).items()}
-    assert scene.run.load_label_support(len(scene.model))[1] == [0]
-    assert found["scene"]["entered"] > 50 > 10 > found["scene, every pixel may be named"]["entered"]
+    assert scene.run.load_label_support(len(scene.model)).frames == [0]
+    assert found["scene, what the first frame shows"]["entered"] > 50 > 10 > found["scene, every pixel may be named"]["entered"]
+    assert found["scene"]["misnamed"] < 10
     assert found["scene"]["last"] > found["copied"]["last"] - 0.05

@@ -44,10 +44,11 @@ def scene(folder):
 
 
 def test_a_teacher_of_one_frame_leaves_what_it_shows(scene):
-    support, frames = scene.run.load_label_support(len(scene.model))
-    assert frames == [0]
+    support = scene.run.load_label_support(len(scene.model))
+    assert support.frames == [0]
     assert scene.renderer.labelled is not None
-    assert float(support.max()) > 0.9
+    assert float(support.shown.max()) > 0.9
+    assert float(support.familiar.max()) > 0.9
     assert scene.renderer.known(0, scene.camera(0)).float().mean() > 0.95
 
 
@@ -64,10 +65,30 @@ def moved(camera, by):
     return replace(camera, viewmat=viewmat)
 
 
-def test_tissue_outside_of_the_labelled_view_is_in_no_mask(scene):
-    """The first frame drawn from a camera that looks past its border: what it adds is unknown, the rest is not."""
+@pytest.fixture
+def told(scene):
+    """Lets the scene have another support, and its own again afterwards."""
+    kept, support = scene.renderer.labelled, scene.run.load_label_support(len(scene.model))
+
+    def tell(**changed):
+        scene.renderer.labelled = LabelledPlaces(scene.states, support._replace(**changed), scene.cameras)
+        scene.renderer.forget()
+
+    yield tell
+    scene.renderer.labelled = kept
+    scene.renderer.forget()
+
+
+def past_the_border(scene):
+    """The camera of the first frame, looking past its border."""
     depth = float(np.nanmedian(scene.render(0, None, ("depth",))["depth"]))
-    camera = moved(scene.camera(0), -0.25 * scene.clip_size[0] / scene.camera(0).fx * depth)
+    return moved(scene.camera(0), -0.25 * scene.clip_size[0] / scene.camera(0).fx * depth)
+
+
+def test_unfamiliar_tissue_outside_of_the_labelled_view_is_in_no_mask(scene, told):
+    """What the moved camera adds is unknown, the rest is not."""
+    told(familiar=torch.zeros(len(scene.model)))
+    camera = past_the_border(scene)
     known = scene.renderer.known(0, camera).numpy()
     assert known[:, :40].mean() > 0.9
     assert known[:, 56:].mean() < 0.1
@@ -78,15 +99,23 @@ def test_tissue_outside_of_the_labelled_view_is_in_no_mask(scene):
     assert not query.chances(scene.vectors(scene.classes)[:1])[~known].any()
 
 
-def test_gaussians_that_no_labelled_frame_shows_are_in_no_mask(scene):
+def test_familiar_tissue_keeps_its_name_though_no_labelled_frame_shows_it(scene, told):
+    """The left half of what is drawn is shown by no labelled frame; it has names where it looks like what is."""
+    places, _ = scene.camera(0).project(scene.states.advected_means(0).numpy())
+    left = torch.from_numpy(places[:, 0] < scene.clip_size[0] / 2).float()
+    told(shown=1 - left, familiar=torch.zeros_like(left))
+    known, half = scene.renderer.known(0, scene.camera(0)).numpy(), scene.clip_size[0] // 2
+    assert known[:, : half - 8].mean() < 0.1 < 0.9 < known[:, half + 8 :].mean()
+    told(shown=1 - left, familiar=left)
+    assert scene.renderer.known(0, scene.camera(0)).float().mean() > 0.95
+
+
+def test_gaussians_that_no_labelled_frame_shows_are_in_no_mask(scene, told):
     """All tissue keeps its name in 3D, and loses it where the support is taken away."""
-    kept = scene.renderer.labelled
+    kept = scene.renderer.labelled.splats().numpy()
     before = decode_splats(scene, PromptSet(scene.classes), 0).masks
     assert before.any()
+    assert not before[:, ~kept].any()
     nothing = torch.zeros(len(scene.model))
-    scene.renderer.labelled = LabelledPlaces(scene.states, nothing, [0], scene.cameras)
-    try:
-        assert not decode_splats(scene, PromptSet(scene.classes), 0).masks.any()
-    finally:
-        scene.renderer.labelled = kept
-    assert not before[:, ~kept.splats().numpy()].any()
+    told(shown=nothing, familiar=nothing)
+    assert not decode_splats(scene, PromptSet(scene.classes), 0).masks.any()

@@ -15,7 +15,7 @@ from degense.engine.field.model import CANONICAL
 from degense.engine.store import Run
 from degense.engine.store.files import write_json, write_tensors
 from degense.engine.store.migrations import current_layer
-from degense.engine.store.run import build_model, cameras_from_json, cameras_to_json
+from degense.engine.store.run import LabelSupport, build_model, cameras_from_json, cameras_to_json
 
 FILE = Path("run") / "run.json"
 
@@ -107,27 +107,30 @@ CAMERA = {"width": 4, "height": 4, "fx": 4.0, "fy": 4.0, "cx": 2.0, "cy": 2.0, "
 def test_label_support_comes_back(tmp_path):
     run, support = Run(tmp_path, {"cameras": CAMERA}), torch.tensor([0.0, 0.25, 1.0])
     assert run.load_label_support(3) is None
-    run.save_label_support(support, [0, 4])
-    again, frames = run.load_label_support(3)
-    assert torch.equal(again, support)
-    assert frames == [0, 4]
+    run.save_label_support(LabelSupport(support, 1 - support, [0, 4]))
+    again = run.load_label_support(3)
+    assert torch.equal(again.shown, support)
+    assert torch.equal(again.familiar, 1 - support)
+    assert again.frames == [0, 4]
 
 
 @pytest.mark.parametrize(
     "tensors",
     [
-        {"support": torch.zeros(4), "frames": torch.tensor([0])},
-        {"support": torch.tensor([0.0, 0.5, 1.5]), "frames": torch.tensor([0])},
-        {"support": torch.zeros(3), "frames": torch.tensor([5])},
-        {"support": torch.zeros(3), "frames": torch.tensor([-1])},
-        {"support": torch.zeros(3), "frames": torch.tensor([0.0])},
-        {"support": torch.zeros(3), "frames": torch.zeros(0, dtype=torch.int64)},
-        {"support": torch.zeros(3)},
+        {"shown": torch.zeros(4)},
+        {"shown": torch.tensor([0.0, 0.5, 1.5])},
+        {"familiar": torch.zeros(2)},
+        {"familiar": torch.tensor([0.0, -0.5, 1.0])},
+        {"frames": torch.tensor([5])},
+        {"frames": torch.tensor([-1])},
+        {"frames": torch.tensor([0.0])},
+        {"frames": torch.zeros(0, dtype=torch.int64)},
     ],
-    ids=["longer", "above", "late", "early", "type", "none", "missing"],
+    ids=["longer", "above", "shorter", "below", "late", "early", "type", "none"],
 )
 def test_damaged_label_support_is_refused(tmp_path, tensors):
-    write_tensors(tmp_path / "label_support.safetensors", tensors)
+    sound = {"shown": torch.zeros(3), "familiar": torch.zeros(3), "frames": torch.tensor([0])}
+    write_tensors(tmp_path / "label_support.safetensors", sound | tensors)
     with pytest.raises(RunError, match=r"label_support\.safetensors"):
         Run(tmp_path, {"cameras": CAMERA}).load_label_support(3)
 

@@ -21,8 +21,10 @@ from degense.engine.motion import consistent, follow, sample
 from degense.engine.raster import backproject, rasterize
 from degense.engine.scene import Scene
 from degense.engine.scene.labelled import LabelledPlaces
+from degense.engine.semantics.novelty import Novelty, surroundings, surroundings_by_class
+from degense.engine.store.run import LabelSupport
 from degense.engine.threads import one_torch_thread
-from degense.engine.training.semantic.label_support import support_of
+from degense.engine.training.semantic.label_support import shown_by
 
 #: Weight of a label that was warped where forward and backward flow disagree.
 INCONSISTENT = 0.2
@@ -149,18 +151,15 @@ class FieldVotes:
     @cached_property
     def _places(self) -> LabelledPlaces:
         scene = self._scene
-        support = support_of(scene.splats, scene.cameras, self._valid, range(scene.frames))
-        return LabelledPlaces(scene.states, support, list(self._valid), scene.cameras)
+        shown = shown_by(scene.splats, scene.cameras, self._valid, range(scene.frames))
+        return LabelledPlaces(scene.states, LabelSupport(shown, torch.zeros_like(shown), list(self._valid)), scene.cameras)
 
     def outside(self, frame: int) -> np.ndarray:
         """Which pixels show a place that no corrected frame shows, bool [H, W]."""
         return ~self._places.pixels(frame, self._scene.camera(frame)).cpu().numpy()
 
 
-#: Pixels of each class and corrected frame to learn from.
-SAMPLES = 1500
-#: Of these, what the surroundings of other pixels are compared with.
-KNOWN = 1000
+SAMPLES = 1500  # pixels of each class and corrected frame to learn from
 WIDTH, STEPS, BATCH, RATE, SMOOTHING = 32, 300, 2048, 1e-2, 0.1
 
 #: Logistic weights of `unknown_evidence`, the constant first; fitted to 24 surgeries of the family, seeds 0 to 31.
@@ -175,29 +174,17 @@ class AppearanceVotes:
     """
 
     def __init__(self, pictures: Sequence[np.ndarray], labels: Sequence[np.ndarray], count: int, seed: int = 0):
-        inputs, targets = _samples(pictures, labels, count, np.random.default_rng(seed))
-        self._mean, self._spread = inputs.mean(0), inputs.std(0) + 1e-6
+        inputs, targets = _samples(pictures, labels, np.random.default_rng(seed))
         self._present = np.bincount(targets, minlength=count) > 0
-        known = torch.from_numpy((inputs - self._mean) / self._spread)[
-            torch.randperm(len(inputs), generator=torch.Generator().manual_seed(seed))
-        ]
-        self._known = known[:KNOWN]
-        self._usual = float(torch.cdist(known[KNOWN : 2 * KNOWN], self._known).amin(1).median()) if len(known) > KNOWN else 1.0
+        #: How far the surroundings of each pixel of a picture are from all that were learned from.
+        self.novelty = Novelty(inputs, seed)
         with one_torch_thread():
-            self._network = _fitted((inputs - self._mean) / self._spread, targets, count, seed)
-
-    @torch.no_grad()
-    def novelty(self, rgb: np.ndarray) -> np.ndarray:
-        """How far the surroundings of each pixel are from all that were learned from, by what is usual among these, float32 [H, W]."""
-        x = torch.from_numpy((surroundings(rgb) - self._mean) / self._spread)
-        with one_torch_thread():
-            nearest = torch.cat([torch.cdist(part, self._known).amin(1) for part in x.split(1 << 16)])
-        return (nearest / self._usual).numpy().reshape(rgb.shape[:2])
+            self._network = _fitted(self.novelty.scaled(inputs), targets, count, seed)
 
     @torch.no_grad()
     def at(self, rgb: np.ndarray) -> np.ndarray:
         """Probabilities of the classes, float32 [H, W, count]; 0 for classes that no corrected frame has."""
-        x = torch.from_numpy((surroundings(rgb) - self._mean) / self._spread)
+        x = self.novelty.scaled(surroundings(rgb))
         with one_torch_thread():
             scores = self._network(x)
         scores[:, ~torch.from_numpy(self._present)] = -torch.inf
@@ -223,38 +210,15 @@ def _lab(rgb: np.ndarray) -> np.ndarray:
     return cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
 
 
-def surroundings(rgb: np.ndarray) -> np.ndarray:
-    """Of each pixel of a picture uint8 [H, W, 3]: CIELAB colour at three scales, contrast and edges at two, float32 [H · W, 13]."""
-    lab = _lab(rgb)
-    light = np.ascontiguousarray(lab[..., 0])
-    maps = [channel for sigma in (0.7, 2, 5) for channel in cv2.split(cv2.GaussianBlur(lab, (0, 0), sigma))]
-    for sigma in (1.5, 4):
-        mean = cv2.GaussianBlur(light, (0, 0), sigma)
-        maps.append(np.sqrt(np.maximum(cv2.GaussianBlur(light * light, (0, 0), sigma) - mean * mean, 0)))
-    for sigma in (1, 2.5):
-        smooth = cv2.GaussianBlur(light, (0, 0), sigma)
-        maps.append(np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)))
-    return np.stack(maps, -1).reshape(-1, len(maps))
-
-
-def _samples(
-    pictures: Sequence[np.ndarray], labels: Sequence[np.ndarray], count: int, random: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def _samples(pictures: Sequence[np.ndarray], labels: Sequence[np.ndarray], random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Surroundings float32 [n, 13] and classes int64 [n] of some pixels of each class in each picture."""
-    inputs, targets = [], []
-    for rgb, wanted in zip(pictures, labels, strict=True):
-        around, flat = surroundings(rgb), wanted.ravel()
-        for index in range(count):
-            places = np.flatnonzero(flat == index)
-            if len(places):
-                chosen = random.choice(places, min(SAMPLES, len(places)), replace=False)
-                inputs.append(around[chosen])
-                targets.append(np.full(len(chosen), index))
-    return np.concatenate(inputs), np.concatenate(targets)
+    drawn = (surroundings_by_class(rgb, wanted, SAMPLES, random) for rgb, wanted in zip(pictures, labels, strict=True))
+    found = [item for by_class in drawn for item in by_class.items()]
+    return np.concatenate([values for _, values in found]), np.concatenate([np.full(len(values), label) for label, values in found])
 
 
-def _fitted(inputs: np.ndarray, targets: np.ndarray, count: int, seed: int) -> nn.Module:
-    x, y = torch.from_numpy(inputs), torch.from_numpy(targets)
+def _fitted(x: Tensor, targets: np.ndarray, count: int, seed: int) -> nn.Module:
+    y = torch.from_numpy(targets)
     counts = torch.bincount(y, minlength=count).float()
     weights = torch.where(counts > 0, counts.clamp_min(1) ** -0.5, 0)  # rare classes count more, but not as much as common ones
     loss = nn.CrossEntropyLoss(weight=weights / weights.sum() * (counts > 0).sum(), label_smoothing=SMOOTHING)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from degense.engine.annotation.propagation.propagate import propagate
 from degense.engine.clip import UNLABELLED, Clip
@@ -21,6 +22,7 @@ from degense.engine.research.bench.table import Column, Table
 from degense.engine.research.hand_held.scores import AnswerScores
 from degense.engine.scene import Scene
 from degense.engine.scene.clip_query import decode_frame
+from degense.engine.scene.labelled import LabelledPlaces
 from degense.engine.semantics.prompts import PromptSet
 from degense.engine.training import TrainConfig, train
 
@@ -110,7 +112,7 @@ def scored_frames(clip: Clip) -> list[int]:
 
 
 def answers(clip: Clip, scene: Scene) -> dict[str, Answer]:
-    """What is compared: baselines, the masks of a scene of which every pixel may be named, and its masks."""
+    """What is compared: baselines; the masks of a scene of which every pixel may be named, or what the first frame shows; its masks."""
     labels, flow, asked = clip.labels(0), ClipFlow(clip), PromptSet(clip.classes)
     if labels is None:
         raise DegenseError(f"{clip.name} has no labels of its first frame.")
@@ -119,8 +121,12 @@ def answers(clip: Clip, scene: Scene) -> dict[str, Answer]:
     def followed(frame: int) -> tuple[np.ndarray, np.ndarray]:
         return warped_filled(first, flow.from_first[frame - 1][1])
 
-    def everywhere(frame: int) -> np.ndarray:
-        kept, scene.renderer.labelled = scene.renderer.labelled, None
+    support = scene.run.load_label_support(len(scene.model))
+    assert support is not None
+    shown = LabelledPlaces(scene.states, support._replace(familiar=torch.zeros_like(support.familiar)), scene.cameras)
+
+    def among(places: LabelledPlaces | None, frame: int) -> np.ndarray:
+        kept, scene.renderer.labelled = scene.renderer.labelled, places
         scene.renderer.forget()
         try:
             return decode_frame(scene, asked, frame).labels
@@ -134,7 +140,8 @@ def answers(clip: Clip, scene: Scene) -> dict[str, Answer]:
         "the same, unlabelled from outside the picture": lambda frame: np.where(
             followed(frame)[1], followed(frame)[0], np.uint8(UNLABELLED)
         ),
-        "scene, every pixel may be named": everywhere,
+        "scene, every pixel may be named": lambda frame: among(None, frame),
+        "scene, what the first frame shows": lambda frame: among(shown, frame),
         "scene": lambda frame: decode_frame(scene, asked, frame).labels,
     }
 
