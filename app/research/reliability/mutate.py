@@ -12,6 +12,7 @@ import re
 import struct
 import warnings
 import zipfile
+import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +26,8 @@ VALUES: tuple[Any, ...] = (
     *([0] * 100_000, [1e308] * 4, "1", *TEXTS),
 )
 DEEP = ("[" * 300 + "]" * 300, "[" * 100_000, '{"a":' * 5000 + "1" + "}" * 5000)
+#: What a damaged archive raises.
+UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, LookupError, NotImplementedError, OSError, RuntimeError, ValueError, struct.error)
 _NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 _TEXT = re.compile(rb'"[^"\n]{0,200}"')
 _NPY_SHAPE = re.compile(rb"\((?:\d+, ?)*\d*\)")
@@ -159,21 +162,24 @@ def _npy(data: bytes, rng: random.Random) -> bytes:
 
 
 def _member(data: bytes, rng: random.Random) -> bytes:
-    """A member of an archive damaged, taken away, or there twice; the archive around it sound."""
+    """A member of an archive damaged, taken away, or there twice, the archive around it sound; bits of one that is not sound."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as old:
+            members = [(name, old.read(name)) for name in old.namelist()]
+    except UNREADABLE:
+        members = []
+    if not members:
+        return _bits(data, rng)
     out = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as new:
-        names = old.namelist()
-        chosen = rng.choice(names)
-        for name in names:
-            content = old.read(name)
-            if name == chosen:
-                content = rng.choice((_npy, _npy, _bits, _cut))(content, rng)
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as new, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a name that is there twice
+        chosen = rng.choice(members)[0]
+        for name, content in members:
+            changed = rng.choice((_npy, _npy, _bits, _cut))(content, rng) if name == chosen else content
             if name != chosen or rng.random() < 0.9:
-                new.writestr(name, content)
+                new.writestr(name, changed)
         if rng.random() < 0.1:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of a name that is there twice
-                new.writestr(chosen, bytes(rng.choice((0, 10, 50_000_000))))
+            new.writestr(chosen, bytes(rng.choice((0, 10, 50_000_000))))
     return out.getvalue()
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import random
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
+from safetensors.numpy import save
 
 from degense.app.research.reliability import data_sets, mutations, steps
 from degense.app.research.reliability.mutate import OUTSIDE, mutated
@@ -121,3 +124,31 @@ def test_what_was_damaged_beyond_its_format_is_damaged_again():
         for name in ("x.json", "x.npy", "x.safetensors", "x.yaml", "x.jsonl"):
             for seed in range(20):
                 mutated(deep, name, random.Random(seed))
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.npy", "a.safetensors", "a.json", "a.jsonl", "a.yaml", "a.toml", "a.png"])
+def test_what_is_damaged_is_damaged_further(name):
+    """Inputs that are kept are damaged again and again, also when nothing of their format is left."""
+    sound = {
+        "a.npz": saved(np.savez, a=np.arange(12.0), b=np.zeros((3, 4), np.uint8)),
+        "a.npy": saved(np.save, np.arange(12.0)),
+        "a.safetensors": save({"a": np.zeros((2, 3), np.float32)}),
+        "a.json": b'{"a": [1, {"b": "c"}], "d": null}',
+        "a.jsonl": b'{"a": 1}\n{"a": 2}\n',
+        "a.yaml": b"a: [1, 2]\nb: {c: d}\n",
+        "a.toml": b'a = 1\nb = "c"\n',
+        "a.png": bytes(range(64)),
+    }[name]
+    rng = random.Random(0)
+    for _ in range(60):
+        data = sound
+        for _ in range(6):
+            data = mutated(data, name, rng)[:100_000]
+            assert isinstance(data, bytes)
+
+
+def saved(write, *arrays, **named) -> bytes:
+    """What numpy writes of arrays."""
+    out = io.BytesIO()
+    write(out, *arrays, **named)
+    return out.getvalue()
