@@ -1,4 +1,4 @@
-"""Reading files of unknown origin: a regular file of bounded size; JSON whose numbers are finite and whose nesting is bounded."""
+"""Reading files of unknown origin: a regular file of bounded size; JSON and YAML of bounded nesting, JSON of finite numbers."""
 
 from __future__ import annotations
 
@@ -64,6 +64,21 @@ def parse_json(text: str | bytes, greatest: int = GREATEST) -> Any:
         if not level:
             return value
     raise ValueError(f"it is nested more than {DEEPEST} deep")
+
+
+def check_yaml(text: str) -> None:
+    """ValueError when a YAML text is damaged, or nested more than `DEEPEST` levels, which crashes libyaml's loader from some tens of
+    thousands on."""
+    import yaml
+
+    deep = 0
+    try:
+        for event in yaml.parse(text, getattr(yaml, "CBaseLoader", yaml.BaseLoader)):
+            deep += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if deep > DEEPEST:
+                raise ValueError(f"nested more than {DEEPEST} levels")
+    except yaml.YAMLError as error:
+        raise ValueError("no valid YAML") from error
 
 
 def _without_waiting(path: str, flags: int) -> int:

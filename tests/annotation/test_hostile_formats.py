@@ -92,6 +92,8 @@ def nifti(change):
         ("coco", coco(annotation={"segmentation": {"size": [48, 64], "counts": ""}})),
         ("coco", coco(annotation={"segmentation": {"size": [48, 64], "counts": [3, 4]}})),
         ("coco", coco(annotation={"segmentation": {"size": [2**31, 2**31], "counts": [2**62]}})),
+        ("yolo", yolo("0 0.1 0.1 0.5 0.1 0.5 0.5", "names: {" + '"a": 1,' * 160_000 + "}")),
+        ("yolo", yolo("0 0.1 0.1 0.5 0.1 0.5 0.5", "[" * 100_000)),
         ("yolo", yolo("0 0.1 0.1 0.2 0.2 7 7")),
         ("yolo", yolo("5 0.1 0.1 0.2 0.2 0.3 0.1")),
         ("yolo", yolo("0 0.1 nan 0.2 0.2 0.3 0.1")),

@@ -10,7 +10,7 @@ import pytest
 from degense.engine import untrusted
 from degense.engine.data.files.numbered import read_json, regular_file
 from degense.engine.errors import LONGEST, ClipError, DegenseError
-from degense.engine.untrusted import DEEPEST, check_regular, parse_json, read_bytes
+from degense.engine.untrusted import DEEPEST, check_regular, check_yaml, parse_json, read_bytes
 
 
 @pytest.mark.parametrize(
@@ -73,3 +73,14 @@ def test_errors_are_one_line_of_bounded_length():
     assert text.isprintable()
     text.encode()
     assert str(DegenseError("A plain sentence, 5 × 3; é.")) == "A plain sentence, 5 × 3; é."
+
+
+@pytest.mark.parametrize("text", ["[" * 50_000, '{"a":' * 50_000, "- " * 50_000, "a: [" * 100], ids=["lists", "maps", "dashes", "both"])
+def test_yaml_is_refused_whose_nesting_would_end_the_program(text):
+    """libyaml's loader ends the process on such a text; only its events are read."""
+    with pytest.raises(ValueError, match=r"nested|no valid"):
+        check_yaml(text)
+
+
+def test_plain_yaml_passes():
+    check_yaml("names:\n  0: fat\n  1: [a, {b: c}]\n")

@@ -18,6 +18,9 @@ from degense.engine.annotation.painting import PixelRegion, polygon
 from degense.engine.data.files.numbered import list_files, regular_file, shown
 from degense.engine.errors import ClipError
 from degense.engine.files import write_text
+from degense.engine.untrusted import check_yaml
+
+MOST_YAML = 1 << 20  # bytes of data.yaml, of which without the C library a second reads a quarter
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:
@@ -41,7 +44,9 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
     yaml = path / "data.yaml"
     if not yaml.exists():
         raise ClipError(f"{shown(path)} has no data.yaml that names the classes; choose the folder that holds it.")
-    classes = checked_classes(named_classes(_names(read_text(regular_file(yaml, path)), yaml)), yaml)
+    if regular_file(yaml, path).stat().st_size > MOST_YAML:
+        raise ClipError(f"{shown(yaml)} is larger than {MOST_YAML >> 20} MB, which is no list of classes.")
+    classes = checked_classes(named_classes(_names(read_text(yaml), yaml)), yaml)
     files = {frame_of(file.name, names, file): file for file in list_files(path / "labels", path, (".txt",))}
     if not files:
         raise ClipError(f"{shown(path / 'labels')} holds no .txt files.")
@@ -88,7 +93,8 @@ def _names(text: str, path: Path) -> list[str]:
     import yaml
 
     try:
-        names = yaml.load(text, yaml.BaseLoader)["names"]  # strings, lists and mappings, nothing else
+        check_yaml(text)  # then strings, lists and mappings, nothing else
+        names = yaml.load(text, getattr(yaml, "CBaseLoader", yaml.BaseLoader))["names"]
         listed = list(names) if isinstance(names, list) else [names[str(index)] for index in range(len(names))]
     except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
         listed = []

@@ -17,9 +17,11 @@ import numpy as np
 
 from degense.engine.data.files.numbered import regular_file, shown
 from degense.engine.errors import ClipError
+from degense.engine.untrusted import check_yaml
 
 INFO, CALIBRATION = "info.yaml", "calibration.yaml"
-MOST_BYTES = 1 << 22  # of YAML, which is read at little more than 1 MB a second
+MOST_CALIBRATION = 1 << 14  # bytes: OpenCV's parser ends the process on some hundred thousand nested brackets
+MOST_BYTES = 1 << 21  # of YAML, of which some 500 kB are read a second
 MOST_PIXELS = 1 << 26
 SHAPES = {"M1": (3, 3), "M2": (3, 3), "R": (3, 3), "T": (3, 1), "D1": (5,), "D2": (5,)}
 
@@ -58,8 +60,8 @@ def read_case(folder: Path) -> SurgtCase:
 def rectification(folder: Path, size: tuple[int, int]) -> tuple[np.ndarray, tuple[float, float, float, float]]:
     """Where each pixel of the rectified left view is seen, float32 [H, W, 2], and its fx, fy, cx, cy. ClipError for a damaged file."""
     file = regular_file(folder / CALIBRATION, folder)
-    if file.stat().st_size > MOST_BYTES:
-        raise ClipError(f"{shown(file)} is larger than {MOST_BYTES >> 20} MB; that is no camera calibration.")
+    if file.stat().st_size > MOST_CALIBRATION:
+        raise ClipError(f"{shown(file)} is larger than {MOST_CALIBRATION >> 10} kB; that is no camera calibration.")
     found = {}
     try:
         storage = cv2.FileStorage(file.read_text("utf-8"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
@@ -112,6 +114,8 @@ def read_yaml(file: Path) -> Any:
     if file.stat().st_size > MOST_BYTES:
         raise ClipError(f"{shown(file)} is larger than {MOST_BYTES >> 20} MB; that is no file of SurgT.")
     try:
-        return yaml.load(file.read_text("utf-8"), plain)
+        text = file.read_text("utf-8")
+        check_yaml(text)
+        return yaml.load(text, plain)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ClipError(f"{shown(file)} is not valid YAML without objects.") from error

@@ -140,11 +140,14 @@ def test_a_case_of_surgt_is_its_rectified_left_view(tmp_path, turned):
         ("gt_rectified_0.yaml", "["),
         ("info.yaml", "name_video: video.mp4"),
         ("info.yaml", "[1]"),
+        ("info.yaml", "[" * 50_000),
         ("info.yaml", "name_video: ../../x\nvideo_stack: vertical\nresolution: {width: 8, height: 8}\nname_ground_truth: []"),
         ("calibration.yaml", "%YAML:1.0\n---\nM1: 3\n"),
+        ("calibration.yaml", "%YAML:1.0\n---\nM1: " + "[" * 400_000),
+        ("calibration.yaml", "%YAML:1.0\n---\nM1: " + "[" * 16_000),
         ("calibration.yaml", "%YAML:1.0\n---\n" + MATRIX.format(name="M1", rows=3, cols=3, data=", ".join(["0."] * 9))),
     ],
-    ids=range(11),
+    ids=range(14),
 )
 def test_what_is_damaged_or_hostile_is_refused_in_a_sentence(tmp_path, name, content):
     case = write_surgt(tmp_path, BOXES)
