@@ -20,7 +20,7 @@ from degense.engine.errors import ClipError
 from degense.engine.files import write_text
 from degense.engine.untrusted import check_yaml
 
-MOST_YAML = 1 << 20  # bytes of data.yaml, of which without the C library a second reads a quarter
+MOST_YAML = 1 << 20  # bytes of data.yaml, of which a second reads a quarter
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:
@@ -94,7 +94,7 @@ def _names(text: str, path: Path) -> list[str]:
 
     try:
         check_yaml(text)  # then strings, lists and mappings, nothing else
-        names = yaml.load(text, getattr(yaml, "CBaseLoader", yaml.BaseLoader))["names"]
+        names = yaml.load(text, yaml.BaseLoader)["names"]
         listed = list(names) if isinstance(names, list) else [names[str(index)] for index in range(len(names))]
     except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
         listed = []
