@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -50,9 +51,7 @@ class LabelledPlaces:
         rows, lines = torch.meshgrid(*(torch.arange(n, device=blended.device) + 0.5 for n in blended.shape[:2]), indexing="ij")
         inside = torch.zeros_like(rows, dtype=torch.bool)
         for k, labelled in enumerate(self._frames):
-            x, y = lines + blended[..., 2 + 2 * k], rows + blended[..., 3 + 2 * k]
-            view = self._cameras[labelled]
-            inside |= (x >= 0) & (x < view.width) & (y >= 0) & (y < view.height)
+            inside |= _inside(lines + blended[..., 2 + 2 * k], rows + blended[..., 3 + 2 * k], self._cameras[labelled])
         return (inside & (blended[..., 0] >= MAJORITY)) | (blended[..., 1] >= MAJORITY)
 
     @torch.no_grad()
@@ -60,11 +59,15 @@ class LabelledPlaces:
         """Which Gaussians look like what is labelled, or are shown by a labelled frame with their centre inside of its view."""
         inside = np.zeros(len(self._shown), bool)
         for labelled in self._frames:
-            (x, y), depth = self._places(labelled)[0].T, self._places(labelled)[1]
-            view = self._cameras[labelled]
-            inside |= (depth > 0) & (x >= 0) & (x < view.width) & (y >= 0) & (y < view.height)
+            places, depth = self._places(labelled)
+            inside |= (depth > 0) & _inside(places[:, 0], places[:, 1], self._cameras[labelled])
         return self._familiar | (self._shown & torch.from_numpy(inside).to(self._shown.device))
 
     def _places(self, labelled: int) -> tuple[np.ndarray, np.ndarray]:
         """Pixels [N, 2] and depths [N] of all centres in a labelled frame."""
         return self._cameras[labelled].project(self._states.advected_means(labelled).cpu().numpy())
+
+
+def _inside(x: Any, y: Any, view: Camera) -> Any:
+    """Which pixel places, arrays or tensors, lie inside of a camera's view."""
+    return (x >= 0) & (x < view.width) & (y >= 0) & (y < view.height)
