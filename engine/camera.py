@@ -36,6 +36,10 @@ class Camera:
         viewmat[:3, 3] *= factor
         return replace(self, viewmat=viewmat)
 
+    def pixel_centres(self) -> np.ndarray:
+        """Positions of the middles of all pixels, float64 [height, width, 2] (x, y)."""
+        return np.stack(np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5), -1)
+
     def unproject(self, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """World points [..., 3] of pixel positions [..., 2] (x, y) at camera depths z [...]."""
         x = (pixels[..., 0] - self.cx) / self.fx * depth

@@ -15,6 +15,7 @@ from degense.engine.errors import ClipError
 from degense.engine.layers import LAYERS, LayerRequest
 from degense.engine.metrics.averages import Mean
 from degense.engine.metrics.image import ImageScores
+from degense.engine.metrics.inspection import InspectionScores, true_motion
 from degense.engine.metrics.motion import MotionScores, scene_depth
 from degense.engine.metrics.semantics import score_flicker, score_masks
 from degense.engine.metrics.tracks import scene_tracks, score_tracks, still_tracks
@@ -24,7 +25,7 @@ from degense.engine.scene.clip_query import encode_prompts
 from degense.engine.semantics.prompts import PromptSet
 
 TIMED = 20
-PARTS = ("masks", "flicker", "motion", "speed")
+PARTS = ("masks", "flicker", "motion", "inspection", "speed")
 
 
 def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Collection[str] = PARTS) -> dict[str, Any]:
@@ -37,8 +38,9 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Colle
     and says so (`mask_frames_trained`). `miou` per decoder as in `MaskScores`, of the masks that the window shows when all classes are
     prompts; `miou_closed` of closed-set label maps, as in `score_masks`; `calibration` as in `Calibration`; `flicker` as in `Flicker`,
     between held-out frames and the frame before each. Motion: every frame and every displayed pixel, where the clip brings exact truth,
-    in the clip's unit, as in `MotionScores`; point tracks, where it brings any, as in `score_tracks`. `uncertain_share`: share of valid
-    pixels, all frames but the reference, whose displacement is marked as a guess; None for a run without observability.
+    in the clip's unit, as in `MotionScores`; point tracks, where it brings any, as in `score_tracks`; `inspection` as in
+    `InspectionScores`, where it measured depth too. `uncertain_share`: share of valid pixels, all frames but the reference, whose
+    displacement is marked as a guess; None for a run without observability.
 
     Returns
     -------
@@ -58,18 +60,7 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Colle
             f"{clip.path} has {len(clip)} frames of {clip.size}, but {scene.name} was trained on {scene.frames} of {scene.clip_size}"
         )
     frames = clip.test_frames or list(range(len(clip)))
-    result: dict[str, Any] = {
-        "run": scene.name,
-        "clip": clip.name,
-        "frames": frames,
-        "held_out": bool(clip.test_frames),
-        "routing": scene.run.info["config"]["routing"],
-        "preset": scene.run.info["config"]["preset"],
-        "unit": scene.unit,
-        "poses": scene.run.info.get("provenance", {}).get("poses"),
-        "moving": scene.run.info.get("moving"),
-        "teacher_disagreement": scene.run.info.get("teacher", {}).get("disagreement"),
-    }
+    result = _facts(scene, clip, frames)
     images = ImageScores()
     for done, i in enumerate(frames):
         progress(0.4 * done / len(frames), "comparing pictures")
@@ -81,12 +72,30 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Colle
         if "flicker" in parts:
             result |= score_flicker(scene, clip, frames, lambda f, words: progress(0.6 + 0.1 * f, words))
     if "motion" in parts:
-        result |= _score_motion(scene, clip, lambda f, words: progress(0.7 + 0.2 * f, words))
+        result |= _score_motion(scene, clip, lambda f, words: progress(0.7 + 0.1 * f, words))
+    if "inspection" in parts:
+        result |= _score_inspection(scene, clip, lambda f, words: progress(0.8 + 0.1 * f, words))
     result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model)}
     if "speed" in parts:
         progress(0.9, "measuring speed")
         result |= {"render_fps": _render_fps(scene)} | _query_times(scene)
     return result
+
+
+def _facts(scene: Scene, clip: Clip, frames: list[int]) -> dict[str, Any]:
+    """What was scored, and how the run was made."""
+    return {
+        "run": scene.name,
+        "clip": clip.name,
+        "frames": frames,
+        "held_out": bool(clip.test_frames),
+        "routing": scene.run.info["config"]["routing"],
+        "preset": scene.run.info["config"]["preset"],
+        "unit": scene.unit,
+        "poses": scene.run.info.get("provenance", {}).get("poses"),
+        "moving": scene.run.info.get("moving"),
+        "teacher_disagreement": scene.run.info.get("teacher", {}).get("disagreement"),
+    }
 
 
 def _score_motion(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any]:
@@ -109,6 +118,18 @@ def _score_motion(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any
         "tracks_nothing_moves": still_tracks(truth.tracks),
     }
     return found | {name: score_tracks(points, truth.tracks, truth.visible, clip.cameras) for name, points in predicted.items()}
+
+
+def _score_inspection(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any]:
+    """`inspection`: the warp layer as a detector of wrong motion, where the clip brings exact truth and depth."""
+    truth, scores = clip.truth(), InspectionScores()
+    if truth is None or not clip.depth_measured:
+        return {}
+    for i in range(len(clip)):
+        progress(i / len(clip), "inspecting motion")
+        warp, modelled = LAYERS["warp"].pixels(scene, LayerRequest(i)), scene.render(i, None, ("motion",))["motion"]
+        scores.add(warp, modelled, true_motion(clip, truth.displacement[i], i))
+    return {"inspection": scores.result()}
 
 
 def _render_fps(scene: Scene) -> float:

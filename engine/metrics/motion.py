@@ -8,6 +8,7 @@ import numpy as np
 
 from degense.engine.clip import Clip
 from degense.engine.metrics.averages import Mean
+from degense.engine.scene.uncertainty import SURE
 
 STATIC = 0.001  # of the scene's depth: tissue that moved no farther counts as static, a tenth of a millimetre 100 mm away
 OBSERVABILITY = (0.0, 0.25, 0.5, 0.75, 1.0)  # edges of the bins of `displacement_error_by_observability`
@@ -41,6 +42,8 @@ class MotionScores:
     - `…_revealed`: the same scores over pixels that are not marked as a guess, in frames with marks; `displacement_error_uncertain`: the
       error over those that are. `displacement_error_by_observability`: by bins of the displayed motion observability, the error
       next to the true displacement and the share of pixels.
+    - `sure_kept`: of the pixels that are not marked as a guess, the share that is well recovered, with an error of at most the share `SURE`
+      of the scene's depth, as the window says of nine in ten. `good_guesses`: of the well recovered pixels, the share that is marked.
     - `displacement_scale`: `depth`, and `…_relative`: a length as share of it.
 
     "Nothing moves" wins `spurious_displacement` and `false_motion`: never show these without correlation, error and recovered share.
@@ -55,6 +58,7 @@ class MotionScores:
         self.depth, self.static = depth, static * (depth or 0.0)
         self._all, self._revealed = _Tally(), _Tally()
         self._guessed, self._tissue, self._marked = Mean(), 0, 0  # pixels of tissue, of all frames and of those with marks
+        self._well = np.zeros((2, 2), np.int64)  # pixels of frames with marks, [poorly, well recovered] × [sure, marked as a guess]
         self._by_observability = [(Mean(), Mean()) for _ in OBSERVABILITY[1:]]
 
     def add(
@@ -82,6 +86,8 @@ class MotionScores:
             self._marked += int(np.count_nonzero(tissue))
             self._revealed.add(guess[sure], right[sure], cautery[sure], self.static)
             _add_mean(self._guessed, np.abs(guess - right)[unsure])
+            well = np.abs(guess - right)[counted] <= SURE * (self.depth or 0.0)
+            self._well += np.bincount(2 * well + uncertain[counted], minlength=4).reshape(2, 2)
         if observability is not None:
             bins = np.digitize(observability, OBSERVABILITY[1:-1])
             for index, (error, moved) in enumerate(self._by_observability):
@@ -94,7 +100,13 @@ class MotionScores:
         scores = self._all.result(self._tissue)
         revealed = {f"{name}_revealed": value for name, value in self._revealed.result(self._marked).items()}
         relative = {f"{name}_relative": _ratio(scores[name], self.depth) for name in RELATIVE}
-        guessed = {"displacement_error_uncertain": self._guessed.value, "displacement_error_by_observability": self._observability()}
+        (_, _), (well_sure, well_guessed) = self._well.tolist()
+        guessed = {
+            "displacement_error_uncertain": self._guessed.value,
+            "displacement_error_by_observability": self._observability(),
+            "sure_kept": _ratio(well_sure, int(self._well[:, 0].sum())),
+            "good_guesses": _ratio(well_guessed, well_sure + well_guessed),
+        }
         return scores | revealed | guessed | relative | {"displacement_scale": self.depth}
 
     def _observability(self) -> dict[str, dict[str, float | None]]:

@@ -45,6 +45,7 @@ def test_every_promised_key_is_there_and_can_be_written(scores):
     assert all(0 <= value <= 1 for value in scores["miou"].values())
     assert set(scores["miou_closed"]) == set(scores["masks_closed"]) == {"argmax", "rnse+argmax"}
     assert scores["confidence"]["masks"] > 0
+    assert 0 < scores["inspection"]["wrong"] < scores["inspection"]["average_precision"] < 1
     for name in ("render_fps", "query_ms", "query_new_frame_ms", "train_seconds"):
         assert scores[name] > 0
 
@@ -156,6 +157,6 @@ def test_progress_never_goes_back(scene, clip):
     fractions = [fraction for fraction, _ in told]
     assert fractions == sorted(fractions)
     assert 0 <= fractions[0] <= fractions[-1] <= 1
-    assert {"comparing pictures", "comparing masks", "measuring flicker", "comparing motion", "measuring speed"} == {
+    assert {"comparing pictures", "comparing masks", "measuring flicker", "comparing motion", "inspecting motion", "measuring speed"} == {
         message for _, message in told
     }

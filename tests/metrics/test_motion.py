@@ -53,7 +53,7 @@ def test_every_score_matches_a_loop(seed):
         scores.add(*frame)
     result = scores.result()
     by_hand = loop(data, 0.3)
-    marked = [name for name in result if name.endswith(("_revealed", "_uncertain"))]
+    marked = [name for name in result if name.endswith(("_revealed", "_uncertain"))] + ["sure_kept", "good_guesses"]
     assert {f"{name}_revealed" for name in by_hand} < set(marked)
     assert all(result.pop(name) is None for name in marked)  # nothing was marked
     assert result.pop("displacement_error_by_observability") == {}
@@ -80,6 +80,8 @@ def test_marked_pixels_are_scored_apart():
     assert result["displacement_error_revealed"] == pytest.approx(error[~mark].mean(), rel=1e-9)
     assert result["displacement_error_uncertain"] == pytest.approx(error[mark].mean(), rel=1e-9)
     assert result["displacement_error"] == pytest.approx(error.mean(), rel=1e-9)
+    assert result["sure_kept"] == pytest.approx((error[~mark] <= 0.005 * DEPTH).mean())
+    assert result["good_guesses"] == pytest.approx(mark[error <= 0.005 * DEPTH].mean())
     assert result["spurious_displacement_revealed"] == pytest.approx(np.concatenate(beyond).mean(), rel=1e-9)
     for name, value in only.result().items():  # as if nothing were displayed where it is a guess
         if f"{name}_revealed" in result:

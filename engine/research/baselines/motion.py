@@ -38,7 +38,7 @@ def motion_baselines(clip: Clip, flow: ClipFlow) -> dict[str, dict[str, Any]]:
 def lifted_displacement(clip: Clip, flow: ClipFlow, frame: int) -> np.ndarray:
     """Displacement since frame 0 of what each pixel of a frame shows, float64 [H, W, 3], clip units: the way that optical flow leads back,
     with the measured depth at both ends. Where one end has none it is taken for as far as the other, else for as far as the scene."""
-    pixels = _pixels(clip)
+    pixels = clip.cameras[frame].pixel_centres()
     if frame == 0:
         return np.zeros((*clip.size[::-1], 3))
     origin = pixels + flow.from_first[frame - 1][1]
@@ -62,9 +62,3 @@ def lifted_tracks(clip: Clip, flow: ClipFlow, truth: Truth) -> np.ndarray:
         found = depth_at(clip, frame, end)
         predicted[:, frame] = clip.cameras[frame].unproject(end, np.where(found > 0, found, depth))
     return predicted
-
-
-def _pixels(clip: Clip) -> np.ndarray:
-    """Middles of the pixels, float64 [H, W, 2]."""
-    width, height = clip.size
-    return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), -1)

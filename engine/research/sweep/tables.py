@@ -73,19 +73,32 @@ MOTION = (
     Score("charred", "false motion, charred", relative("spurious_displacement_static"), larger=False, compared=False),
     Score("static", "false motion, static", relative("false_motion"), larger=False, compared=False),
 )
+INSPECTION = (
+    Score("ap", "warp: average precision", lambda s: s.get("inspection", {}).get("average_precision")),
+    Score("wrong", "wrong by > 1 px (chance)", lambda s: s.get("inspection", {}).get("wrong"), larger=False),
+    Score("precision", "precision", lambda s: s.get("inspection", {}).get("precision")),
+    Score("recall", "recall", lambda s: s.get("inspection", {}).get("recall")),
+    Score("unknown", "unknown", lambda s: s.get("inspection", {}).get("unknown"), larger=False),
+    Score("sure", "displacement: well recovered where sure", lambda s: s.get("sure_kept")),
+    Score("guesses", "guesses among the well recovered", lambda s: s.get("good_guesses"), larger=False),
+)
+#: The tables: what a name ends with → title, scores.
+KINDS = {"masks": ("Pictures and masks", PICTURES), "motion": ("Motion", MOTION), "inspection": ("Inspection of motion", INSPECTION)}
 
 
 def tables_of(plan: SweepPlan) -> list[Table]:
-    """Two tables for each depth and teacher that anything was scored with. DegenseError when nothing was."""
+    """A table of each of `KINDS` for each depth and teacher that anything was scored with. DegenseError when nothing was."""
     found = []
     for depth in plan.depths:
         for teacher in plan.teachers:
             methods = {method: runs for method in plan.methods if (runs := _runs(plan, depth, teacher, method))}
             if methods:
                 baselines = _baselines(plan, depth, teacher) if plan.baselines else {}
-                where = f"depth {depth}, teacher {teacher}"
-                found.append(_table(plan, methods, baselines, PICTURES, f"Pictures and masks, {where}", f"{depth}-{slug(teacher)}-masks"))
-                found.append(_table(plan, methods, baselines, MOTION, f"Motion, {where}", f"{depth}-{slug(teacher)}-motion"))
+                for kind, (title, scores) in KINDS.items():
+                    scored = {method: runs for method, runs in methods.items() if _has(runs, scores)}
+                    if scored:
+                        title, name = f"{title}, depth {depth}, teacher {teacher}", f"{depth}-{slug(teacher)}-{kind}"
+                        found.append(_table(plan, scored, baselines, scores, title, name))
     if not found:
         raise DegenseError(f"{plan.out} holds no scores of this sweep; see the errors in {plan.out / 'scores'}")
     return found
@@ -96,7 +109,7 @@ def _table(
 ) -> Table:
     rows = {method: _row(runs, scores) for method, runs in methods.items()}
     others = {name: _row(runs, scores) for name, runs in baselines.items()}
-    others = {name: row for name, row in others.items() if any(value is not None for value in row.values())}
+    others = {name: row for name, row in others.items() if _has(baselines[name], scores)}
     columns = [Column("method", "method"), Column("scenes", "scenes", 0)]
     if scores is PICTURES:
         columns.append(Column("decoder", "decoder"))
@@ -119,6 +132,10 @@ def _table(
     table = Table(f"surgeries-{plan.which}-{width}x{height}-{name}", title, _protocol(plan), columns, cells)
     table.command = plan.command()
     return table
+
+
+def _has(runs: ByScene, scores: Sequence[Score]) -> bool:
+    return any(score.read(one) is not None for of_seeds in runs.values() for one in of_seeds for score in scores)
 
 
 def _row(runs: ByScene, scores: Sequence[Score]) -> dict[str, float | None]:
@@ -175,5 +192,6 @@ def _protocol(plan: SweepPlan) -> str:
         "time. Each score: the median of the scenes and the worst scene, each the mean of its seeds. Held-out frames, (i − 1) % 8 == 0; "
         f"motion: all frames. mIoU: all classes as prompts, by the window's decoder {DEFAULT_DECODER} for {OURS}, by the best of "
         f"{', '.join(DECODERS)} for the others. Error and false motion: by the mean true motion of the scene, at least {STATIC:.1%} of its "
-        "depth. False motion: beyond the true one, of static tissue, charred or not. † a baseline is better."
+        "depth. False motion: beyond the true one, of static tissue, charred or not. Warp: the layer as a detector of motion that is more "
+        "than a pixel from the true one. Well recovered: within the bound that the window states. † a baseline is better."
     )

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from degense.engine.scene import Scene
     from degense.engine.training.config import TrainConfig
 
+SCORED = ("masks", "motion", "inspection")
+
 
 def begin_process(threads: int, flow: Path) -> None:
     """What holds for this process: how many threads it has, and where it shares optical flow."""
@@ -44,7 +46,7 @@ def score_job(plan: SweepPlan, job: SweepJob) -> dict[str, Any]:
     clip = open_clip(folder)
     with trained(clip, plan.out / "runs" / job.name, plan.config(job.method, job.seed), job.seeded_teacher) as scene:
         begun = time.perf_counter()
-        scores = evaluate(scene, clip, parts=("masks", "motion"))
+        scores = evaluate(scene, clip, parts=SCORED)
         scores["psnr_ceiling"] = json.loads((folder / "surgery.json").read_text(encoding="utf-8"))["psnr_ceiling"]
         return scores | {"job_seconds": time.perf_counter() - started, "score_seconds": time.perf_counter() - begun}
 
@@ -60,7 +62,7 @@ def warm_up(plan: Schedule) -> None:
     make_phantom(folder / "clip", PhantomOptions(4, 64, 48))
     clip, small = open_clip(folder / "clip"), replace(plan, settings={"iterations": 60, "max_gaussians": 500, "semantic_steps": 10})
     with trained(clip, folder / "run", small.config(plan.methods[0], 0), "labels") as scene:
-        evaluate(scene, clip, parts=("masks", "motion"))
+        evaluate(scene, clip, parts=SCORED)
     shutil.rmtree(folder)
 
 

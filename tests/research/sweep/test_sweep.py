@@ -164,8 +164,10 @@ def test_a_sweep_goes_on_and_one_failure_stops_nothing(tmp_path, capsys):
     assert main([*command[:3], "14,", *command[4:]]) == 0  # nothing to do, so nothing is drawn
     assert not list((out / "clips").iterdir())
     tables = [json.loads(path.read_text()) for path in sorted(out.glob("*.json")) if path.name != "sweep.json"]
-    assert [table["name"] for table in tables] == [f"surgeries-develop-64x48-exact-labels-{what}" for what in ("masks", "motion")]
-    assert tables[0]["command"].startswith(
+    assert [table["name"] for table in tables] == [
+        f"surgeries-develop-64x48-exact-labels-{what}" for what in ("inspection", "masks", "motion")
+    ]
+    assert tables[1]["command"].startswith(
         "degense bench surgeries --set develop --scenes 14, --size 64x48 --frames 8 --teachers labels --depth exact --methods degense,"
     )
 
@@ -181,6 +183,7 @@ def made_up(plan, job, value):
         "displacement_scale": 100.0,
         "train_seconds": 10.0,
         "psnr_ceiling": 40.0,
+        "inspection": {"average_precision": value},
     }
     path = plan.scores(job)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -195,7 +198,7 @@ def test_tables_are_of_the_scores(tmp_path):
         path = tmp_path / "baselines" / f"{scene:03d}-labels.json"
         path.parent.mkdir(exist_ok=True)
         path.write_text(json.dumps({"vote": {"masks": {"labels": {"miou": 0.24, "boundary_f": 0.1}}}}))
-    masks, motion = tables_of(plan)
+    masks, motion, inspection = tables_of(plan)
     ours, coupled, ceiling, vote = masks.rows
     assert (ours["decoder"], coupled["decoder"], ours["scenes"]) == ("rnse", "argmax", 3)
     assert ours["psnr"] == pytest.approx(30 * statistics.median((0.11, 0.21, 0.31)))
@@ -207,4 +210,6 @@ def test_tables_are_of_the_scores(tmp_path):
     assert (vote["method"], vote["miou"], vote["psnr"]) == ("baseline: vote", pytest.approx(0.24), None)
     assert motion.rows[0]["error"] == pytest.approx(0.21 / 2)
     assert motion.rows[0]["error worst"] == pytest.approx(0.31 / 2)
+    assert inspection.rows[1]["ap"] == pytest.approx(0.21)
+    assert [row["method"] for row in inspection.rows] == ["degense", "coupled"]
     assert masks.markdown()
