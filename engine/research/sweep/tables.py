@@ -97,7 +97,7 @@ def tables_of(plan: SweepPlan) -> list[Table]:
                 for kind, (title, scores) in KINDS.items():
                     scored = {method: runs for method, runs in methods.items() if _has(runs, scores)}
                     if scored:
-                        title, name = f"{title}, depth {depth}, teacher {teacher}", f"{depth}-{slug(teacher)}-{kind}"
+                        title, name = f"{title}, {plan.preset}, depth {depth}, teacher {teacher}", f"{depth}-{slug(teacher)}-{kind}"
                         found.append(_table(plan, scored, baselines, scores, title, name))
     if not found:
         raise DegenseError(f"{plan.out} holds no scores of this sweep; see the errors in {plan.out / 'scores'}")
@@ -129,7 +129,7 @@ def _table(
         cells.append({"method": "ceiling: a perfect picture", "scenes": len(ceilings), **_middle_and_worst("psnr", ceilings, True)})
     cells += [{"method": f"baseline: {name}", "scenes": len(baselines[name]), **row} for name, row in others.items()]
     width, height = plan.size
-    table = Table(f"surgeries-{plan.which}-{width}x{height}-{name}", title, _protocol(plan), columns, cells)
+    table = Table(f"surgeries-{plan.which}-{plan.preset}-{width}x{height}-{name}", title, _protocol(plan), columns, cells)
     table.command = plan.command()
     return table
 

@@ -165,7 +165,7 @@ def test_a_sweep_goes_on_and_one_failure_stops_nothing(tmp_path, capsys):
     assert not list((out / "clips").iterdir())
     tables = [json.loads(path.read_text()) for path in sorted(out.glob("*.json")) if path.name != "sweep.json"]
     assert [table["name"] for table in tables] == [
-        f"surgeries-develop-64x48-exact-labels-{what}" for what in ("inspection", "masks", "motion")
+        f"surgeries-develop-balanced-64x48-exact-labels-{what}" for what in ("inspection", "masks", "motion")
     ]
     assert tables[1]["command"].startswith(
         "degense bench surgeries --set develop --scenes 14, --size 64x48 --frames 8 --teachers labels --depth exact --methods degense,"
