@@ -5,19 +5,19 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from degense.engine.motion.window_kernels import compare, descend, look_up
+from degense.engine.threads import run_kernel
+
 RADIUS, APART = 7, 2  # pixels: a window reaches so far to each side, and is looked up at places so far apart,
 SPREAD = 4.2  # weighted by a Gaussian of this σ, pixels
 ROUNDS = 5  # of Gauss-Newton
 FLAT = 16.0  # squared grey levels a pixel²: texture as weak as this holds a window back from moving
 FARTHEST = 2.0  # pixels that a window may move in one round
 
-_steps = np.arange(-RADIUS, RADIUS + 1, APART, dtype=np.float32)
-_x, _y = (offsets.ravel() for offsets in np.meshgrid(_steps, _steps))
-_weights = np.exp(-(_x**2 + _y**2) / (2 * SPREAD**2))
+_offsets = np.arange(-RADIUS, RADIUS + 1, APART)
+_x, _y = (offsets.ravel() for offsets in np.meshgrid(_offsets, _offsets))
+_weights = np.exp(-(_x**2 + _y**2) / np.float32(2 * SPREAD**2))
 _weights /= _weights.sum()
-# Products with these are many times as fast as means over windows [K, n, 3] along so short an axis.
-_half = np.tile(np.eye(3, dtype=np.float32) / np.float32(2 * len(_weights)), (len(_weights), 1))
-_of_colours = np.repeat(_weights / np.float32(3), 3)
 
 
 def windows_at(image: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -25,16 +25,10 @@ def windows_at(image: np.ndarray, places: np.ndarray) -> np.ndarray:
 
     Bilinear; beyond the image as at its edge.
     """
-    x, y = (np.asarray(places[:, axis, None], np.float32) - np.float32(0.5) for axis in (0, 1))
-    return cv2.remap(image, x + _x, y + _y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
-
-
-def unlikeness(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Weighted mean absolute difference of windows [K, n, 3], float32 [K], grey levels; half of what all of a window has in common, a
-    change of light, is not counted."""
-    difference = a - b
-    difference -= (difference.reshape(len(a), -1) @ _half)[:, None]
-    return np.abs(difference, out=difference).reshape(len(a), -1) @ _of_colours
+    channels = image if image.ndim == 3 else image[..., None]
+    found = np.empty((len(places), len(_weights), channels.shape[2]), np.float32)
+    run_kernel(look_up, channels, np.asarray(places, np.float64), _offsets, found)
+    return found if image.ndim == 3 else found[..., 0]
 
 
 class Windows:
@@ -61,15 +55,17 @@ class Windows:
         Inverse compositional matching by translation (Baker & Matthews, IJCV 2004), damped where there is no texture; a change of light
         that a window has in common has no effect, because the weighted slopes of a window have no mean.
         """
-        dx, dy, kept, inverse = self._dx[points], self._dy[points], self._grey[points], self._inverse[points]
-        places = places.copy()
-        for _ in range(ROUNDS):
-            rest = windows_at(grey, places) - kept
-            along_x, along_y = np.einsum("kn,kn->k", dx, rest), np.einsum("kn,kn->k", dy, rest)
-            step = np.stack([inverse[:, 0] * along_x + inverse[:, 1] * along_y, inverse[:, 1] * along_x + inverse[:, 2] * along_y], 1)
-            places -= np.clip(step, -FARTHEST, FARTHEST)
+        places = np.array(places, np.float64)
+        kept = self._grey, self._dx, self._dy, self._inverse
+        run_kernel(descend, grey[..., None], places, _offsets, np.asarray(points, np.int64), *kept, ROUNDS, FARTHEST)
         return places
 
     def unlike(self, points: np.ndarray, colours: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """`unlikeness` of what a frame uint8 [H, W, 3] shows at places [n, 2] and what is kept of points, [n]."""
-        return unlikeness(windows_at(colours, places), self._colours[points])
+        """How unlike what is kept of points a frame uint8 [H, W, 3] is at places [n, 2]: float32 [n], grey levels.
+
+        The weighted mean absolute difference of windows; half of what all of a window has in common, a change of light, is not counted.
+        """
+        found = np.empty(len(places), np.float32)
+        rows = np.asarray(points, np.int64)
+        run_kernel(compare, colours, np.asarray(places, np.float64), _offsets, rows, self._colours, _weights, found)
+        return found

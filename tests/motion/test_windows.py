@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from degense.engine.motion.windows import Windows, unlikeness, windows_at
+from degense.engine.motion.windows import APART, RADIUS, SPREAD, Windows, windows_at
 
 HEIGHT, WIDTH = 80, 120
 PLACES = np.array([[40.3, 30.8], [70.0, 50.5], [90.6, 20.2]])
@@ -56,8 +56,42 @@ def test_the_right_place_is_less_unlike_than_others():
 
 
 def test_unlikeness_is_a_weighted_mean_that_forgives_half_of_a_change_of_light():
-    a = windows_at(texture(), PLACES)
-    np.testing.assert_allclose(unlikeness(a + 10, a), 5, atol=1e-3)
-    channel = a.copy()
+    windows = kept(texture())
+    np.testing.assert_allclose(windows.unlike(np.arange(3), texture(light=10), PLACES), 5, atol=0.05)
+    channel = texture()
     channel[..., 1] += 12
-    np.testing.assert_allclose(unlikeness(channel, a), 12 / 3 / 2, atol=1e-3)
+    np.testing.assert_allclose(windows.unlike(np.arange(3), channel, PLACES), 12 / 3 / 2, atol=0.05)
+
+
+ANYWHERE = np.array([[40.3, 30.8], [2.1, 3.3], [119.4, 79.6], [-3.0, 41.2], [60.5, 95.0], [1e12, -1e12]])
+
+
+def plain(image: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Windows, sample by sample."""
+    steps = np.arange(-RADIUS, RADIUS + 1, APART)
+    height, width = image.shape[:2]
+    found = []
+    for x, y in np.clip(places, -1e6, 1e6):
+        for down in steps:
+            for across in steps:
+                column, row = x + across - 0.5, y + down - 0.5
+                left, above = int(np.floor(column)), int(np.floor(row))
+                corners = [[image[np.clip(above + j, 0, height - 1), np.clip(left + i, 0, width - 1)] for i in (0, 1)] for j in (0, 1)]
+                upper, lower = (a * (left + 1 - column) + b * (column - left) for a, b in np.array(corners, float))
+                found.append(upper * (above + 1 - row) + lower * (row - above))
+    return np.array(found).reshape(len(places), len(steps) ** 2, *image.shape[2:])
+
+
+def test_kernels_do_what_the_formulas_say():
+    picture, other = texture(), texture((1.3, -0.4), light=5)
+    np.testing.assert_allclose(windows_at(picture, ANYWHERE), plain(picture, ANYWHERE), atol=1e-2)
+    np.testing.assert_allclose(windows_at(grey(picture), ANYWHERE), plain(grey(picture), ANYWHERE), atol=1e-2)
+    windows = Windows(9)
+    rows = np.array([7, 0, 3, 4, 8, 2])
+    windows.keep(rows, grey(picture), picture, ANYWHERE)
+    steps = np.arange(-RADIUS, RADIUS + 1, APART)
+    weights = np.exp(-(steps[:, None] ** 2 + steps**2) / (2 * SPREAD**2)).ravel()
+    difference = plain(other, ANYWHERE + 2) - plain(picture, ANYWHERE)
+    difference -= difference.mean(1, keepdims=True) / 2
+    expected = (np.abs(difference).mean(2) @ weights) / weights.sum()
+    np.testing.assert_allclose(windows.unlike(rows, other, ANYWHERE + 2), expected, rtol=1e-3, atol=1e-3)
