@@ -6,14 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from degense.engine.motion.matched import Matched, matching
+from degense.engine.motion.matched import Matched, clearly_less, matching
 from degense.engine.progress import Result, Steps, finish
 from degense.engine.scene.material_tracks import following_material
 from degense.engine.scene.scene import Scene
 
 IN_FRONT = 0.03  # of its distance: a point with a surface so far before it is hidden
 DRAWN = 160  # pixels: width of the depth that visibility is read from
-CLEARLY, LEAST = 1.28, 3.0  # a place is clearly less like the point where it is so many times as unlike, with these grey levels added
 CHANGED = 30.0  # grey levels: what is so unlike a point that the recording has lost is another thing
 
 
@@ -63,8 +62,7 @@ def contradicting(matched: Matched) -> np.ndarray:
     """Where the recording shows points clearly elsewhere than was guessed, bool [K, T]: in all frames to which it follows a point, if in
     most of them what was guessed is clearly less like it; else in none."""
     known = np.isfinite(matched.unlike)
-    with np.errstate(invalid="ignore"):
-        elsewhere = matched.guessed_unlike + LEAST > CLEARLY * (matched.unlike + LEAST)
+    elsewhere = clearly_less(matched.guessed_unlike, matched.unlike)
     return known & (2 * (known & elsewhere).sum(1) > known.sum(1))[:, None]
 
 
