@@ -8,10 +8,13 @@ import cv2
 import numpy as np
 from numba import njit
 
+from degense.engine.threads import run_kernel, take_ticket
+
 MOST, CONTRAST = 1000, 0.01  # landmarks of a frame, and how weak they may be: tissue has few strong ones
 SECOND = 0.8  # a landmark's look may differ from its other's by this share of what it differs by from the next most alike
 NEAREST = 12  # landmarks that say where a place between them is
 TOGETHER = 3.0  # pixels: landmarks that move as one similarity does are at most so far from where it takes them
+CHUNK = 32  # places that a thread takes at once
 LEAST = 3  # of them; two fit any similarity
 GROWN = 1.6  # at most so many times as large or as small
 
@@ -57,7 +60,7 @@ def carried(places: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> np.ndarr
     found = np.full(len(places), complex(np.nan, np.nan))
     if len(here) >= LEAST:
         nearest = np.argsort(np.linalg.norm(places[:, None] - here, axis=-1), axis=1)[:, :NEAREST]
-        _carry(_complex(places), _complex(here)[nearest], _complex(there)[nearest], found)
+        run_kernel(_carry, _complex(places), _complex(here)[nearest], _complex(there)[nearest], found)
     return np.stack([found.real, found.imag], 1)
 
 
@@ -66,31 +69,40 @@ def _complex(places: np.ndarray) -> np.ndarray:
 
 
 @njit(nogil=True, error_model="numpy")
+def _square(z):
+    return z.real * z.real + z.imag * z.imag
+
+
+@njit(nogil=True, error_model="numpy")
 def _agreeing(here, there, i, j):
-    """The similarity z ↦ there + ratio (z − here) through two of n pairs of complex numbers: its ratio, how many agree with it, and how far
-    these are from it together; none where the two are too near each other, or it grows too much."""
+    """The similarity z ↦ there + ratio (z − here) through two of n pairs of complex numbers: its ratio, how many agree with it, and their
+    squared distances from it together; none where the two are too near each other, or it grows too much."""
     span = here[j] - here[i]
-    if abs(span) < TOGETHER:
+    if _square(span) < TOGETHER**2:
         return span, 0, 0.0
-    ratio = (there[j] - there[i]) / span
-    if not 1 / GROWN < abs(ratio) < GROWN:
+    ratio = (there[j] - there[i]) * span.conjugate() / _square(span)
+    if not 1 / GROWN**2 < _square(ratio) < GROWN**2:
         return ratio, 0, 0.0
     count, apart = 0, 0.0
     for other in range(len(here)):
-        away = abs(there[i] + ratio * (here[other] - here[i]) - there[other])
-        if away <= TOGETHER:
+        away = _square(there[i] + ratio * (here[other] - here[i]) - there[other])
+        if away <= TOGETHER**2:
             count, apart = count + 1, apart + away
     return ratio, count, apart
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _carry(places, here, there, found):
+def _carry(places, here, there, found, counter):
     """Places [k] by the similarity through two of their n landmarks, complex [k, n], that most agree with, most closely; all as x + i y."""
-    for k in range(len(places)):
-        most, nearest = LEAST - 1, np.inf
-        for i in range(here.shape[1]):
-            for j in range(i):
-                ratio, count, apart = _agreeing(here[k], there[k], i, j)
-                if count > most or (count == most and apart < nearest and count >= LEAST):
-                    most, nearest = count, apart
-                    found[k] = there[k, i] + ratio * (places[k] - here[k, i])
+    while True:
+        first = take_ticket(counter) * CHUNK
+        if first >= len(places):
+            return
+        for k in range(first, min(first + CHUNK, len(places))):
+            most, nearest = LEAST - 1, np.inf
+            for i in range(here.shape[1]):
+                for j in range(i):
+                    ratio, count, apart = _agreeing(here[k], there[k], i, j)
+                    if count > most or (count == most and apart < nearest and count >= LEAST):
+                        most, nearest = count, apart
+                        found[k] = there[k, i] + ratio * (places[k] - here[k, i])

@@ -174,13 +174,13 @@ class _Chain:
         there = origin.pyramid.to(frame.pyramid, queries, guesses)
         direct = self._windows.matched(points, frame.grey, there)
         there = np.where((self.unlike_at(points, direct) < self.unlike_at(points, there))[:, None], direct, there)
-        astray = np.linalg.norm(frame.pyramid.to(origin.pyramid, there, queries + guesses - there) - queries, axis=1)
+        back = frame.pyramid.to(origin.pyramid, there, queries + guesses - there)
+        led_back = np.linalg.norm(back - queries, axis=1) < THERE_AND_BACK
+        near = (np.linalg.norm(there - guesses, axis=1) < DRIFTED * frame.size[0]) & ((there >= 0) & (there < frame.size)).all(1)
+        points, there = points[led_back & near], there[led_back & near]
         unlike = self.unlike_at(points, there)
         around = np.min([self.unlike_at(points, there + offset) for offset in AROUND], axis=0)
-        moved = np.linalg.norm(there - guesses, axis=1)
-        found = (astray < THERE_AND_BACK) & (moved < DRIFTED * frame.size[0]) & clearly_less(around, unlike)
-        found &= ((there >= 0) & (there < frame.size)).all(1)
-        found &= np.isnan(self.unlike[points]) | clearly_less(self.unlike[points], unlike)
+        found = clearly_less(around, unlike) & (np.isnan(self.unlike[points]) | clearly_less(self.unlike[points], unlike))
         self.places[points[found]], self.unlike[points[found]] = there[found], unlike[found]
 
     def unlike_at(self, points: np.ndarray, places: np.ndarray) -> np.ndarray:

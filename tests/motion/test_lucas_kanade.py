@@ -33,13 +33,13 @@ def test_points_go_where_opencv_follows_them(size):
 def test_points_go_where_the_texture_moves():
     places = np.array([[60.5, 50.0], [90.2, 70.9]])
     found = Pyramid(texture((0, 0))).to(Pyramid(texture((6.4, 5.3))), places)
-    np.testing.assert_allclose(found, places + (6.4, 5.3), atol=0.1)
+    np.testing.assert_allclose(found, places + np.array([6.4, 5.3]), atol=0.1)
 
 
 def test_a_search_begins_at_its_guess():
-    places, far = np.array([[50.0, 80.0]]), (58.0, -41.0)
+    places, far = np.array([[50.0, 80.0]]), np.array([58.0, -41.0])
     a, b = Pyramid(texture((0, 0))), Pyramid(texture(far))
-    np.testing.assert_allclose(a.to(b, places, places + far + (3, -2)), places + far, atol=0.1)
+    np.testing.assert_allclose(a.to(b, places, places + far + np.array([3, -2])), places + far, atol=0.1)
 
 
 def test_what_is_plain_or_outside_stays_where_it_was():
