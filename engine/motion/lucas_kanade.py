@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numba import njit
 
+from degense.engine.motion.window_kernels import between
 from degense.engine.simd import LANES, fma, greater, load, mul, ramp, select, splat, store, sub, total
 from degense.engine.threads import run_kernel, take_ticket
 
@@ -59,22 +60,15 @@ def _corner(image, x, y):
 
 
 @njit(nogil=True, error_model="numpy")
-def _row(image, first, right):
-    """A row of pixels from a flat index on, looked up so far to the right of them."""
-    here = load(image, first)
-    return fma(right, sub(load(image, first + 1), here), here)
-
-
-@njit(nogil=True, error_model="numpy")
 def _look_up(image, x, y, valid, out):
     """Write the window around a place, float32 [SIDE * LANES]; what is not `valid` of a row counts as 0. Whether it is in the padding."""
     first, right, below = _corner(image, x, y)
     if first < 0:
         return False
-    upper = _row(image, first, right)
+    upper = between(image, first, right)
     for i in range(SIDE):
         first += image.shape[1]
-        lower = _row(image, first, right)
+        lower = between(image, first, right)
         store(out, i * LANES, mul(valid, fma(below, sub(lower, upper), upper)))
         upper = lower
     return True
@@ -97,10 +91,10 @@ def _residual(image, x, y, window):
     if first < 0:
         return 0.0, 0.0, False
     along_x, along_y = splat(np.float32(0)), splat(np.float32(0))
-    upper = _row(image, first, right)
+    upper = between(image, first, right)
     for i in range(SIDE):
         first += image.shape[1]
-        lower = _row(image, first, right)
+        lower = between(image, first, right)
         rest = sub(fma(below, sub(lower, upper), upper), load(kept, i * LANES))
         along_x, along_y = fma(rest, load(dx, i * LANES), along_x), fma(rest, load(dy, i * LANES), along_y)
         upper = lower

@@ -15,6 +15,7 @@ from degense.engine.latest import Latest
 from degense.engine.motion.flow import even
 from degense.engine.motion.landmarks import Landmarks, carried, landmarks, paired
 from degense.engine.motion.lucas_kanade import Pyramid
+from degense.engine.motion.window_kernels import padded
 from degense.engine.motion.windows import Windows
 from degense.engine.progress import Steps
 
@@ -42,9 +43,10 @@ class _Frame:
 
     def __init__(self, rgb: np.ndarray, size: tuple[int, int]):
         small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-        self.size, self.even, self.colours = size, even(small), cv2.GaussianBlur(small, (0, 0), SMOOTH)
+        blurred = cv2.GaussianBlur(small, (0, 0), SMOOTH)
+        self.size, self.even = size, even(small)
         self.pyramid = Pyramid(self.even)
-        self.grey = cv2.cvtColor(self.colours, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        self.grey, self.colours = padded(cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY)), padded(blurred)
 
     @cached_property
     def landmarks(self) -> Landmarks:
