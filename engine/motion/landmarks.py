@@ -12,7 +12,7 @@ from degense.engine.threads import run_kernel, take_ticket
 
 MOST, CONTRAST = 1000, 0.01  # landmarks of a frame, and how weak they may be: tissue has few strong ones
 SECOND = 0.8  # a landmark's look may differ from its other's by this share of what it differs by from the next most alike
-NEAREST = 12  # landmarks that say where a place between them is
+NEAREST = 8  # landmarks that say where a place between them is
 TOGETHER = 3.0  # pixels: landmarks that move as one similarity does are at most so far from where it takes them
 CHUNK = 32  # places that a thread takes at once
 LEAST = 3  # of them; two fit any similarity

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import cv2
@@ -92,7 +92,7 @@ def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries
             chain.begin(np.flatnonzero(starts == frame))
             begun = np.flatnonzero(starts * frames.step <= frame * frames.step)
             for start in _turn(starts[begun], done):
-                chain.find_again(begun[starts[begun] == start], origins.get(start, lambda start=start: shown(start)))
+                chain.find_again(begun[starts[begun] == start], origins.get(start, partial(shown, start)))
             found.pixels[begun, frame] = chain.places[begun] / scale
             found.unlike[begun, frame] = chain.unlike[begun]
             found.guessed_unlike[begun, frame] = chain.unlike_at(begun, guesses[begun, frame] * scale)

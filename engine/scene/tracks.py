@@ -28,8 +28,9 @@ def follow_points(scene: Scene, queries: np.ndarray) -> Tracks:
     """Follow points from where they are seen, forwards and backwards through the whole clip.
 
     A point moves as the Gaussians of the surface there do (`following_material`). Where the recording is at hand, it is also followed from
-    frame to frame (`matching`), as far as that goes; where the places found look clearly more like the point than those of the scene, in
-    most of these frames, it is there in all of them, as far away as the surface that the scene has there. Beyond them the scene goes on.
+    frame to frame (`matching`), as far as that goes, and on from where it is found again; where the places found look clearly more like the
+    point than those of the scene, in most of these frames, it is there in all of them, as far away as the surface that the scene has there.
+    In other frames the scene goes on.
 
     It is visible where it is followed by the recording; else where no surface of the scene is in front of it, unless the recording has
     lost it and shows another thing there.
