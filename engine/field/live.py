@@ -7,7 +7,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from degense.engine.cuda_graphs import capture, warm_up
+from degense.engine.field.cuda_graphs import capture, warm_up
 from degense.engine.field.model import SceneModel
 from degense.engine.splats import Splats
 

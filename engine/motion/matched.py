@@ -1,22 +1,32 @@
-"""Points followed through a recording by small windows, as long as the frames lead there and back."""
+"""Points followed through a recording by small windows, as long as the frames lead there and back, and found again where they return."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
+from degense.engine.latest import Latest
 from degense.engine.motion.flow import even
+from degense.engine.motion.landmarks import Landmarks, carried, landmarks, paired
+from degense.engine.motion.lucas_kanade import Pyramid
+from degense.engine.motion.window_kernels import padded
 from degense.engine.motion.windows import Windows
 from degense.engine.progress import Steps
 
 PIXELS = 200_000  # frames are matched at about this size
-SIDE, LEVELS = 15, 3  # of the windows that are followed from frame to frame: pixels, and octaves above the finest
-ENOUGH = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)  # rounds in each octave, or pixels that the last one moved
 THERE_AND_BACK = 1.0  # pixels: a point that comes back farther from where it began is lost
 DRIFTED = 0.03  # of the width: a direct match farther from where the steps lead is another place that looks alike
+CLEARLY, LEAST = 1.28, 3.0  # a place is clearly less like a point where it is so many times as unlike, with these grey levels added
+EVERY = 8  # frames: points are looked for anew in one of so many
+AROUND = 7.0 * np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * np.pi / 4])  # pixels: what is around a point
+ORIGINS = 4  # frames of queries that are looked back at in one frame, and kept
+AHEAD = 2  # frames that are read ahead
 SMOOTH = 0.8  # pixels: σ of the blur before windows are compared
 
 
@@ -33,8 +43,14 @@ class _Frame:
 
     def __init__(self, rgb: np.ndarray, size: tuple[int, int]):
         small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-        self.even, self.colours = even(small), cv2.GaussianBlur(small, (0, 0), SMOOTH)
-        self.grey = cv2.cvtColor(self.colours, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        blurred = cv2.GaussianBlur(small, (0, 0), SMOOTH)
+        self.size, self.even = size, even(small)
+        self.pyramid = Pyramid(self.even)
+        self.grey, self.colours = padded(cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY)), padded(blurred)
+
+    @cached_property
+    def landmarks(self) -> Landmarks:
+        return landmarks(self.even)
 
 
 def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries: np.ndarray) -> Steps[Matched]:
@@ -42,7 +58,7 @@ def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries
 
     Windows are followed from frame to frame (Lucas-Kanade, in a pyramid); where a direct match with what a point looked like in the frame
     of its query, begun where that ends, looks more like it, the point is there: it does not drift. It is lost when a step does not lead
-    back to where it began, or leaves the frame.
+    back to where it began, or leaves the frame. In each `EVERY`th frame it is looked for anew (`_Chain.find_again`).
 
     Parameters
     ----------
@@ -62,18 +78,52 @@ def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries
     found = Matched(np.full(guesses.shape, np.nan), *(np.full(guesses.shape[:2], np.nan, np.float32) for _ in range(2)))
     ways = [range(starts.min(initial=count), count), range(starts.max(initial=-1), -1, -1)]
     done, total = 0, sum(map(len, ways))
+    origins = Latest(ORIGINS)
+
+    def shown(frame: int) -> _Frame:
+        return _Frame(frame_of(int(frame)), size)
+
     for frames in ways:
         chain = _Chain(queries[:, 1:] * scale)
-        for frame in frames:
+        for frame, seen in zip(frames, _ahead(shown, frames), strict=True):
             yield done / max(total, 1), "following points"
             done += 1
-            chain.advance(_Frame(frame_of(frame), size))
+            chain.advance(seen)
             chain.begin(np.flatnonzero(starts == frame))
             begun = np.flatnonzero(starts * frames.step <= frame * frames.step)
+            for start in _turn(starts[begun], done):
+                chain.find_again(begun[starts[begun] == start], origins.get(start, partial(shown, start)))
             found.pixels[begun, frame] = chain.places[begun] / scale
             found.unlike[begun, frame] = chain.unlike[begun]
             found.guessed_unlike[begun, frame] = chain.unlike_at(begun, guesses[begun, frame] * scale)
     return found
+
+
+def _turn(starts: np.ndarray, number: int) -> list[int]:
+    """The frames that points which are looked for in the frame of a number begin in: all that there are, or some in turn."""
+    turn, rest = divmod(number, EVERY)
+    if rest or not len(starts):
+        return []
+    frames = np.unique(starts)
+    turns = -(-len(frames) // ORIGINS)
+    return frames[turn % turns :: turns].tolist()
+
+
+def clearly_less(unlike: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Where places that are so unlike a point, grey levels, are clearly less like it than others."""
+    with np.errstate(invalid="ignore"):
+        return unlike + LEAST > CLEARLY * (other + LEAST)
+
+
+def _ahead(shown: Callable[[int], _Frame], frames: range) -> Iterator[_Frame]:
+    """Frames in order, each made while those before it are used."""
+    with ThreadPoolExecutor(1) as reader:
+        made = deque(reader.submit(shown, frame) for frame in frames[:AHEAD])
+        for frame in frames[AHEAD:]:
+            yield made.popleft().result()
+            made.append(reader.submit(shown, frame))
+        while made:
+            yield made.popleft().result()
 
 
 class _Chain:
@@ -99,17 +149,41 @@ class _Chain:
         if before is None or not len(points):
             return
         start = self.places[points]
-        there = _step(before.even, frame.even, start)
-        astray = np.linalg.norm(_step(frame.even, before.even, there) - start, axis=1)
-        kept = (astray < THERE_AND_BACK) & ((there >= 0) & (there < frame.even.shape[::-1])).all(1)
+        there = before.pyramid.to(frame.pyramid, start)
+        astray = np.linalg.norm(frame.pyramid.to(before.pyramid, there) - start, axis=1)
+        kept = (astray < THERE_AND_BACK) & ((there >= 0) & (there < frame.size)).all(1)
         self.places[points[~kept]], self.unlike[points[~kept]] = np.nan, np.nan
         points, there = points[kept], there[kept]
         if len(points):
             direct = self._windows.matched(points, frame.grey, there)
-            near = np.linalg.norm(direct - there, axis=1) < DRIFTED * frame.even.shape[1]
+            near = np.linalg.norm(direct - there, axis=1) < DRIFTED * frame.size[0]
             chained, matched = self.unlike_at(points, there), np.where(near, self.unlike_at(points, direct), np.inf)
             self.places[points] = np.where((matched < chained)[:, None], direct, there)
             self.unlike[points] = np.minimum(matched, chained)
+
+    def find_again(self, points: np.ndarray, origin: _Frame) -> None:
+        """Look for points in the frame that was last advanced to, wherever they were before; `origin` is the frame of their queries.
+
+        A search begins where the landmarks around a point went, and one back where that ends. A point is found where the way back leads to
+        its query, and what is around looks clearly less like it: not on plain tissue, nor along an edge. It goes on from there if it was
+        lost, or if what it was followed to looks clearly less like it.
+        """
+        assert self._frame is not None
+        frame, queries = self._frame, self._queries[points]
+        guesses = carried(queries, paired(origin.landmarks, frame.landmarks))
+        known = np.isfinite(guesses).all(1)
+        points, queries, guesses = points[known], queries[known], guesses[known]
+        there = origin.pyramid.to(frame.pyramid, queries, guesses)
+        direct = self._windows.matched(points, frame.grey, there)
+        there = np.where((self.unlike_at(points, direct) < self.unlike_at(points, there))[:, None], direct, there)
+        back = frame.pyramid.to(origin.pyramid, there, queries + guesses - there)
+        led_back = np.linalg.norm(back - queries, axis=1) < THERE_AND_BACK
+        near = (np.linalg.norm(there - guesses, axis=1) < DRIFTED * frame.size[0]) & ((there >= 0) & (there < frame.size)).all(1)
+        points, there = points[led_back & near], there[led_back & near]
+        unlike = self.unlike_at(points, there)
+        around = np.min([self.unlike_at(points, there + offset) for offset in AROUND], axis=0)
+        found = clearly_less(around, unlike) & (np.isnan(self.unlike[points]) | clearly_less(self.unlike[points], unlike))
+        self.places[points[found]], self.unlike[points[found]] = there[found], unlike[found]
 
     def unlike_at(self, points: np.ndarray, places: np.ndarray) -> np.ndarray:
         """How unlike their queries the frame that was last advanced to is at places [n, 2] of points; NaN of a place that is not known."""
@@ -119,10 +193,3 @@ class _Chain:
         if known.any():
             found[known] = self._windows.unlike(points[known], self._frame.colours, places[known])
         return found
-
-
-def _step(a: np.ndarray, b: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Where windows of frame a at places [n, 2] are in frame b, uint8 [H, W] both; float64 [n, 2]."""
-    start = (places - 0.5).astype(np.float32)[:, None]
-    found, _, _ = cv2.calcOpticalFlowPyrLK(a, b, start, None, winSize=(SIDE, SIDE), maxLevel=LEVELS, criteria=ENOUGH)
-    return found[:, 0].astype(np.float64) + 0.5

@@ -13,7 +13,7 @@ from numba import njit
 
 from degense.engine.raster.limits import MAX_ALPHA, MIN_TRANSMITTANCE
 from degense.engine.raster.project import ACROSS, ALONG, HEADROOM, LOG2_MIN_ALPHA, SHEAR, TILE_HEIGHT, TILE_WIDTH, WIDTH, X, Y
-from degense.engine.raster.simd import (
+from degense.engine.simd import (
     LANES,
     add,
     exp2,

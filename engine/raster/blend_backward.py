@@ -45,7 +45,7 @@ from degense.engine.raster.project import (
     X,
     Y,
 )
-from degense.engine.raster.simd import (
+from degense.engine.simd import (
     LANES,
     add,
     both,

@@ -6,14 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from degense.engine.motion.matched import Matched, matching
+from degense.engine.motion.matched import Matched, clearly_less, matching
 from degense.engine.progress import Result, Steps, finish
 from degense.engine.scene.material_tracks import following_material
 from degense.engine.scene.scene import Scene
 
 IN_FRONT = 0.03  # of its distance: a point with a surface so far before it is hidden
 DRAWN = 160  # pixels: width of the depth that visibility is read from
-CLEARLY, LEAST = 1.28, 3.0  # a place is clearly less like the point where it is so many times as unlike, with these grey levels added
 CHANGED = 30.0  # grey levels: what is so unlike a point that the recording has lost is another thing
 
 
@@ -29,8 +28,9 @@ def follow_points(scene: Scene, queries: np.ndarray) -> Tracks:
     """Follow points from where they are seen, forwards and backwards through the whole clip.
 
     A point moves as the Gaussians of the surface there do (`following_material`). Where the recording is at hand, it is also followed from
-    frame to frame (`matching`), as far as that goes; where the places found look clearly more like the point than those of the scene, in
-    most of these frames, it is there in all of them, as far away as the surface that the scene has there. Beyond them the scene goes on.
+    frame to frame (`matching`), as far as that goes, and on from where it is found again; where the places found look clearly more like the
+    point than those of the scene, in most of these frames, it is there in all of them, as far away as the surface that the scene has there.
+    In other frames the scene goes on.
 
     It is visible where it is followed by the recording; else where no surface of the scene is in front of it, unless the recording has
     lost it and shows another thing there.
@@ -63,8 +63,7 @@ def contradicting(matched: Matched) -> np.ndarray:
     """Where the recording shows points clearly elsewhere than was guessed, bool [K, T]: in all frames to which it follows a point, if in
     most of them what was guessed is clearly less like it; else in none."""
     known = np.isfinite(matched.unlike)
-    with np.errstate(invalid="ignore"):
-        elsewhere = matched.guessed_unlike + LEAST > CLEARLY * (matched.unlike + LEAST)
+    elsewhere = clearly_less(matched.guessed_unlike, matched.unlike)
     return known & (2 * (known & elsewhere).sum(1) > known.sum(1))[:, None]
 
 

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from degense.engine.camera import Camera
-from degense.engine.cuda_graphs import graphed
 from degense.engine.field import SceneModel
+from degense.engine.field.cuda_graphs import graphed
 from degense.engine.raster import Render, camera_depths, rasterize
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig

@@ -1,8 +1,9 @@
 """Points followed through frames by small windows, on a texture whose motion is known."""
 
+import cv2
 import numpy as np
 
-from degense.engine.motion.matched import matching
+from degense.engine.motion.matched import EVERY, ORIGINS, _Chain, _Frame, _turn, matching
 from degense.engine.progress import finish
 from tests.motion.test_points import FRAMES, sliding
 
@@ -42,3 +43,70 @@ def test_where_nothing_is_guessed_nothing_is_said_of_the_guess():
 
 def test_no_points_are_no_work():
     assert followed(np.zeros((0, 3))).pixels.shape == (0, FRAMES, 2)
+
+
+LONG, AWAY, BACK, ASIDE = 24, 5, 12, np.array([46, 21])
+
+
+def returning(frame: int) -> np.ndarray:
+    """A textured patch on another texture, uint8 [H, W, 3]: it leaves the view in frame `AWAY` and is back, elsewhere, in frame `BACK`."""
+    rng = np.random.default_rng(7)
+    ground, patch = (
+        cv2.normalize(cv2.GaussianBlur(rng.random((*size, 3)).astype(np.float32), (0, 0), 2.0), None, 20, 230, cv2.NORM_MINMAX)
+        for size in ((120, 170), (60, 60))
+    )
+    if not AWAY <= frame < BACK:
+        x, y = (20, 25) + ASIDE * (frame >= BACK) + (frame, 0)
+        ground[y : y + 60, x : x + 60] = patch
+    return ground.astype(np.uint8)
+
+
+PATCH = np.array([[0, 50.0, 55.0], [0, 43.5, 62.0]])
+
+
+def test_what_leaves_and_returns_elsewhere_is_found_again():
+    found = finish(matching(returning, np.full((2, LONG, 2), np.nan), PATCH))
+    again = next(frame for frame in range(BACK, LONG) if np.isfinite(found.unlike[0, frame]))
+    assert np.isnan(found.unlike[:, AWAY:BACK]).all(), "nothing else is taken for it"
+    assert again < BACK + EVERY
+    for frame in (*range(AWAY), *range(again, LONG)):
+        right = PATCH[:, 1:] + (frame, 0) + ASIDE * (frame >= BACK)
+        np.testing.assert_allclose(found.pixels[:, frame], right, atol=0.5)
+        assert (found.unlike[:, frame] < 5).all()
+
+
+def test_what_was_followed_to_something_else_is_taken_back():
+    size = 170, 120
+    first, second = _Frame(returning(0), size), _Frame(returning(1), size)
+    chain = _Chain(PATCH[:, 1:])
+    chain.advance(first)
+    chain.begin(np.arange(2))
+    chain.advance(second)
+    there = chain.places.copy()
+    astray = there[:1] + 30
+    chain.places[:1], chain.unlike[:1] = astray, chain.unlike_at(np.arange(1), astray)
+    chain.find_again(np.arange(2), first)
+    np.testing.assert_allclose(chain.places, there, atol=0.1)
+    assert (chain.unlike < 5).all()
+
+
+def test_plain_tissue_is_not_found_again():
+    """A smooth shade between textures: it looks alike all around."""
+
+    def shaded(frame: int) -> np.ndarray:
+        picture = returning(0)
+        picture[25:85, 20:80] = np.linspace(100, 104, 60).astype(np.uint8)[:, None]
+        return picture if not AWAY <= frame < BACK else np.zeros_like(picture)
+
+    found = finish(matching(shaded, np.full((1, LONG, 2), np.nan), PATCH[:1]))
+    assert np.isnan(found.unlike[0, AWAY:]).all()
+
+
+def test_points_of_many_frames_are_looked_for_in_turn():
+    starts = np.array([0, 3, 3, 5, 7, 9, 30, 31, 40, 50, 60])
+    assert _turn(starts, EVERY + 1) == []
+    assert _turn(np.zeros(0, int), EVERY) == []
+    assert _turn(starts[:4], EVERY) == [0, 3, 5]
+    turns = [_turn(starts, EVERY * number) for number in range(1, 4)]
+    assert all(len(turn) <= ORIGINS for turn in turns)
+    assert sorted(frame for turn in turns for frame in turn) == sorted(set(starts))

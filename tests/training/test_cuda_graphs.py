@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from degense.engine.cuda_graphs import graphed
+from degense.engine.field.cuda_graphs import graphed
 
 
 def chain(x, y, scale):

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from degense.engine.cuda_graphs import graphed
 from degense.engine.field import SceneModel
+from degense.engine.field.cuda_graphs import graphed
 from degense.engine.profile import part, renamed_at_gradient
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import backproject

@@ -1,0 +1,149 @@
+"""Points followed from one frame to another by Lucas-Kanade in a pyramid (Bouguet, 2001), all that a frame needs for it made once.
+
+As `cv2.calcOpticalFlowPyrLK`, which makes pyramids and slopes anew in each call, and looks windows up several times as slowly.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numba import njit
+
+from degense.engine.motion.window_kernels import between
+from degense.engine.simd import LANES, fma, greater, load, mul, ramp, select, splat, store, sub, total
+from degense.engine.threads import run_kernel, take_ticket
+
+SIDE, LEVELS = 15, 4  # of the windows that are followed: pixels, and octaves
+ROUNDS, STILL = 10, 0.03  # in each octave, until a round moves a window by fewer pixels
+TO_AND_FRO = 0.01  # pixels: two rounds that undo each other so nearly end the search half-way between
+TEXTURE = 0.1  # squared grey levels a pixel²: a window with weaker slopes along some direction is not moved
+CHUNK = 16  # points that a thread takes at once
+_PAD = LANES  # pixels that frames are continued by beyond their edges
+
+
+class Pyramid:
+    """A frame uint8 [H, W] in octaves, each half as large as the one before: values and slopes float32, padded."""
+
+    def __init__(self, grey: np.ndarray):
+        octaves = [grey]
+        while len(octaves) < LEVELS and (min(octaves[-1].shape) + 1) // 2 > SIDE:
+            octaves.append(cv2.pyrDown(octaves[-1]))
+        self.values = tuple(_padded(octave, cv2.BORDER_REFLECT_101) for octave in octaves)
+        slopes = [[cv2.Scharr(octave, cv2.CV_32F, *order, scale=1 / 32) for octave in octaves] for order in ((1, 0), (0, 1))]
+        self.dx, self.dy = (tuple(_padded(slope, cv2.BORDER_CONSTANT) for slope in along) for along in slopes)
+
+    def to(self, other: Pyramid, places: np.ndarray, guesses: np.ndarray | None = None) -> np.ndarray:
+        """Where what is seen at pixel positions [n, 2] is in another frame of the same size, float64 [n, 2].
+
+        The search begins at `guesses` [n, 2]; without them at the places themselves.
+        """
+        start = np.asarray(places, np.float64) - 0.5
+        found = start.copy() if guesses is None else np.asarray(guesses, np.float64) - 0.5
+        run_kernel(_follow, self.values, self.dx, self.dy, other.values, start, found)
+        return found + 0.5
+
+
+def _padded(image: np.ndarray, border: int) -> np.ndarray:
+    return cv2.copyMakeBorder(image, _PAD, _PAD, _PAD, _PAD, border).astype(np.float32)
+
+
+@njit(nogil=True, error_model="numpy")
+def _corner(image, x, y):
+    """Where the window around a place of a padded image begins: flat index of a pixel, -1 outside of the padding, and rest of x and y."""
+    left, top = x + (_PAD - SIDE // 2), y + (_PAD - SIDE // 2)
+    if not (left >= 0 and top >= 0 and left <= image.shape[1] - LANES - 2 and top <= image.shape[0] - SIDE - 2):
+        return -1, splat(np.float32(0)), splat(np.float32(0))
+    column, row = int(left), int(top)
+    return row * image.shape[1] + column, splat(np.float32(left - column)), splat(np.float32(top - row))
+
+
+@njit(nogil=True, error_model="numpy")
+def _look_up(image, x, y, valid, out):
+    """Write the window around a place, float32 [SIDE * LANES]; what is not `valid` of a row counts as 0. Whether it is in the padding."""
+    first, right, below = _corner(image, x, y)
+    if first < 0:
+        return False
+    upper = between(image, first, right)
+    for i in range(SIDE):
+        first += image.shape[1]
+        lower = between(image, first, right)
+        store(out, i * LANES, mul(valid, fma(below, sub(lower, upper), upper)))
+        upper = lower
+    return True
+
+
+@njit(nogil=True, error_model="numpy")
+def _product(a, b):
+    """Sum over windows of the product of two."""
+    summed = splat(np.float32(0))
+    for i in range(SIDE):
+        summed = fma(load(a, i * LANES), load(b, i * LANES), summed)
+    return total(summed)
+
+
+@njit(nogil=True, error_model="numpy")
+def _residual(image, x, y, window):
+    """Products of the slopes of a window with what a padded image differs by from it at a place; whether that lies in the padding."""
+    kept, dx, dy = window
+    first, right, below = _corner(image, x, y)
+    if first < 0:
+        return 0.0, 0.0, False
+    along_x, along_y = splat(np.float32(0)), splat(np.float32(0))
+    upper = between(image, first, right)
+    for i in range(SIDE):
+        first += image.shape[1]
+        lower = between(image, first, right)
+        rest = sub(fma(below, sub(lower, upper), upper), load(kept, i * LANES))
+        along_x, along_y = fma(rest, load(dx, i * LANES), along_x), fma(rest, load(dy, i * LANES), along_y)
+        upper = lower
+    return total(along_x), total(along_y), True
+
+
+@njit(nogil=True, error_model="numpy")
+def _descend(image, x, y, window):
+    """Where a padded image shows a window, from a place on; `window`: what it shows and its slopes, float32 [SIDE * LANES] each."""
+    _, dx, dy = window
+    xx, xy, yy = np.float64(_product(dx, dx)), np.float64(_product(dx, dy)), np.float64(_product(dy, dy))
+    weakest = (xx + yy - math.sqrt((xx - yy) ** 2 + 4 * xy * xy)) / 2
+    if weakest < TEXTURE * SIDE * SIDE:
+        return x, y
+    inverse = 1 / (xx * yy - xy * xy)
+    before_x, before_y = 0.0, 0.0
+    for number in range(ROUNDS):
+        along_x, along_y, inside = _residual(image, x, y, window)
+        if not inside:
+            break
+        step_x, step_y = (xy * along_y - yy * along_x) * inverse, (xy * along_x - xx * along_y) * inverse
+        x, y = x + step_x, y + step_y
+        if step_x * step_x + step_y * step_y <= STILL * STILL:
+            break
+        if number > 0 and abs(step_x + before_x) < TO_AND_FRO and abs(step_y + before_y) < TO_AND_FRO:
+            x, y = x - step_x / 2, y - step_y / 2
+            break
+        before_x, before_y = step_x, step_y
+    return x, y
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _follow(values, slopes_x, slopes_y, others, start, found, counter):
+    """Move places float64 [n, 2] in `found`, of pixels' centres at whole numbers, to where the other frame shows what `start` shows."""
+    window = np.empty(SIDE * LANES, np.float32), np.empty(SIDE * LANES, np.float32), np.empty(SIDE * LANES, np.float32)
+    valid = select(greater(splat(np.float32(SIDE - 0.5)), ramp(np.float32(0))), splat(np.float32(1)), splat(np.float32(0)))
+    coarsest = len(values) - 1
+    while True:
+        first = take_ticket(counter) * CHUNK
+        if first >= start.shape[0]:
+            return
+        for k in range(first, min(first + CHUNK, start.shape[0])):
+            x, y = found[k, 0] / (1 << coarsest), found[k, 1] / (1 << coarsest)
+            for level in range(coarsest, -1, -1):
+                here_x, here_y = start[k, 0] / (1 << level), start[k, 1] / (1 << level)
+                if _look_up(values[level], here_x, here_y, valid, window[0]):
+                    _look_up(slopes_x[level], here_x, here_y, valid, window[1])
+                    _look_up(slopes_y[level], here_x, here_y, valid, window[2])
+                    x, y = _descend(others[level], x, y, window)
+                if level > 0:
+                    x, y = 2 * x, 2 * y
+            found[k, 0], found[k, 1] = x, y

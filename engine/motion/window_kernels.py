@@ -1,0 +1,122 @@
+"""Windows around points, looked up, brought back and compared: one pass a point, on all cores, a row of a window at once.
+
+Images are planes float32 [C, H, W], continued by `PAD` pixels beyond each edge (`padded`). A window has `LANES` samples in each of its
+rows, of which some may count for nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numba import njit
+
+from degense.engine.simd import LANES, fma, load, maximum, splat, store, sub, total
+from degense.engine.threads import take_ticket
+
+REACH, APART = 7, 2  # pixels: a window reaches so far to each side, and its rows are so far apart
+ROWS = 2 * REACH // APART + 1
+SAMPLES = ROWS * LANES
+PAD = LANES  # pixels
+CHUNK = 32  # points that a thread takes at once
+
+
+def padded(image: np.ndarray) -> np.ndarray:
+    """Planes of an image uint8 or float32 [H, W] or [H, W, C]; beyond its edges it is as at them."""
+    channels = cv2.split(image) if image.ndim == 3 else (image,)
+    return np.stack([cv2.copyMakeBorder(channel, PAD, PAD, PAD, PAD, cv2.BORDER_REPLICATE) for channel in channels]).astype(np.float32)
+
+
+@njit(nogil=True, error_model="numpy")
+def between(image, first, right):
+    """`LANES` pixels in a row, from a flat index on, looked up so far to the right of them."""
+    here = load(image, first)
+    return fma(right, sub(load(image, first + 1), here), here)
+
+
+@njit(nogil=True, error_model="numpy")
+def _look_up(planes, x, y, out):
+    """What planes show around a pixel position; out float32 [C, SAMPLES]. All that is farther out is as at the edge."""
+    channels, height, width = planes.shape
+    x, y = min(max(x - 0.5, -1.0 - REACH), width - 2 * PAD + REACH - 1.0), min(max(y - 0.5, -1.0 - REACH), height - 2 * PAD + REACH - 1.0)
+    column, row = math.floor(x), math.floor(y)
+    right, below = splat(np.float32(x - column)), splat(np.float32(y - row))
+    corner = (int(row) + PAD - REACH) * width + int(column) + PAD - REACH
+    for c in range(channels):
+        for i in range(ROWS):
+            first = c * height * width + corner + i * APART * width
+            upper, lower = between(planes, first, right), between(planes, first + width, right)
+            store(out, c * SAMPLES + i * LANES, fma(below, sub(lower, upper), upper))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def look_up(planes, places, out, counter):
+    """What planes show around pixel positions float64 [K, 2]; out float32 [K, C, SAMPLES]."""
+    while True:
+        first = take_ticket(counter) * CHUNK
+        if first >= places.shape[0]:
+            return
+        for k in range(first, min(first + CHUNK, places.shape[0])):
+            _look_up(planes, places[k, 0], places[k, 1], out[k])
+
+
+@njit(nogil=True, error_model="numpy")
+def _unlikeness(seen, kept, share, weights):
+    """Weighted mean absolute difference of two windows float32 [C, SAMPLES], where half of the mean difference of each channel is not
+    counted; `share` and `weights` float32 [SAMPLES] of their samples sum up to 1."""
+    channels = kept.shape[0]
+    summed = splat(np.float32(0))
+    for c in range(channels):
+        common = splat(np.float32(0))
+        for i in range(c * SAMPLES, (c + 1) * SAMPLES, LANES):
+            common = fma(load(share, i - c * SAMPLES), sub(load(seen, i), load(kept, i)), common)
+        half = splat(np.float32(total(common) / np.float32(2)))
+        for i in range(c * SAMPLES, (c + 1) * SAMPLES, LANES):
+            rest = sub(sub(load(seen, i), load(kept, i)), half)
+            summed = fma(load(weights, i - c * SAMPLES), maximum(rest, sub(splat(np.float32(0)), rest)), summed)
+    return total(summed) / np.float32(channels)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def compare(planes, places, rows, kept, share, weights, out, counter):
+    """How unlike what is kept of points, float32 [P, C, SAMPLES], planes are at places float64 [K, 2] of some `rows` int64 [K] of them;
+    out float32 [K]."""
+    seen = np.empty((kept.shape[1], SAMPLES), np.float32)
+    while True:
+        first = take_ticket(counter) * CHUNK
+        if first >= places.shape[0]:
+            return
+        for k in range(first, min(first + CHUNK, places.shape[0])):
+            _look_up(planes, places[k, 0], places[k, 1], seen)
+            out[k] = _unlikeness(seen, kept[rows[k]], share, weights)
+
+
+@njit(nogil=True, error_model="numpy")
+def _along(slopes, seen, kept):
+    summed = splat(np.float32(0))
+    for i in range(0, SAMPLES, LANES):
+        summed = fma(load(slopes, i), sub(load(seen, i), load(kept, i)), summed)
+    return total(summed)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def descend(planes, places, rows, kept, dx, dy, inverse, rounds, farthest, counter):
+    """Move places float64 [K, 2] of one plane, in place, to where it shows what is kept of points float32 [P, SAMPLES].
+
+    `dx`, `dy` are the slopes of windows float32 [P, SAMPLES], `inverse` the elements xx, xy, yy of the inverse of their products [P, 3].
+    """
+    seen = np.empty((1, SAMPLES), np.float32)
+    while True:
+        first = take_ticket(counter) * CHUNK
+        if first >= places.shape[0]:
+            return
+        for k in range(first, min(first + CHUNK, places.shape[0])):
+            row = rows[k]
+            for _ in range(rounds):
+                _look_up(planes, places[k, 0], places[k, 1], seen)
+                along_x, along_y = _along(dx[row], seen, kept[row]), _along(dy[row], seen, kept[row])
+                step_x = inverse[row, 0] * along_x + inverse[row, 1] * along_y
+                step_y = inverse[row, 1] * along_x + inverse[row, 2] * along_y
+                places[k, 0] -= min(max(step_x, -farthest), farthest)
+                places[k, 1] -= min(max(step_y, -farthest), farthest)
