@@ -10,7 +10,7 @@ from degense.engine.errors import DegenseError
 from degense.engine.layers.appearance import APPEARANCE
 from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED
 from degense.engine.layers.layer import MOVED, Layer, LayerRequest
-from degense.engine.motion import spurious
+from degense.engine.motion.observed import WARP_TOLERANCE, contradicted
 from degense.engine.scene import NO_OBSERVABILITY, Scene
 from degense.engine.scene.clip_query import decode_frame, decode_splats, splat_semantics
 from degense.engine.scene.uncertainty import DOUBTFUL, NEIGHBOURS, RELATIVE, SPREADS, SURE
@@ -59,10 +59,6 @@ def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     return decode_splats(scene, _prompted(request), request.frame).numbers
 
 
-SPREAD_ALLOWED = 0.25  # of the spread of motion around, where a place does not show its own
-WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
-
-
 def _channel(name: str) -> Callable[[Scene, LayerRequest], np.ndarray]:
     return lambda scene, request: scene.render(request.frame, request.camera, (name,))[name]
 
@@ -102,8 +98,7 @@ def _warp(scene: Scene, request: LayerRequest) -> np.ndarray:
     if request.camera is not None:
         raise DegenseError("warp is measured in the recording's own view; look through the surgeon's camera to see it")
     modelled = scene.render(frame, None, ("motion",))["motion"]
-    observed = scene.observed_motion.at(frame)
-    return spurious(modelled, observed.flow, WARP_TOLERANCE + SPREAD_ALLOWED * observed.spread)
+    return contradicted(modelled, scene.observed_motion.at(frame))
 
 
 def _warp_guessed(scene: Scene, request: LayerRequest) -> np.ndarray:

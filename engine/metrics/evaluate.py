@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from degense.engine.clip import Clip
+from degense.engine.clip import Clip, Truth
 from degense.engine.errors import ClipError
 from degense.engine.layers import LAYERS, LayerRequest
 from degense.engine.metrics.averages import Mean
@@ -19,6 +19,7 @@ from degense.engine.metrics.inspection import InspectionScores, true_motion
 from degense.engine.metrics.motion import MotionScores, scene_depth
 from degense.engine.metrics.semantics import score_flicker, score_masks
 from degense.engine.metrics.tracks import scene_tracks, score_tracks, still_tracks
+from degense.engine.motion.observed import ObservedMotion, contradicted
 from degense.engine.progress import Progress, silent
 from degense.engine.scene import Scene
 from degense.engine.scene.clip_query import encode_prompts
@@ -71,10 +72,11 @@ def evaluate(scene: Scene, clip: Clip, progress: Progress = silent, parts: Colle
             result |= score_masks(scene, clip, frames, lambda f, words: progress(0.4 + 0.2 * f, words))
         if "flicker" in parts:
             result |= score_flicker(scene, clip, frames, lambda f, words: progress(0.6 + 0.1 * f, words))
+    truth = clip.truth() if {"motion", "inspection"} & set(parts) else None
     if "motion" in parts:
-        result |= _score_motion(scene, clip, lambda f, words: progress(0.7 + 0.1 * f, words))
+        result |= _score_motion(scene, clip, truth, lambda f, words: progress(0.7 + 0.1 * f, words))
     if "inspection" in parts:
-        result |= _score_inspection(scene, clip, lambda f, words: progress(0.8 + 0.1 * f, words))
+        result |= _score_inspection(scene, clip, truth, lambda f, words: progress(0.8 + 0.1 * f, words))
     result |= {"train_seconds": scene.run.info["train_seconds"], "gaussians": len(scene.model)}
     if "speed" in parts:
         progress(0.9, "measuring speed")
@@ -98,9 +100,9 @@ def _facts(scene: Scene, clip: Clip, frames: list[int]) -> dict[str, Any]:
     }
 
 
-def _score_motion(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any]:
+def _score_motion(scene: Scene, clip: Clip, truth: Truth | None, progress: Progress) -> dict[str, Any]:
     """`uncertain_share`, and motion scores where the clip brings exact truth."""
-    truth, displacement, share, motion = clip.truth(), LAYERS["displacement"], Mean(), MotionScores(scene_depth(clip))
+    displacement, share, motion = LAYERS["displacement"], Mean(), MotionScores(scene_depth(clip))
     for i in range(len(clip)):
         progress(i / len(clip), "comparing motion")
         request = LayerRequest(i)
@@ -120,15 +122,15 @@ def _score_motion(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any
     return found | {name: score_tracks(points, truth.tracks, truth.visible, clip.cameras) for name, points in predicted.items()}
 
 
-def _score_inspection(scene: Scene, clip: Clip, progress: Progress) -> dict[str, Any]:
+def _score_inspection(scene: Scene, clip: Clip, truth: Truth | None, progress: Progress) -> dict[str, Any]:
     """`inspection`: the warp layer as a detector of wrong motion, where the clip brings exact truth and depth."""
-    truth, scores = clip.truth(), InspectionScores()
     if truth is None or not clip.depth_measured:
         return {}
+    observed, scores = ObservedMotion(clip, scene.reference_frame), InspectionScores()
     for i in range(len(clip)):
         progress(i / len(clip), "inspecting motion")
-        warp, modelled = LAYERS["warp"].pixels(scene, LayerRequest(i)), scene.render(i, None, ("motion",))["motion"]
-        scores.add(warp, modelled, true_motion(clip, truth.displacement[i], i))
+        modelled = scene.render(i, None, ("motion",))["motion"]
+        scores.add(contradicted(modelled, observed.at(i)), modelled, true_motion(clip, truth.displacement[i], i))
     return {"inspection": scores.result()}
 
 

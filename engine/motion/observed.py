@@ -40,6 +40,8 @@ def spurious(
     return np.maximum(difference - tolerance, 0).astype(np.float32)  # NaN stays NaN
 
 
+WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
+SPREAD_ALLOWED = 0.25  # of the spread of motion around, where a place does not show its own
 PIXELS = 80_000  # flow is measured at about this size: a frame of it takes 0.4 MB, and a tenth of a second
 TEXTURE = 0.3  # `confidence` below which flow is a guess
 REACHES = (0.02, 0.06, 0.18)  # of the width: σ within which neighbours speak for a place whose own motion is not seen,
@@ -56,6 +58,11 @@ class Observed(NamedTuple):
     #: float32 [H, W]; pixels: 0 where motion is seen; else the standard deviation of what is seen around; NaN where nothing is, nor the
     #: frame valid.
     spread: np.ndarray
+
+
+def contradicted(modelled: np.ndarray, observed: Observed) -> np.ndarray:
+    """Motion of the model, float [H, W, 2], that what is observed contradicts, float32 [H, W], pixels: `spurious` with its tolerance."""
+    return spurious(modelled, observed.flow, WARP_TOLERANCE + SPREAD_ALLOWED * observed.spread)
 
 
 class ObservedMotion:

@@ -94,9 +94,8 @@ def test_closed_set_scores_are_those_of_the_maps(scores, scene, clip):
 
 
 def test_pictures_and_masks_come_from_held_out_frames_only(scene, clip, monkeypatch):
-    monkeypatch.setattr(
-        "degense.engine.metrics.evaluate.score_flicker", lambda scene, clip, frames, progress: {}
-    )  # needs the frame before, too
+    for part in ("score_flicker", "_score_inspection"):  # need the frame before, and all frames
+        monkeypatch.setattr(f"degense.engine.metrics.evaluate.{part}", lambda scene, clip, frames, progress: {})
     asked = {"frame": [], "labels": []}
 
     def watch(name):
@@ -142,6 +141,12 @@ def test_nothing_is_scored_without_an_answer(scene, speechless, clip):
     assert set(mute) >= ALWAYS | WITH_TRUTH - {"miou"}
     assert mute["query_ms"] is None
     assert not set(mute) & {"miou", "masks"}
+
+
+def test_a_run_whose_recording_is_missing_is_inspected_by_the_clip_it_is_scored_on(scores, scene, clip, monkeypatch):
+    monkeypatch.setattr(scene, "clip", None)
+    scene.__dict__.pop("observed_motion", None)
+    assert evaluate(scene, clip, parts=("inspection",))["inspection"] == scores["inspection"]
 
 
 @pytest.mark.parametrize(("frames", "width"), [(9, 48), (8, 64)])
