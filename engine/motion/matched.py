@@ -34,7 +34,7 @@ class Matched(NamedTuple):
     """Where frames show points, and how like they look there and elsewhere to what they were."""
 
     pixels: np.ndarray  # float64 [K, T, 2]; NaN where a point is lost
-    unlike: np.ndarray  # float32 [K, T]; grey levels, `engine.motion.windows.unlikeness`; NaN where a point is lost
+    unlike: np.ndarray  # float32 [K, T]; grey levels, `Windows.unlike`; NaN where a point is lost
     guessed_unlike: np.ndarray  # float32 [K, T]; the same at the places that were guessed; NaN where none was
 
 

@@ -49,6 +49,11 @@ def relative(key: str) -> Callable[[Scores], float | None]:
     return read
 
 
+def inspected(key: str) -> Callable[[Scores], float | None]:
+    """A score of the warp layer, where it was scored."""
+    return lambda scores: scores.get("inspection", {}).get(key)
+
+
 def _of_masks(scores: Scores, key: str) -> float | None:
     decoder = scores.get("decoder", "labels")
     return scores["masks"][decoder][key] if decoder in scores.get("masks", {}) else None
@@ -74,11 +79,11 @@ MOTION = (
     Score("static", "false motion, static", relative("false_motion"), larger=False, compared=False),
 )
 INSPECTION = (
-    Score("ap", "warp: average precision", lambda s: s.get("inspection", {}).get("average_precision")),
-    Score("wrong", "wrong by > 1 px (chance)", lambda s: s.get("inspection", {}).get("wrong"), larger=False),
-    Score("precision", "precision", lambda s: s.get("inspection", {}).get("precision")),
-    Score("recall", "recall", lambda s: s.get("inspection", {}).get("recall")),
-    Score("unknown", "unknown", lambda s: s.get("inspection", {}).get("unknown"), larger=False),
+    Score("ap", "warp: average precision", inspected("average_precision")),
+    Score("wrong", "wrong by > 1 px (chance)", inspected("wrong"), larger=False),
+    Score("precision", "precision", inspected("precision")),
+    Score("recall", "recall", inspected("recall")),
+    Score("unknown", "unknown", inspected("unknown"), larger=False),
     Score("sure", "displacement: well recovered where sure", lambda s: s.get("sure_kept")),
     Score("guesses", "guesses among the well recovered", lambda s: s.get("good_guesses"), larger=False),
 )
