@@ -1,7 +1,7 @@
 """The code of libraries that ran once, such as what starts them up and loads compiled kernels, leaves memory.
 
 PyTorch, LLVM and Qt are read from their files as they run; what is not run again stays in memory all the same: about 180 MB of the sample's
-560 (docs/decisions/0062). What is needed again the system reads anew, from its cache of files.
+580 (docs/decisions/0062). What is needed again the system reads anew, from its cache of files.
 """
 
 from __future__ import annotations

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import subprocess
+import sys
+import weakref
 
 import numpy as np
 import pytest
@@ -14,6 +18,7 @@ from PySide6.QtWidgets import QApplication
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.numbers import short
 from degense.widgets.qt_images import to_array
+from tests.house.source import ROOT
 
 RED = QColor(255, 0, 0)
 
@@ -135,3 +140,50 @@ def test_a_long_run_is_thinned(plot):
     short_ = red(plot)
     assert abs(long[1].max() - short_[1].max()) <= 1
     assert abs(long[0].min() - short_[0].min()) <= 1
+
+
+def test_curves_come_and_go_and_leave_nothing(plot):
+    """Each time that a line was added again PySide kept weak references to it: some hundred for every run that was opened."""
+
+    def references() -> int:
+        gc.collect()
+        return sum(type(thing) is weakref.ReferenceType for thing in gc.get_objects())
+
+    def draw() -> None:
+        plot.set_series("a", np.arange(5.0), np.arange(5.0))
+        plot.set_cursor(2.0)
+        plot.clear()
+
+    draw()
+    before = references()
+    for _ in range(20):
+        draw()
+    assert references() <= before + 10
+
+
+def test_a_plot_that_is_not_shown_can_be_saved_as_a_picture():
+    plot = CurvePlot()
+    plot.resize(400, 220)
+    plot.set_series("a", np.arange(50), np.arange(50) * 2.0, RED)
+    assert np.ptp(red(plot)[1]) > 250
+
+
+#: A program of its own: other tests have made curves. Prints whether pyqtgraph is there before and after one is made.
+FIRST = """
+import sys
+import numpy as np
+from PySide6.QtWidgets import QApplication
+from degense.widgets.curve_plot import CurvePlot
+
+app, plot = QApplication([]), CurvePlot()
+plot.show()
+empty = "pyqtgraph" in sys.modules
+plot.set_series("a", np.arange(3), np.ones(3))
+print(empty, "pyqtgraph" in sys.modules)
+"""
+
+
+def test_pyqtgraph_comes_with_the_first_curve():
+    child = subprocess.run([sys.executable, "-c", FIRST], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert child.returncode == 0, child.stderr
+    assert child.stdout.split() == ["False", "True"]
