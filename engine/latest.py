@@ -42,6 +42,12 @@ class Latest:
             while self.size > self.limit and len(self._held) > 1:
                 self.size -= self._held.popitem(last=False)[1][0]
 
+    def make_room(self, size: int) -> None:
+        """Forget now what a value of this size would push out, so that both need no memory while it is made."""
+        with self._lock:
+            while self.size + size > self.limit and self._held:
+                self.size -= self._held.popitem(last=False)[1][0]
+
     def forget(self, key: Hashable) -> None:
         with self._lock:
             self.size -= self._held.pop(key, (0, None))[0]

@@ -92,8 +92,7 @@ class ColourBar(QWidget):
         self._clip_box.setToolTip("Share of the values beyond each end of the range, so that a few strays do not darken the rest")
         for box in (self._mode_box, self._clip_box, self._map_box):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-            box.setMinimumContentsLength(5)
-            box.setMinimumWidth(40)
+            box.setMinimumContentsLength(7)
         self._high_field, self._low_field = QLineEdit(self), QLineEdit(self)
         for field, name in ((self._high_field, "Highest value"), (self._low_field, "Lowest value")):
             field.setAccessibleName(name)
@@ -102,8 +101,9 @@ class ColourBar(QWidget):
             keep_keys(field, TYPING)
         self._set_widths()
         colours = forms.row(self._low_field, (self._strip, 1), self._high_field)
-        choices = forms.row((self._mode_box, 5), (self._clip_box, 3), (self._map_box, 3), spacing=4)
-        forms.column(self._heading, colours, choices, margin=0, spacing=4, parent=self)
+        heading = forms.row((self._heading, 1), self._map_box)
+        choices = forms.row((self._mode_box, 5), (self._clip_box, 4), spacing=4)
+        forms.column(heading, colours, choices, margin=0, spacing=4, parent=self)
         self.set_range_mode("sequence")
         self.set_clip(1.0)
         self._show_range()
@@ -119,6 +119,7 @@ class ColourBar(QWidget):
 
     def set_title(self, title: str, unit: str = "") -> None:
         self._heading.setText(f"{title} [{unit}]" if unit else title)
+        self._heading.setToolTip(self._heading.text())
 
     def set_cmap(self, name: str) -> None:
         colour_table(name)

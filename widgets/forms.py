@@ -15,14 +15,12 @@ from PySide6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QDoubleSpinBox,
-    QFrame,
     QHBoxLayout,
     QHeaderView,
     QLabel,
     QLayout,
     QLineEdit,
     QPushButton,
-    QScrollArea,
     QSpinBox,
     QTableWidget,
     QTableWidgetItem,
@@ -174,14 +172,6 @@ def complaint() -> QLabel:
     colours.setColor(colours.ColorRole.WindowText, error_colour(colours))
     made.setPalette(colours)
     return made
-
-
-def scrolled(content: QWidget, name: str = "") -> QScrollArea:
-    """A frameless area in which a widget is scrolled that has no room."""
-    area = named(QScrollArea(widgetResizable=True), name)
-    area.setFrameShape(QFrame.Shape.NoFrame)
-    area.setWidget(content)
-    return area
 
 
 def tabs(**pages: QWidget) -> QTabWidget:

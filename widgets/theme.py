@@ -26,8 +26,8 @@ _ROLES = {
     QPalette.ColorRole.ToolTipBase: ("#353a43", "#ffffff"),
     QPalette.ColorRole.ToolTipText: ("#e2e4e8", "#1d2127"),
     QPalette.ColorRole.PlaceholderText: ("#a9b0ba", "#5f6671"),
-    QPalette.ColorRole.Highlight: ("#2876ad", "#1769a5"),
-    QPalette.ColorRole.HighlightedText: ("#ffffff", "#ffffff"),
+    QPalette.ColorRole.Highlight: ("#4a9fd4", "#1769a5"),
+    QPalette.ColorRole.HighlightedText: ("#0b0e12", "#ffffff"),
     QPalette.ColorRole.Accent: ("#56b4e9", "#1769a5"),
     QPalette.ColorRole.Link: ("#56b4e9", "#1769a5"),
     QPalette.ColorRole.LinkVisited: ("#cc79a7", "#8c3f6f"),
@@ -55,6 +55,10 @@ QToolButton#qt_toolbar_ext_button { padding: 0; min-width: 14px; }
 QToolButton:focus { border: 1px solid palette(accent); }
 QToolButton:checked:focus { border-bottom: 3px solid palette(accent); }
 QPushButton:checked { background: palette(mid); border: 1px solid palette(mid); border-bottom: 3px solid palette(accent); }
+QTabBar::tab { padding: 4px 10px; border: 1px solid palette(mid); border-bottom: 3px solid palette(mid); }
+QTabBar::tab:hover { background: palette(midlight); }
+QTabBar::tab:selected { background: palette(mid); border-bottom: 3px solid palette(accent); }
+QTabBar::tab:selected:focus { background: palette(highlight); color: palette(highlighted-text); }
 QDialogButtonBox { dialogbuttonbox-buttons-have-icons: 0; }
 QMainWindow > QTabBar { qproperty-elideMode: ElideNone; }
 QFrame#tour { background: palette(button); border: 1px solid palette(accent); border-radius: 8px; }

@@ -230,16 +230,17 @@ class Timeline(QWidget):
             self._rate.setText(f"{reached:.0f} / {self._fps * self.speed():.3g} fps")
 
     def _show_readout(self) -> None:
-        """Frame and time, or the frame alone where there is no room for both."""
+        """Frame and time; the frame, or its number alone, where there is no room for both."""
         last = self._count - 1
-        frame, seconds = f"Frame {self.frame()} / {last}", f"{self.frame() / self._fps:.2f} / {last / self._fps:.2f} s"
-        short, full = (frame, f"{frame}    {seconds}") if self._count else ("No frames", "No frames")
-        self._readout.setMinimumWidth(self._readout.fontMetrics().horizontalAdvance(short))
-        self._readout.setToolTip(full)
-        self._readout.setText(full)
-        self._row.invalidate()
-        if self._row.sizeHint().width() > self.width() - 2 * EDGE:
-            self._readout.setText(short)
+        number, seconds = f"{self.frame()} / {last}", f"{self.frame() / self._fps:.2f} / {last / self._fps:.2f} s"
+        texts = (f"Frame {number}    {seconds}", f"Frame {number}", number) if self._count else ("No frames",)
+        self._readout.setMinimumWidth(self._readout.fontMetrics().horizontalAdvance(f"{last} / {last}"))
+        self._readout.setToolTip(texts[0])
+        for text in texts:
+            self._readout.setText(text)
+            self._row.invalidate()
+            if self._row.sizeHint().width() <= self.width() - 2 * EDGE:
+                break
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         super().resizeEvent(event)

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractScrollArea,
     QAbstractSlider,
+    QApplication,
     QDockWidget,
     QMainWindow,
     QScrollArea,
@@ -20,11 +21,15 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from degense.app.shell.column import Column
 from degense.widgets import forms
+from degense.widgets.scrolling import scrolled
 
 Area = Qt.DockWidgetArea
 #: Width of the column beside the views in widths of a character, and height of the drawer in lines of text.
 WIDTH, DRAWER = 54, 15
+#: The column is no wider than this share of the window, so that the views keep the larger part.
+WIDEST = 0.45
 #: Height that each panel of the right column has at least, pixels; beyond it, what it has no room for is scrolled.
 LEAST = 186
 #: Of the arrangement that `state` writes; another version's is left aside.
@@ -60,6 +65,8 @@ class Docks(QObject):
         centre = QWidget()
         self._centre = forms.column((self.views, 1), margin=0, spacing=0, parent=centre)
         window.setCentralWidget(centre)
+        self._beside_views = Column(window, centre, self._beside)
+        self._beside_views.text_resized.connect(self._text_resized)
         window.setDockOptions(QMainWindow.DockOption.AllowTabbedDocks)
         window.setCorner(Qt.Corner.BottomRightCorner, Area.BottomDockWidgetArea)
         window.setTabPosition(Area.AllDockWidgetAreas, window.tabPosition(Area.TopDockWidgetArea))
@@ -74,7 +81,7 @@ class Docks(QObject):
         dock = QDockWidget(title, self.window)
         dock.setObjectName(title)
         if not isinstance(widget, QAbstractScrollArea):
-            widget = forms.scrolled(widget, title)
+            widget = scrolled(widget, title)
             widget.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         dock.setWidget(widget)
         self.window.addDockWidget(Area.RightDockWidgetArea if place == "right" else Area.BottomDockWidgetArea, dock)
@@ -109,18 +116,32 @@ class Docks(QObject):
 
     def arrange(self) -> None:
         """Give the docks their sizes, once all are there."""
-        metrics = self.window.fontMetrics()
-        self._drawer_height = DRAWER * metrics.height()
+        self._drawer_height = DRAWER * self.window.fontMetrics().height()
         if self._heights:
             self.window.resizeDocks(list(self._heights), list(self._heights.values()), Qt.Orientation.Vertical)
-            width = WIDTH * metrics.averageCharWidth()
-            self.window.resizeDocks([next(iter(self._heights))], [width], Qt.Orientation.Horizontal)
+            self._set_width()
         # Clicked buttons and sliders leave the keyboard to the window, whose Space and arrows move time. Tab still reaches everything.
         for owner in (*self.all, *self.below):
             for kind in (QAbstractButton, QAbstractSlider):
                 for widget in owner.findChildren(kind):
                     if widget.focusPolicy() != Qt.FocusPolicy.NoFocus:
                         widget.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+
+    def _text_resized(self) -> None:
+        """Qt paints titles in the size that they began with, unless a panel has another font than the application."""
+        font = QApplication.font()
+        font.setPointSizeF(font.pointSizeF() + 0.01)
+        for dock in self.all:
+            dock.setFont(font)
+        self._set_width()
+
+    def _set_width(self) -> None:
+        """Give the right column the width that its panels need with text of this size."""
+        if docks := [dock for dock in self._beside() if not dock.isHidden()]:
+            width = WIDTH * self.window.fontMetrics().averageCharWidth()
+            if self.window.isVisible():  # before, it has not its own size
+                width = min(width, round(WIDEST * self.window.width()))
+            self.window.resizeDocks(docks[:1], [width], Qt.Orientation.Horizontal)
 
     # The drawer
 
@@ -134,10 +155,15 @@ class Docks(QObject):
             dock.show()
             for other in others:
                 other.hide()
-            self.window.resizeDocks([dock], [self._drawer_height], Qt.Orientation.Vertical)
+            self.window.resizeDocks([dock], [self._height_of_drawer()], Qt.Orientation.Vertical)
             self._last = dock
         dock.show()
         dock.raise_()
+
+    def _height_of_drawer(self) -> int:
+        """The height it had, or less where a panel beside the views would not be seen whole."""
+        room = self.window.height() - self.window.menuBar().height() - self.window.statusBar().height()
+        return max(self._drawer_height // 2, min(self._drawer_height, room - self._beside_views.needed()))
 
     def is_open(self, dock: QDockWidget) -> bool:
         """Whether a panel is shown, in the window or out of it."""
@@ -264,3 +290,4 @@ class Docks(QObject):
                 self.bring(dock)
             elif not dock.isFloating():
                 dock.hide()
+        QTimer.singleShot(0, self._beside_views, self._beside_views.decide_anew)

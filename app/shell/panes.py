@@ -22,7 +22,7 @@ class Panes(QObject):
     def _all(self) -> list[QWidget]:
         """The views from the left, what stands below them, and the panels from above."""
         views = [view for place in range(self._docks.views.count()) if (view := self._docks.views.widget(place)) is not None]
-        return [*views, *self._docks.below, *sorted(self._docks.all, key=lambda dock: (dock.y(), dock.x()))]
+        return [*views, *self._docks.below, *sorted(self._docks.all, key=self._docks.drawer.count)]
 
     def step(self, by: int) -> None:
         """Give the keyboard to the next part, or to the one before with −1."""
@@ -40,6 +40,8 @@ class Panes(QObject):
     def _give(self, pane: QWidget) -> None:
         stops = list(_stops(pane))
         last = self._last.get(pane)
+        if isinstance(pane, QDockWidget):
+            pane.raise_()  # from behind its neighbours in tabs
         if stops:
             (last if last in stops else stops[0]).setFocus(Qt.FocusReason.TabFocusReason)
 

@@ -1,7 +1,7 @@
 """Memory that was freed goes back to the system when the worker rests.
 
 The C library keeps what drawing frees in the heap of each thread, for the next drawing: 65 to 71 MB after all frames of the sample
-(docs/decisions/0059).
+(docs/decisions/0059). Code that ran once goes with it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QObject, QTimer
 
+from degense.app.shell.code_pages import give_code_back
 from degense.app.shell.worker import Worker
 
 #: How long the worker has had nothing to do before its memory is given back: not between two frames of a scrub.
@@ -23,7 +24,12 @@ def giver() -> Callable[[], object] | None:
     """What gives freed memory back; None where the C library is not glibc, which alone has to be told."""
     if sys.platform != "linux" or not hasattr(library := ctypes.CDLL(None), "malloc_trim"):
         return None
-    return lambda: library.malloc_trim(0)
+
+    def give() -> None:
+        library.malloc_trim(0)
+        give_code_back(library)
+
+    return give
 
 
 class SpareMemory(QObject):

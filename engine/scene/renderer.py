@@ -140,6 +140,8 @@ class Renderer:
             return self.new_query(frame, camera)
         view = self.camera_at(frame)
         weight = view.width * view.height * 4 * ((self.basis.rank if self.basis is not None else 0) + 32)
+        if float(frame) not in self._queries:
+            self._queries.make_room(weight)
         return self._queries.get(float(frame), lambda: self.new_query(frame, view), lambda _: weight)
 
     @torch.no_grad()

@@ -244,6 +244,16 @@ def test_the_newest_value_is_kept_even_when_it_is_too_large():
     assert list(cache._held) == ["b"]
 
 
+def test_room_is_made_before_a_value_is_made():
+    cache = Latest(10)
+    cache.get("a", lambda: 1, lambda _: 4)
+    cache.get("b", lambda: 2, lambda _: 4)
+    cache.make_room(5)
+    assert list(cache._held) == ["b"]
+    cache.make_room(50)
+    assert (list(cache._held), cache.size) == ([], 0)
+
+
 def test_prompts_need_semantics_and_known_words(scene, speechless):
     vectors = scene.vectors(("liver", "gallbladder"))
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1, atol=1e-5)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import math
+import subprocess
+import sys
 import weakref
 
 import numpy as np
@@ -16,6 +18,7 @@ from PySide6.QtWidgets import QApplication
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.numbers import short
 from degense.widgets.qt_images import to_array
+from tests.house.source import ROOT
 
 RED = QColor(255, 0, 0)
 
@@ -98,11 +101,11 @@ def test_growing_keeps_names_and_colours(plot):
 def test_clicks_give_points_of_the_curves(plot):
     heard: list = []
     plot.x_clicked.connect(heard.append)
-    QTest.mouseClick(plot.viewport(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(200, 100))
+    QTest.mouseClick(plot, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(200, 100))
     assert heard == []
     plot.set_series("a", np.arange(0, 50, 10), np.ones(5))
     for x in (388, 215, 60):
-        QTest.mouseClick(plot.viewport(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(x, 100))
+        QTest.mouseClick(plot, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(x, 100))
     assert heard[:2] == [40.0, 20.0]
     assert heard == sorted(heard, reverse=True)
 
@@ -115,8 +118,17 @@ def test_cursor_and_read_out(plot, qtbot):
     assert changed.any(0).sum() < 8
     assert changed.any(1).sum() > 100
     plot.set_cursor(None)
-    QTest.mouseMove(plot.viewport(), QPoint(200, 100))
+    QTest.mouseMove(plot, QPoint(200, 100))
     qtbot.waitUntil(lambda: (pixels(plot)[:20] != plain[:20]).any())
+
+
+def test_a_spike_in_a_long_run_is_seen(plot):
+    values = np.zeros(100_000)
+    values[31_007] = 1.0
+    plot.set_series("a", np.arange(len(values)), values, RED)
+    rows, columns = red(plot)
+    assert rows.max() - rows.min() > 100
+    assert np.ptp(columns[rows < rows.min() + 20]) < 8
 
 
 def test_a_long_run_is_thinned(plot):
@@ -130,7 +142,7 @@ def test_a_long_run_is_thinned(plot):
     assert abs(long[0].min() - short_[0].min()) <= 1
 
 
-def test_curves_come_and_go_and_leave_nothing(plot, qtbot):
+def test_curves_come_and_go_and_leave_nothing(plot):
     """Each time that a line was added again PySide kept weak references to it: some hundred for every run that was opened."""
 
     def references() -> int:
@@ -147,3 +159,31 @@ def test_curves_come_and_go_and_leave_nothing(plot, qtbot):
     for _ in range(20):
         draw()
     assert references() <= before + 10
+
+
+def test_a_plot_that_is_not_shown_can_be_saved_as_a_picture():
+    plot = CurvePlot()
+    plot.resize(400, 220)
+    plot.set_series("a", np.arange(50), np.arange(50) * 2.0, RED)
+    assert np.ptp(red(plot)[1]) > 250
+
+
+#: A program of its own: other tests have made curves. Prints whether pyqtgraph is there before and after one is made.
+FIRST = """
+import sys
+import numpy as np
+from PySide6.QtWidgets import QApplication
+from degense.widgets.curve_plot import CurvePlot
+
+app, plot = QApplication([]), CurvePlot()
+plot.show()
+empty = "pyqtgraph" in sys.modules
+plot.set_series("a", np.arange(3), np.ones(3))
+print(empty, "pyqtgraph" in sys.modules)
+"""
+
+
+def test_pyqtgraph_comes_with_the_first_curve():
+    child = subprocess.run([sys.executable, "-c", FIRST], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert child.returncode == 0, child.stderr
+    assert child.stdout.split() == ["False", "True"]

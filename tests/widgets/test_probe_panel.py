@@ -74,7 +74,7 @@ def test_curves_and_jumping_to_frames(probe):
     probe.plot.set_cursor(4)
     plot = probe.findChild(CurvePlot)
     assert list(plot.series) == ["displacement [mm]"]
-    QTest.mouseClick(plot.viewport(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(plot.width() - 8, 60))
+    QTest.mouseClick(plot, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, QPoint(plot.width() - 8, 60))
     assert heard == [9]
     probe.plot.clear()
     assert list(plot.series) == []

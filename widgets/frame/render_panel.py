@@ -36,6 +36,7 @@ _KEYS = {
 class RenderPanel(PaintedWidget):
     """Shows one frame, a mask overlay above it, and a label map above both."""
 
+    tool_chosen = Signal()
     hovered = Signal(int, int)  # (x, y) pixels of the image; (-1, -1) when the pointer leaves it
     clicked = Signal(int, int)  # (x, y) pixels of the image
 
@@ -103,17 +104,19 @@ class RenderPanel(PaintedWidget):
     def set_tool(self, tool: PanelTool | None) -> None:
         """Activate a tool, which then owns the left button; None: the left button pans and clicks again."""
         self.tool, self._using_tool = tool, False
-        self.show_hint()
+        self.show_hint(chosen=tool is not None)
+        if tool is not None:
+            self.tool_chosen.emit()
         self._update_cursor(self._last)
         self.update()
 
-    def show_hint(self) -> None:
-        """Say in the status bar what the mouse does here."""
+    def show_hint(self, chosen: bool = False) -> None:
+        """Say in the status bar what the mouse does here: while it is here, or where it is wanted because a tool was chosen."""
         moves = "drag: move" if self.tool is None else "right button: move"
         hint = self.click_hint if self.tool is None else self.tool.hint
         tip = " · ".join(filter(None, (hint, moves, "wheel: zoom", "double click: fit" if self.tool is None else "")))
         self.setStatusTip(tip)
-        if self.underMouse():
+        if chosen or self.underMouse():
             QApplication.sendEvent(self, QStatusTipEvent(tip))
 
     def grab_image(self) -> np.ndarray:

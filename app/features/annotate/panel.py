@@ -87,7 +87,8 @@ class AnnotationPanel(QWidget):
     def _review_page(self) -> QWidget:
         page = QWidget()
         forms.column(
-            self._button_row(accept="Accept", reject="Reject", previous="Previous", next="Next doubtful"),
+            self._button_row(previous="Previous", next="Next doubtful"),
+            self._button_row(accept="Accept", reject="Reject"),
             (self.queue.table, 1),
             self.summary,
             self._button_row(propagate="Propagate to all frames", stop="Stop"),

@@ -110,6 +110,7 @@ class ClassStatistics(QWidget):
         size = work.shape[0] * work.shape[1] * max(1, len(self._counts))
         labelled = sum(count.pixels for count in found) / size
         self.total.setText(f"{counted(len(self._counts), 'labelled frame')}; {labelled:.1%} of their pixels are labelled")
+        self.total.setToolTip(self.total.text())
 
 
 def _count(readers: Mapping[int, tuple[object, Callable[[], np.ndarray]]]) -> Steps[dict[int, tuple[object, np.ndarray]]]:

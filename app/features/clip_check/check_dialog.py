@@ -22,6 +22,7 @@ from degense.app.shell.worker import Worker
 from degense.engine.data.clip_options import LAYOUTS, ClipOptions
 from degense.widgets import forms
 from degense.widgets.frame.render_panel import RenderPanel
+from degense.widgets.scrolling import scrolled
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
@@ -114,7 +115,7 @@ class CheckDialog(forms.Dialog):
         self._section(form, "Depth", "depth", ())
         self._section(form, "Annotations", "labels", ())
         form.addStretch(1)
-        area = forms.scrolled(inside)
+        area = scrolled(inside)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         area.setFixedWidth(410)
         forms.column((forms.row((left, 1), area), 1), self.complaint, self.buttons, margin=9, parent=self)

@@ -226,7 +226,7 @@ class Probe(QObject):
         self.panel.set_cursor(self.session.frame)
         if not self.dock.isVisible():
             value = dict(means(curves, self.session.frame))[shown]
-            self.shell.say(f"Followed, {curves.where}: {get_layer(shown).title.lower()} {value}. Curves, below, shows its course.")
+            self.shell.say(f"{get_layer(shown).title} here: {value}. Its course is in Curves, below.")
         self._show_values()
         self._guides.refresh()
         self.shell.refresh()

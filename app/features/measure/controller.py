@@ -54,7 +54,7 @@ class Measuring(QObject):
         self.buttons = {kind: forms.button(kind.capitalize(), partial(self.toggle, kind), tool.hint) for kind, tool in self.tools.items()}
         for button in self.buttons.values():
             button.setCheckable(True)
-        self.table = forms.table("What is measured", ["", "Now", "Change", "From … to"])
+        self.table = forms.table("What is measured", ["Measure", "Now", "Change", "From … to"])
         self.table.itemSelectionChanged.connect(self._show_curve)
         self.table.itemDoubleClicked.connect(lambda item: self._go(item.row()))
         self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
@@ -68,11 +68,9 @@ class Measuring(QObject):
         self.remove_button = forms.button("Remove", self.remove, "Remove the chosen measure")
         export = forms.button("Export…", self.export, "Save all values in all frames as a table")
         forms.column(
-            forms.row(*self.buttons.values()),
+            forms.row(*self.buttons.values(), 0, self.remove_button, export),
             self._hint,
-            (self.table, 1),
-            (self.plot, 1),
-            forms.row(0, self.remove_button, export),
+            (forms.row((self.table, 1), (self.plot, 1)), 1),
             parent=panel,
         )
         self.dock = self.shell.add_dock("Measure", panel)

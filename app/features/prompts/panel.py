@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QSignalBlocker, QStringListModel, Qt, Signal
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QCheckBox, QCompleter, QLabel, QLineEdit, QMenu, QSlider, QWidget
+from PySide6.QtWidgets import QCheckBox, QComboBox, QCompleter, QLabel, QLineEdit, QMenu, QSlider, QWidget
 
 from degense.app.features.prompts.prompt_row import PromptRow
 from degense.app.features.prompts.similarity_histogram import SimilarityHistogram
@@ -17,6 +17,7 @@ from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 from degense.widgets.theme import class_colour
 
 _STEPS = 1000
+HINT = "What to find, “not …”, or a question"
 #: How a negative prompt begins, whose pixels are removed from the masks of the others.
 NEGATIVE = re.compile(r"(?:-|−|not\s)\s*(?=\S)", re.IGNORECASE)
 
@@ -44,8 +45,8 @@ class PromptBar(QWidget):
         super().__init__(parent)
         self.setAccessibleName("Prompts")
         self._rows: list[PromptRow] = []
-        self._field = forms.named(QLineEdit(self, clearButtonEnabled=True, maxLength=200), "New prompt")
-        self._field.setPlaceholderText("What to find, “not …”, or a question")
+        self._field = forms.named(QLineEdit(self, clearButtonEnabled=True, maxLength=200), "New prompt", HINT)
+        self._field.setPlaceholderText(HINT)
         keep_keys(self._field, TYPING)
         self._words = QStringListModel(self)
         completer = QCompleter(self._words, self, caseSensitivity=Qt.CaseSensitivity.CaseInsensitive, filterMode=Qt.MatchFlag.MatchContains)
@@ -64,6 +65,8 @@ class PromptBar(QWidget):
         self._list = forms.column(self._hint, margin=0, spacing=4)
 
         self._decoder_box = forms.choice("Decoder of the masks", picked=lambda: self.decoder_changed.emit(self.decoder()))
+        self._decoder_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self._decoder_box.setMinimumContentsLength(8)
         self._refined = QCheckBox("Refined", self)
         self._refined.setToolTip("Average over superpixels and follow the edges of the frame; off: pixel by pixel, coarse")
         self._refined.clicked.connect(self.refined_toggled)

@@ -21,12 +21,11 @@ class SimilarityHistogram(CurvePlot):
     threshold_dragged = Signal(float)  # (threshold)
 
     def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+        super().__init__(parent, bare=True)
         self.setAccessibleName("Histogram of the similarities")
         self.setToolTip("How many pixels are how similar to each prompt; drag the line to move the threshold")
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setCursor(Qt.CursorShape.SplitHCursor)
-        self.hide_axes()
         self._threshold = 0.5
 
     def set_curves(self, curves: Sequence[tuple[np.ndarray, QColor]]) -> None:

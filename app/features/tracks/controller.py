@@ -61,7 +61,7 @@ class PointTracking(QObject):
             forms.button("Compare…", self.compare, "Show the points of a track file, and how near to them ours come"),
             forms.button("Export…", self.export, "Save where the points are in all frames"),
         )
-        forms.column(self._hint, (self.table, 1), self.scores, forms.row(0, *files), parent=panel)
+        forms.column((self.table, 1), forms.row((self._hint, 3), (self.scores, 1), *files), parent=panel)
         self.dock = self.shell.add_dock("Tracks", panel)
 
     def _opened(self) -> None:

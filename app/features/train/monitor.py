@@ -121,8 +121,8 @@ class TrainingMonitor(QWidget):
         for part in (_stacked(self._plot, self._term), self._scores, _stacked(self._preview, self._compare), self.queue):
             split.addWidget(part)
         split.setSizes([300, 300, 300, 160])
-        buttons = forms.row(self._pause, self._cancel, 0)
-        side = forms.column(self.running, self._heading, self._stage, self._bar, facts, self._note, 0, buttons, margin=0)
+        bar = forms.row((self._bar, 1), self._pause, self._cancel)
+        side = forms.column(self.running, self._heading, self._stage, bar, facts, self._note, 0, margin=0)
         forms.row((side, 1), (split, 3), spacing=10, parent=self).setContentsMargins(8, 0, 8, 6)
 
     def reset(self) -> None:

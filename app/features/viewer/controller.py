@@ -51,6 +51,7 @@ class Viewer(QObject):
         self._time = shell.service(TimeControl)
         self.panel = RenderPanel()  # the 2D view
         self.panel.set_message(WELCOME)
+        self.panel.tool_chosen.connect(shell.statusBar().clearMessage)  # which would hide what the tool wants
         #: The 3D view. It comes once the window is on the screen.
         self.splats: SplatView | None = None
         self.bars = [ViewBar(self.panel)]  # the colour bar in each view

@@ -166,13 +166,24 @@ class LayerList(QWidget):
             for name, title, unit, description in (masks, *layers):
                 item = QListWidgetItem(f"{title}  [{unit}]" if unit else title)
                 item.setData(_NAME, name)
-                item.setSizeHint(QSize(0, self.fontMetrics().height() + ROOM))
                 item.setCheckState(Qt.CheckState.Unchecked)
                 self._tips[name] = description
                 item.setToolTip(description)
                 if name == MASKS:
                     item.setFlags(item.flags() & ~Qt.ItemFlag.ItemIsDragEnabled)
                 self.rows.addItem(item)
+        self._set_heights()
+
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange and hasattr(self, "rows"):  # also called from the base class's constructor
+            self._set_heights()
+
+    def _set_heights(self) -> None:
+        """Rows as high as their text."""
+        with QSignalBlocker(self.rows):
+            for row in range(self.rows.count()):
+                self.rows.item(row).setSizeHint(QSize(0, self.fontMetrics().height() + ROOM))
         self.rows.setMaximumHeight(self.rows.sizeHint().height())
 
     def set_layers(self, layers: Iterable[LayerRow], current: str, masks: tuple[bool, float]) -> None:

@@ -241,7 +241,7 @@ def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
         features = torch.cat([features, camera_depths(splats.means, request.camera)[:, None]], 1)
         background = torch.cat([background, background.new_zeros(1)])
     drawn = rasterize(splats, features, request.camera, background=background)
-    image = (drawn.image[..., :3].clamp(0, 1) * 255 + 0.5).byte().cpu().numpy()
+    image = drawn.image[..., :3].clamp_(0, 1).mul_(255).add_(0.5).byte().cpu().numpy()  # in place: each copy takes megabytes
     if not request.guides:
         return image
     from degense.widgets.splats.guides import lay_over

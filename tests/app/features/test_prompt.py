@@ -163,8 +163,8 @@ def test_similarities_are_seen_and_the_threshold_dragged_over_them(qtbot, opened
         return [row.answer.text() for row in bar.prompts()]
 
     before = [float(answer.split("%")[0]) for answer in answers()]
-    qtbot.mousePress(histogram.viewport(), Qt.MouseButton.LeftButton, pos=QPoint(round(4 + 0.95 * (histogram.width() - 8)), 20))
-    qtbot.mouseRelease(histogram.viewport(), Qt.MouseButton.LeftButton)
+    qtbot.mousePress(histogram, Qt.MouseButton.LeftButton, pos=QPoint(round(4 + 0.95 * (histogram.width() - 8)), 20))
+    qtbot.mouseRelease(histogram, Qt.MouseButton.LeftButton)
     assert session.view_state.threshold == bar.threshold() == pytest.approx(0.95, abs=0.01)
     idle()
     assert all(float(answer.split("%")[0]) < area for answer, area in zip(answers(), before, strict=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from degense.app.shell import spare_memory
 from degense.app.shell.spare_memory import SpareMemory, giver
 from degense.app.shell.worker import Worker
+from tests.house.source import ROOT
 
 
 @pytest.fixture
@@ -59,3 +61,30 @@ def test_what_was_freed_leaves_the_program(qapp):
     give()
     assert filled - resident() > 40_000_000
     assert len(last) == 60_000
+
+
+#: A program of its own: in that of the tests, windows may have given everything back before.
+CODE = """
+import torch
+from degense.app.shell import code_pages
+from degense.app.shell.spare_memory import giver
+
+give, numbers = giver(), torch.arange(6.0).reshape(2, 3)
+first = code_pages._resident()
+code_pages.MUCH = first
+give()  # not more than much: nothing is looked for
+kept = code_pages._resident()
+code_pages.MUCH = 0
+give()
+print(first, kept, code_pages._resident(), (numbers @ numbers.T).tolist())
+"""
+
+
+@pytest.mark.skipif(giver() is None, reason="the C library gives memory back by itself")
+def test_code_that_ran_once_leaves_the_program_and_runs_again():
+    child = subprocess.run([sys.executable, "-c", CODE], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert child.returncode == 0, child.stderr
+    first, kept, left, product = child.stdout.split(maxsplit=3)
+    assert int(kept) >= int(first)
+    assert int(first) - int(left) > 40_000_000
+    assert product.strip() == "[[5.0, 14.0], [14.0, 50.0]]"

@@ -49,7 +49,8 @@ class Mouse:
             self.pick(title)
 
     def pick(self, title: str) -> None:
-        """An entry of the menu that is open, or that comes."""
+        """An entry of the menu that is open, or that comes. One with a submenu is pointed at, which opens it: where a button is let go over
+        it just as the submenu comes, as on a slow machine, Qt takes the menu below for the active one."""
 
         def entries() -> list[QAction]:
             menu = QApplication.activePopupWidget()
@@ -60,7 +61,12 @@ class Mouse:
         menu, [entry] = QApplication.activePopupWidget(), entries()
         assert isinstance(menu, QMenu)
         assert entry.isEnabled(), title
-        self._send(QTest.mouseClick, menu, menu.actionGeometry(entry).center())
+        at = menu.actionGeometry(entry).center()
+        if entry.menu() is None:
+            self._send(QTest.mouseClick, menu, at)
+        else:
+            QTest.mouseMove(menu.windowHandle(), at)
+            self._done()
 
     def _send(self, event: Callable[..., None], widget: QWidget, at: QPoint) -> None:
         event(widget.window().windowHandle(), LEFT, NONE, widget.mapTo(widget.window(), at))

@@ -87,6 +87,16 @@ def test_an_area_is_that_of_the_surface_in_the_depth(measured):
 OFFSETS = ((0, 0), (1, 0), (1, 1), (0, 1))
 
 
+def test_what_a_tool_wants_is_said_at_once(opened, idle):
+    """Also while the pointer is not in the view yet, and in place of what was said before."""
+    opened.docks.bring(on.measuring(opened).dock)
+    opened.say("Displacement here: 2 mm.")
+    QTest.mouseClick(on.measuring(opened).buttons["distance"], LEFT)
+    assert opened.statusBar().currentMessage() == ""
+    assert opened.status.hint.isVisible()
+    assert "both ends" in opened.status.hint.text()
+
+
 def test_measures_are_undone_saved_and_exported(measured, run, idle, tmp_path, monkeypatch):
     window, measuring = measured, on.measuring(measured)
     before = [quantity.values for quantity in measuring.quantities()]

@@ -66,7 +66,7 @@ def test_the_drawer_opens_one_panel_at_a_time(qtbot, opened, idle, screenshot):
     assert list(frames) == list(range(10))
     assert ((shares >= 0) & (shares <= 100)).all()
     screenshot(opened, "areas")
-    QTest.mouseClick(plot.viewport(), Qt.MouseButton.LeftButton, pos=QPoint(plot.width() - 12, plot.height() // 2))
+    QTest.mouseClick(plot, Qt.MouseButton.LeftButton, pos=QPoint(plot.width() - 12, plot.height() // 2))
     assert opened.session.frame == 9
     opened.session.view.remove_prompt("liver")
     assert not plot.series

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractButton, QDialog, QLabel, QTableWidget, QTabWidget, QWidget
 
+from degense.widgets.qt_images import to_array
 from degense.widgets.theme import apply_text_size
 from tests.app import installed as on
 
@@ -32,8 +34,15 @@ def cut(window: QWidget) -> list[str]:
     return found
 
 
+def height_of_title(window: QWidget) -> int:
+    """Rows of pixels that the title of a panel takes."""
+    dock = on.dock(window, "Layers")
+    image = to_array(dock.grab().toImage())[: dock.widget().y(), : dock.width() // 2]
+    return int((np.ptp(image[..., 0], axis=1) > 60).sum())
+
+
 def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
-    before = opened.fontMetrics().height()
+    before, title = opened.fontMetrics().height(), height_of_title(opened)
     opened.session.view.add_prompt("liver")
     opened.session.view.set_layer("displacement")
     idle()
@@ -45,6 +54,7 @@ def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
     opened.resize(1600, 1000)
     qtbot.wait(50)
     screenshot(opened, "text-200")
+    assert height_of_title(opened) >= 1.6 * title
     assert not cut(opened)
     opened.docks.bring(on.dock(opened, "Curves"))
     qtbot.wait(50)
