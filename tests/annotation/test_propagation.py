@@ -179,3 +179,16 @@ def test_specks_go_to_the_next_best_class():
     assert (without_islands(scores, np.array([2600.0, 20_000.0, 100.0])) == 0).all()  # a class that shrinks so far is not there
     assert expected_iou(softmax(50 * scores, -1), scores.argmax(-1)) == pytest.approx(1.0, abs=1e-3)
     assert expected_iou(softmax(scores / 2, -1), scores.argmax(-1)) < 0.6
+
+
+def test_the_expected_iou_is_that_of_labels_drawn_by_their_chances_and_what_is_unknown_is_no_class():
+    random = np.random.default_rng(0)
+    chances = softmax(3 * random.normal(size=(60, 60, 4)) + [0, 0, 1, 0], -1)
+    winners = chances.argmax(-1)
+    drawn = (random.random((50, 60, 60, 1)) > chances.cumsum(-1)).sum(-1)
+    for classes in (4, 3):  # of three, the fourth is unknown: its pixels have no name, and may be of any class
+        ious = [
+            [((winners == k) & (labels == k)).sum() / ((winners == k) | (labels == k)).sum() for k in range(classes)] for labels in drawn
+        ]
+        assert expected_iou(chances[..., :classes], winners) == pytest.approx(np.mean(ious), abs=0.005)
+    assert expected_iou(chances[..., :0], winners) == 0

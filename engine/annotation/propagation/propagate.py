@@ -77,6 +77,7 @@ def propagate(
     for done, frame in enumerate(flow.measure()):
         yield 0.02 + 0.48 * done / max(1, flow.steps), f"following the motion to frame {frame}"
     usual = _usual_areas(list(indices.values()), count)
+    named = count if any((labels == UNLABELLED).any() for labels in corrected.values()) else count - 1  # the last is what is unknown
     result = {}
     for done, frame in enumerate(wanted):
         if frame in indices:
@@ -96,9 +97,7 @@ def propagate(
         winners = without_islands(decided, usual)
         tell(frame, values[winners], np.take_along_axis(chances, winners[..., None], -1)[..., 0])
         unknown = float(((winners == count - 1) & (strange > UNKNOWN_FROM)).mean())
-        if not any((labels == UNLABELLED).any() for labels in corrected.values()):
-            chances[..., -1] = 0  # what is unknown has not been labelled right
-        result[frame] = Proposal(pack(values[winners]), winners.shape, expected_iou(chances, winners), unknown)
+        result[frame] = Proposal(pack(values[winners]), winners.shape, expected_iou(chances[..., :named], winners), unknown)
     return result
 
 
@@ -148,10 +147,11 @@ def without_islands(scores: np.ndarray, usual: np.ndarray) -> np.ndarray:
 
 
 def expected_iou(chances: np.ndarray, winners: np.ndarray) -> float:
-    """Mean over the classes in `winners` [H, W] of Σ_{won} P / (|won| + Σ_{not won} P), with P the chances [H, W, count]."""
+    """Mean over the classes in `winners` [H, W] of Σ_{won} P / (|won| + Σ_{not won} P), with P the chances [H, W, classes]; values beyond
+    these classes are none. 0 without any."""
     each = []
-    for index in np.unique(winners):
+    for index in np.unique(winners[winners < chances.shape[-1]]):
         won, chance = winners == index, chances[..., index]
         right = chance[won].sum()
         each.append(right / (np.count_nonzero(won) + chance.sum() - right))
-    return float(np.mean(each))
+    return float(np.mean(each)) if each else 0.0

@@ -1,7 +1,8 @@
-"""How often the masks of a trained scene are right, found without truth: from the teacher, and from how often that is right itself.
+"""How often the masks of a trained scene are right, found without truth: from the teacher, from what regions of like colour around a place
+are called in all frames, and from how often each of the two is right itself (`Consensus.rightness`).
 
 A teacher that is right in a share p of its pixels, wherever the scene may err, agrees with a share p r of those masks of which a share r
-is right; p is known from the consensus of its frames (`accuracy_of`). The same holds of objects, the connected parts of masks, by size.
+is right. One whose mistakes last agrees with more of them, since the scene has learned its mistakes; the regions know other frames.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ MOST_FRAMES = 24  # of the teacher's, evenly spread, that are compared
 def confidence_of(model: SceneModel, targets: SemanticTargets, frames: TrainingFrames) -> ConfidenceCurve | None:
     """How the chance of a pixel to be right grows with its margin, on the teacher's frames; None in clips without classes, or masks.
 
-    `targets` are the teacher's own answers, with its `accuracy`.
+    `targets` are the teacher's own answers, with its `accuracy` and `rightness`.
     """
     classes = targets.classes
     if classes is None:
@@ -39,25 +40,27 @@ def confidence_of(model: SceneModel, targets: SemanticTargets, frames: TrainingF
         assert answer is not None
         vectors, index = answer
         told = np.where(index >= 0, shares_of(vectors, words).argmax(1)[index], -1)
+        rightness = None if targets.rightness is None else targets.rightness(frame).reshape(*told.shape, -1).cpu().numpy()
         splats = model.at(frames.clip.time(frame)).splats
         drawn = rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), frames.cameras[frame], clean=True)
         query = query_of(drawn, targets.basis)
         for k, mask in enumerate(query.decode(asked).masks):
             held = mask & (told >= 0)
-            margin, agrees = query.margin(classes[k], classes)[held], told[held] == k
+            margin = query.margin(classes[k], classes)[held]
+            right_at = (told[held] == k) / targets.accuracy if rightness is None else rightness[held, k]
             place = np.minimum((margin * BINS).astype(int), BINS - 1)
-            for row, weight in enumerate((None, margin, agrees)):
+            for row, weight in enumerate((None, margin, right_at)):
                 sums[row] += np.bincount(place, weight, BINS)
             count, parts = cv2.connectedComponents(mask.astype(np.uint8))
-            share, right = np.bincount(parts[mask], minlength=count) / mask.size, np.bincount(parts[held], agrees, count)
+            share, right = np.bincount(parts[mask], minlength=count) / mask.size, np.bincount(parts[held], right_at, count)
             by_bin = np.bincount(parts[held] * BINS + place, minlength=count * BINS).reshape(count, BINS)
             objects.append(np.column_stack([share, right, by_bin])[1:])
-    pixels, margins, agree = sums
+    pixels, margins, right_of_bins = sums
     if not pixels.any():
         return None
-    curve = ConfidenceCurve.fitted(pixels, margins, agree / targets.accuracy)
+    curve = ConfidenceCurve.fitted(pixels, margins, right_of_bins)
     found = np.concatenate(objects)
     found = found[found[:, 2:].any(1)]  # those of which the teacher says anything
     share, right, number = found[:, 0], found[:, 1], found[:, 2:].sum(1)
     said = found[:, 2:] @ curve(margins / np.maximum(pixels, 1)) / number
-    return curve.with_objects(share, said, right / number / targets.accuracy)
+    return curve.with_objects(share, said, right / number)

@@ -118,8 +118,9 @@ class Consensus:
                 told = self._told(frame)
                 self._regions.add(frame, torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0))
             shares = self.shares
-        otherwise = torch.cat([self._otherwise(frame) for frame in voters])
-        targets.disagreement, targets.accuracy = float(otherwise.float().mean()), accuracy_of(contested, pixels)
+        targets.accuracy = accuracy_of(contested, pixels)
+        number, otherwise, around = torch.stack([self._beside_teacher(frame) for frame in voters]).sum(0).tolist()
+        targets.disagreement, self._around_right = otherwise / max(number, 1), max(around / max(number, 1) / targets.accuracy, 1e-3)
 
     def shares(self, frame: int) -> Float[Tensor, "pixels words"]:
         """q of each pixel of a frame, rows of sum 1."""
@@ -139,10 +140,25 @@ class Consensus:
         index, confidence = (values.reshape(height, width).cpu().numpy() for values in (named.int(), sure))
         return self._words, index, confidence
 
-    def _otherwise(self, frame: int) -> Tensor:
-        """Where the teacher says something, whether it differs from the consensus: bool [P]."""
+    def rightness(self, frame: int) -> Float[Tensor, "pixels words"]:
+        """How often words are right, where the teacher says anything; of single pixels a rough estimate, which may be above 1:
+
+            (1 − e) [word is the teacher's] / p + e p(word | regions around) / p_around
+
+        with the accuracies p of both; the regions give the teacher's word a share of p p_around in the mean. What the teacher says of this
+        frame is part of what the scene learned: the oftener it errs where not all agree (e), the less it proves.
+        """
+        own = torch.nn.functional.one_hot(self._told(frame).argmax(1), len(self._words)) / self._targets.accuracy
+        return own.lerp(self._regions.read(frame, self._reach) / self._around_right, 1 / (1 + math.exp(self._own)))
+
+    def _beside_teacher(self, frame: int) -> Tensor:
+        """Of the pixels of a frame where the teacher says something: how many there are, in how many the consensus differs, and the sum of
+        the shares of the teacher's word around; float64 [3]."""
         told = self._told(frame)
-        return (told.argmax(1) != self.shares(frame).argmax(1))[told.sum(1) > 0]
+        word, known = told.argmax(1, keepdim=True), told.sum(1, keepdim=True) > 0
+        otherwise = known & (word != self.shares(frame).argmax(1, keepdim=True))
+        around = self._regions.read(frame, self._reach).gather(1, word) * known
+        return torch.stack([values.sum(dtype=torch.float64) for values in (known, otherwise, around)])
 
     def _told(self, frame: int) -> Tensor:
         """What the teacher calls each pixel of one of its frames, in shares of its words: float [H × W, K], rows of sum 1, or 0 where it

@@ -112,6 +112,7 @@ def distill(
     if config.consensus and not targets.sparse:
         with part("consensus"):
             consensus = Consensus(model, targets, frames, config.seed, lambda f, text: progress(0.3 * f, text))
+        targets.rightness = consensus.rightness
         targets = targets.replaced(consensus.answer)
     if config.lift:
         with part("back-projection"):

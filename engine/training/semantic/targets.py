@@ -73,6 +73,8 @@ class SemanticTargets:
         self.upsampled = guided and not teacher.pixelwise  # whether the teacher's vectors are upsampled to superpixels
         self.disagreement: float | None = None  # share of the pixels that it calls otherwise than its consensus, once that is known
         self.accuracy = 1.0  # how often it is right in a frame, as its consensus finds; without one it is taken at its word
+        #: How often each of its words is right in each pixel of a frame, float [P, K] (`Consensus.rightness`); None without a consensus.
+        self.rightness: Callable[[int], Tensor] | None = None
         self._rarity = rarity
         self._others: Callable[[int], SureAnswer] | None = None
         self._teacher, self._working = teacher, frames

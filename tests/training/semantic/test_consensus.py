@@ -93,6 +93,43 @@ def test_a_teacher_is_corrected_by_itself_and_one_that_is_right_is_left_alone(st
     assert targets.accuracy == pytest.approx(told / counted, abs=0.03)
 
 
+class Lasting(Erring):
+    """The same, and a patch of 16 × 16 pixels has the other name in the first half of the clip."""
+
+    patch = np.s_[40:56, 16:32]
+
+    def targets(self, frame):
+        vectors, index = super().targets(frame)
+        if frame < 8:
+            index[self.patch] = 1 - self.exact.targets(frame)[1][self.patch]
+        return vectors, index
+
+
+def held_right(consensus, frame, labels, where=...):
+    """What is said of labels, one number a pixel that has any."""
+    said = consensus.rightness(frame).numpy().reshape(*labels.shape, -1)[where]
+    return np.take_along_axis(said, np.maximum(labels[where], 0)[..., None], -1)[..., 0][labels[where] >= 0]
+
+
+def test_true_words_are_held_to_be_right_in_the_mean_and_all_others_seldom(stage):
+    clip, frames, model, exact = stage
+    consensus = Consensus(model, SemanticTargets(Erring(exact, 0.3), frames), frames, 0)
+    truths = {frame: exact.targets(frame)[1] for frame in clip.train_frames}
+    others = {frame: np.where(truth >= 0, 1 - truth, -1) for frame, truth in truths.items()}
+    true, false = (np.concatenate([held_right(consensus, *of_frame) for of_frame in of.items()]) for of in (truths, others))
+    assert true.mean() == pytest.approx(1, abs=0.05)
+    assert false.mean() < 0.35, "the teacher says so in .3 of the pixels"
+
+
+def test_a_mistake_that_lasts_is_doubted_though_the_teacher_insists(stage):
+    clip, frames, model, exact = stage
+    targets = SemanticTargets(Lasting(exact, 0.3), frames)
+    consensus = Consensus(model, targets, frames, 0)
+    insisted = {frame: targets.answer(frame)[1] for frame in clip.train_frames if frame < 8}
+    said = np.concatenate([held_right(consensus, frame, labels, Lasting.patch) for frame, labels in insisted.items()])
+    assert said.mean() < 0.75 / targets.accuracy, "which its agreement alone would be"
+
+
 def test_a_teacher_that_stands_alone_no_oftener_than_chance_is_right():
     assert own_weight(torch.tensor([10, 40, 50, 100])) > 8  # .1 alone, and .4 × .5 expected
     assert own_weight(torch.tensor([60, 20, 20, 100])) == 0
