@@ -57,6 +57,7 @@ class Layer:
     cmap: str = "viridis"  # of `COLOUR_MAPS`
     signed: bool = False  # its range is symmetric about zero
     from_zero: bool = False  # its range starts at zero
+    least_range: float = 1e-6  # its range is at least so long: what is smaller is error of the measurement, and stays dark
     fixed_range: tuple[float, float] | None = None  # the range that it always has; None where the values decide
     of_motion: bool = False  # large values are findings about motion, whose worst frames and places are worth a list
     guess: str = ""  # what is hatched where the displacement is a guess, for legends; empty where no value is a guess
@@ -154,9 +155,9 @@ def layer_range(scene: Scene, layer: Layer, request: LayerRequest, mode: RangeMo
     if known.size == 0:
         return 0.0, 1.0
     if layer.signed:
-        high = max(float(np.percentile(np.abs(known), 100 - clip)), 1e-6)
+        high = max(float(np.percentile(np.abs(known), 100 - clip)), layer.least_range)
         return -high, high
     low, high = np.percentile(known, [clip, 100 - clip])
     if layer.from_zero:
         low = 0.0
-    return float(low), float(max(high, low + 1e-6))
+    return float(low), float(max(high, low + layer.least_range))

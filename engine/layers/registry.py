@@ -10,7 +10,7 @@ from degense.engine.errors import DegenseError
 from degense.engine.layers.appearance import APPEARANCE
 from degense.engine.layers.kinematics import ROTATION, SCALE, SPEED
 from degense.engine.layers.layer import MOVED, Layer, LayerRequest
-from degense.engine.motion.observed import WARP_TOLERANCE, contradicted
+from degense.engine.motion.observed import contradicted
 from degense.engine.scene import NO_OBSERVABILITY, Scene
 from degense.engine.scene.clip_query import decode_frame, decode_splats, splat_semantics
 from degense.engine.scene.uncertainty import DOUBTFUL, NEIGHBOURS, RELATIVE, SPREADS, SURE
@@ -57,6 +57,9 @@ def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     return decode_splats(scene, _prompted(request), request.frame).numbers
+
+
+LEAST_WARP = 3.0  # pixels to which the colours of the warp layer reach at least: a few tenths, which flow itself is off by, stay dark
 
 
 def _channel(name: str) -> Callable[[Scene, LayerRequest], np.ndarray]:
@@ -197,10 +200,10 @@ LAYERS: dict[str, Layer] = {
         Layer(
             "warp",
             "scalar",
-            "Motion since the reference frame, projected to pixels, that the recording contradicts, beyond a tolerance of "
-            f"{WARP_TOLERANCE:g} px. Hatched where the recording does not show how a place moved, because it is plain, hidden or looks "
-            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, and a quarter of its "
-            "spread is allowed.",
+            "How far the motion since the reference frame, projected to pixels, is from what the recording shows; some tenths of a pixel "
+            "are its own error. Hatched where the recording does not show how a place moved, because it is plain, hidden or looks "
+            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, and the more that varies "
+            "the larger is the value.",
             _warp,
             _warp_splats,
             lambda scene: "px",
@@ -208,6 +211,7 @@ LAYERS: dict[str, Layer] = {
             guesses=_warp_guessed,
             guess="hatched: measured against the motion around it",
             from_zero=True,
+            least_range=LEAST_WARP,
             of_motion=True,
             needs_clip=True,
         ),

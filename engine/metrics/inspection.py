@@ -20,12 +20,13 @@ class InspectionScores:
     last. Pixels of equal value, in steps of `MOST` / `BINS` pixels, are told apart by nothing.
 
     - `average_precision`: Σ (Rₙ − Rₙ₋₁) Pₙ over the ranks n, P precision and R recall; chance gives `wrong`, the share that is wrong.
-    - `precision`, `recall`: of the pixels that the layer shows as warp, any value above 0.
+    - `precision`, `recall`: of the pixels that the layer has a value above `WRONG` for.
     - `unknown`: share of the pixels of which the layer says nothing.
     """
 
     def __init__(self) -> None:
         self._found = np.zeros((2, BINS + 2), np.int64)  # [right, wrong] × [unknown, no warp, warp in BINS steps]
+        self._above = np.zeros(2, np.int64)  # of these with more warp than `WRONG`
 
     def add(self, warp: np.ndarray, modelled: np.ndarray, true: np.ndarray) -> None:
         """One frame: the layer, float [H, W], NaN where it says nothing; motion of the model and the true one, float [H, W, 2], pixels."""
@@ -36,11 +37,12 @@ class InspectionScores:
         rank = np.where(np.isfinite(value), step, 0).astype(np.int64)
         for row, which in enumerate((off[counted] <= WRONG, off[counted] > WRONG)):
             self._found[row] += np.bincount(rank[which], minlength=BINS + 2)
+            self._above[row] += np.count_nonzero(value[which] > WRONG)
 
     def result(self) -> dict[str, float | None]:
         """The scores of the frames so far; None where no pixel counts, or none is wrong."""
         total, wrong = int(self._found.sum()), int(self._found[1].sum())
-        shown = self._found[:, 2:].sum(1)
+        shown = self._above
         taken = self._found[:, ::-1].cumsum(1)  # from the largest warp down
         precision = taken[1] / np.maximum(taken.sum(0), 1)
         gained = np.diff(taken[1], prepend=0)

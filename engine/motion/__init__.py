@@ -1,7 +1,7 @@
 """Motion seen in images, motion of the model, and the difference between them."""
 
 from degense.engine.motion.flow import chain, confidence, consistent, flow_between, flow_error, follow, sample, steps_between
-from degense.engine.motion.observed import displacement, spurious
+from degense.engine.motion.observed import displacement
 
 __all__ = [
     "chain",
@@ -12,6 +12,5 @@ __all__ = [
     "flow_error",
     "follow",
     "sample",
-    "spurious",
     "steps_between",
 ]

@@ -21,27 +21,7 @@ def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"])
     return torch.linalg.vector_norm(means_t - means_ref, dim=-1)
 
 
-def spurious(
-    model_flow: Float[np.ndarray, "height width 2"],
-    observed_flow: Float[np.ndarray, "height width 2"],
-    tolerance: Float[np.ndarray, "height width"] | float = 1.0,
-) -> Float32[np.ndarray, "height width"]:
-    """Model motion that the images contradict: max(0, ‖m(p) − o(p)‖ − tolerance), pixels.
-
-    m is the model's motion projected into the image (`Scene.render`: `motion`), o the observed motion between these frames in the same
-    direction (`ObservedMotion`). The tolerance is the error of what is observed, pixels; where it or a motion is NaN, the result is: not
-    known, which is not the same as 0.
-
-    What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
-    the principal point by about r · Δz / z), and errors below the tolerance. Missing motion counts like motion too many: both are a
-    difference.
-    """
-    difference = np.linalg.norm(np.asarray(model_flow, np.float32) - np.asarray(observed_flow, np.float32), axis=-1)
-    return np.maximum(difference - tolerance, 0).astype(np.float32)  # NaN stays NaN
-
-
-WARP_TOLERANCE = 1.0  # pixels: two-way sub-pixel error of the flow on textured tissue
-SPREAD_ALLOWED = 0.25  # of the spread of motion around, where a place does not show its own
+SPREAD_SHARE = 0.5  # of the spread of the motion around is how far a place that does not show its own may be from it (decision 63)
 PIXELS = 80_000  # flow is measured at about this size: a frame of it takes 0.4 MB, and a tenth of a second
 TEXTURE = 0.3  # `confidence` below which flow is a guess
 REACHES = (0.02, 0.06, 0.18)  # of the width: σ within which neighbours speak for a place whose own motion is not seen,
@@ -60,9 +40,18 @@ class Observed(NamedTuple):
     spread: np.ndarray
 
 
-def contradicted(modelled: np.ndarray, observed: Observed) -> np.ndarray:
-    """Motion of the model, float [H, W, 2], that what is observed contradicts, float32 [H, W], pixels: `spurious` with its tolerance."""
-    return spurious(modelled, observed.flow, WARP_TOLERANCE + SPREAD_ALLOWED * observed.spread)
+def contradicted(modelled: Float[np.ndarray, "height width 2"], observed: Observed) -> Float32[np.ndarray, "height width"]:
+    """How far the model's motion is from what the recording shows: √(‖m(p) − o(p)‖² + (`SPREAD_SHARE` · spread(p))²), pixels.
+
+    m is the model's motion projected into the image (`Scene.render`: `motion`), o the observed motion between these frames in the same
+    direction. Where o is only that of the surroundings, their spread is what it may be wrong by. NaN where either is not known, which is
+    not the same as 0. On textured tissue o itself is within some tenths of a pixel.
+
+    What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
+    the principal point by about r · Δz / z). Missing motion counts like motion too many: both are a difference.
+    """
+    difference = np.square(np.asarray(modelled, np.float32) - observed.flow).sum(-1)
+    return np.sqrt(difference + np.square(SPREAD_SHARE * observed.spread)).astype(np.float32)  # NaN stays NaN
 
 
 class ObservedMotion:

@@ -1,5 +1,7 @@
 """Every layer of the registry, drawn on a tiny real run."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -280,6 +282,13 @@ def test_the_range_of_a_frame_and_of_the_sequence(scene):
     depth = LAYERS["depth"]
     assert layer_range(scene, depth, here, "frame") == pytest.approx(np.nanpercentile(depth.image(scene, here).values, [1, 99]))
     assert layer_range(scene, LAYERS["similarity"], here, "frame") == (0.0, 1.0)
+
+
+def test_warp_that_is_error_of_the_measurement_stays_dark(scene):
+    low, high = layer_range(scene, LAYERS["warp"], request(scene.reference_frame), "frame")
+    assert (low, high) == (0.0, 3.0)
+    large = replace(LAYERS["warp"], pixels=lambda scene, request: np.linspace(0, 20, 50).reshape(5, 10))
+    assert layer_range(scene, large, request(), "frame")[1] > 19
 
 
 def test_a_range_is_never_empty(scene):

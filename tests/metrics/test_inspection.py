@@ -37,8 +37,8 @@ def test_average_precision_is_that_of_the_definition(seed):
     values, wrong, found = np.concatenate(ranks), np.concatenate(wrongs), scores.result()
     assert found["average_precision"] == pytest.approx(average_precision(values, wrong))
     assert found["wrong"] == pytest.approx(wrong.mean())
-    assert found["precision"] == pytest.approx(wrong[values > 0].mean())
-    assert found["recall"] == pytest.approx((values > 0)[wrong].mean())
+    assert found["precision"] == pytest.approx(wrong[values > 1].mean())
+    assert found["recall"] == pytest.approx((values > 1)[wrong].mean())
     assert found["unknown"] == pytest.approx((values < 0).mean())
 
 
