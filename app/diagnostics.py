@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -22,6 +23,8 @@ from degense.engine.gpu import kernels_compiled, lacking_kernels, nvcc
 #: Seconds that a check in a child process may take; drawing in software on a busy machine is slow to start.
 PATIENCE = 60
 ABSENT = "(not installed)"  # in place of a version
+#: Colours of a terminal, and the time and place that VTK writes before its words.
+LOG_SIGNS = re.compile(r"^(?:\x1b\[[\d;]*m)*(?:[^|\n]*\.cxx:\d+\s+\w+\| )?|\x1b\[[\d;]*m", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -172,7 +175,7 @@ def _child(code: str) -> tuple[bool, str]:
         return False, f"no answer in {PATIENCE} seconds"
     if result.returncode == 0:
         return True, result.stdout.strip()
-    lines = result.stderr.strip().splitlines() or [f"it ended with status {result.returncode}"]
+    lines = LOG_SIGNS.sub("", result.stderr).strip().splitlines() or [f"it ended with status {result.returncode}"]
     # An exception of Python stands in the last line; Qt and OpenGL give their reason first and go on from there.
     return False, lines[-1 if lines[0].startswith("Traceback") else 0]
 

@@ -30,6 +30,25 @@ class Camera:
         sx, sy = width / self.width, height / self.height
         return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy)
 
+    def letterboxed(self, width: int, height: int) -> Camera:
+        """The camera whose image fills a viewport of `width` × `height` pixels and shows the whole of this one's image, centred."""
+        return self._fitted(width, height, min(width / self.width, height / self.height))
+
+    def filled(self, width: int, height: int) -> Camera:
+        """As `letterboxed`, with no pixel that this camera does not see: it undoes that, since margins are cut off again."""
+        return self._fitted(width, height, max(width / self.width, height / self.height))
+
+    def _fitted(self, width: int, height: int, scale: float) -> Camera:
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * scale,
+            fy=self.fy * scale,
+            cx=(self.cx - self.width / 2) * scale + width / 2,
+            cy=(self.cy - self.height / 2) * scale + height / 2,
+        )
+
     def with_unit(self, factor: float) -> Camera:
         """The same view of a world whose lengths were multiplied by `factor`."""
         viewmat = self.viewmat.copy()

@@ -4,7 +4,8 @@ Numba's own thread pools do not suit a program that draws from several Python th
 it, `omp` waits by spinning, which on a busy machine costs whole time slices. Hot kernels are therefore shared out by `run_kernel`; kernels
 written with numba's `parallel=True` use `workqueue` and take turns behind `KERNEL_LOCK`.
 
-Numba's cache of compiled kernels is written without being synced: what a power cut left of it is compiled anew.
+Numba's cache of compiled kernels is written without being synced: what a power cut left of it is compiled anew. Where it can be written
+nowhere, kernels are compiled at every start. Files with kernels import this one, so that both holds for them.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import numba
@@ -23,6 +25,7 @@ import torch
 from llvmlite import ir
 from numba import types
 from numba.core.caching import IndexDataCacheFile
+from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
 from degense.engine.profile import part
@@ -53,6 +56,24 @@ def _data_or_nothing(cache: IndexDataCacheFile, name: str) -> Any:
 
 
 IndexDataCacheFile._load_index, IndexDataCacheFile._load_data = _index_or_nothing, _data_or_nothing
+
+_enable_caching = Dispatcher.enable_caching
+
+
+@cache
+def _say_once() -> None:
+    log.warning("Compiled kernels can be kept nowhere, so that every start takes a minute; name a folder for them in NUMBA_CACHE_DIR.")
+
+
+def _cached_where_possible(kernel: Dispatcher) -> None:
+    """Keep a kernel where numba finds a folder that can be written; numba itself ends the program where it finds none."""
+    try:
+        _enable_caching(kernel)
+    except RuntimeError:
+        _say_once()
+
+
+Dispatcher.enable_caching = _cached_where_possible
 
 _HELPERS = ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="kernel")
 

@@ -73,12 +73,33 @@ def check_yaml(text: str) -> None:
 
     deep = 0
     try:
-        for event in yaml.parse(text, getattr(yaml, "CBaseLoader", yaml.BaseLoader)):
+        for event in yaml.parse(text, _yaml_loader()):
             deep += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if deep > DEEPEST:
                 raise ValueError(f"nested more than {DEEPEST} levels")
     except yaml.YAMLError as error:
         raise ValueError("no valid YAML") from error
+
+
+def parse_yaml(text: str) -> Any:
+    """Strings, lists and mappings of a YAML text, nothing else. ValueError as of `check_yaml`, and for keys that are lists or mappings."""
+    import yaml
+
+    check_yaml(text)
+    reading = _yaml_loader()(text)
+    try:
+        return reading.get_single_data()
+    except yaml.YAMLError as error:
+        raise ValueError("no valid YAML") from error
+    finally:
+        reading.dispose()
+
+
+def _yaml_loader() -> Any:
+    """libyaml's, where PyYAML has it: its own takes ten times as long."""
+    import yaml
+
+    return getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
 def _without_waiting(path: str, flags: int) -> int:

@@ -29,6 +29,15 @@ class LabelClass:
     colour: Colour
     number: int = 1  # which object of its class
 
+    @classmethod
+    def stored(cls, name: Any, colour: Any, number: Any = 1) -> LabelClass:
+        """As annotations and journals hold it; earlier versions wrote no number. Parts of a colour are brought into 0 to 255.
+
+        TypeError or ValueError for what is no class.
+        """
+        red, green, blue = (min(255, max(0, int(part))) for part in colour)
+        return cls(str(name), (red, green, blue), int(number))
+
     @property
     def title(self) -> str:
         """What the user reads: the name, with the number of a second or further object."""

@@ -104,7 +104,7 @@ def _annotations(data: Any, folder: Path, shape: tuple[int, int], count: int, or
         raise ValueError("it was written by a newer degense; update to open it")
     if (data["size"][1], data["size"][0], data["count"]) != (*shape, count):
         raise ValueError(f"it is for {data['count']} frames of {data['size'][0]} × {data['size'][1]}")
-    classes = tuple(LabelClass(str(item["name"]), _colour(item["colour"]), int(item.get("number", 1))) for item in data["classes"])
+    classes = tuple(LabelClass.stored(item["name"], item["colour"], item.get("number", 1)) for item in data["classes"])
     check_classes(classes)
     annotations = Annotations(classes, shape, count, original)
     for key, entry in data["frames"].items():
@@ -118,11 +118,6 @@ def _annotations(data: Any, folder: Path, shape: tuple[int, int], count: int, or
             proposal = Proposal.of(pack(proposed), shape, entry["carried"])
         annotations.records[frame] = Record(labels, bool(entry["by_hand"]), entry["status"], proposal)
     return annotations
-
-
-def _colour(values: Any) -> tuple[int, int, int]:
-    red, green, blue = (min(255, max(0, int(value))) for value in values)
-    return red, green, blue
 
 
 def _stored(folder: Path, name: Any, shape: tuple[int, int], classes: int) -> StoredMap:

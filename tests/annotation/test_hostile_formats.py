@@ -181,3 +181,11 @@ def test_a_dicom_file_with_a_byte_changed_is_read_or_refused(tmp_path, maps, see
     path.write_bytes(data)
     with suppress(ClipError):
         read_all("dicom-seg", path)
+
+
+def test_a_long_list_in_a_data_yaml_takes_seconds(tmp_path):
+    path = yolo("0 0 0 1 0 1 1", "names: [fat]\nval:\n" + "- 0\n" * 250_000)(tmp_path)
+    begun = time.process_time()
+    with suppress(ClipError):
+        LABEL_FORMATS["yolo"].read(path, SHAPE, NAMES)
+    assert time.process_time() - begun < 6

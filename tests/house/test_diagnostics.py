@@ -68,6 +68,11 @@ def test_no_display_is_no_fault(monkeypatch):
     assert "no display" in finding.text
 
 
+def test_what_vtk_logs_is_said_as_words():
+    line = "\\x1b[0m\\x1b[33m2026-11-25 09:06:52.666 (   0.247s) [    7FA48D999040]    vtkX11Functions.cxx:126   WARN| No library\\x1b[0m"
+    assert diagnostics._child(f"import sys; sys.exit('{line}')") == (False, "No library")
+
+
 def test_it_does_not_start_a_compilation():
     """With a CUDA compiler and no GPU, importing gsplat alone would compile for minutes."""
     code = "import sys; from degense.app.diagnostics import report; report(); sys.exit('gsplat' in sys.modules)"

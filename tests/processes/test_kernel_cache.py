@@ -9,7 +9,8 @@ from pathlib import Path
 import numba
 import pytest
 
-import degense.engine.threads  # noqa: F401 - what makes numba patient
+import degense.engine.threads
+from tests.house.source import imports, modules
 
 CODE = "from numba import njit\n\n\n@njit(cache=True)\ndef twice(x):\n    return 2 * x\n"
 
@@ -40,3 +41,20 @@ def test_damaged_files_are_written_anew(tmp_path, monkeypatch, damage, kind):
     assert computed(tmp_path / "kernel.py") == 42
     assert len(file.read_bytes()) >= whole // 2  # it is kept again
     assert computed(tmp_path / "kernel.py") == 42
+
+
+def test_where_nothing_can_be_kept_kernels_are_compiled(tmp_path, monkeypatch, caplog):
+    (tmp_path / "file").touch()
+    (tmp_path / "__pycache__").touch()
+    (tmp_path / "kernel.py").write_text(CODE)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file/cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    degense.engine.threads._say_once.cache_clear()
+    assert computed(tmp_path / "kernel.py") == 42
+    assert "NUMBA_CACHE_DIR" in caplog.text
+
+
+def test_all_files_with_kernels_are_patient():
+    for path in modules("engine"):
+        names = {name for _, name in imports(path)}
+        assert "numba.njit" not in names or any(name.startswith("degense.engine.threads") for name in names), path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from degense.widgets.splats.camera_moves import dolly, filled, framing, letterboxed, orbit, pan, splat_at
+from degense.widgets.splats.camera_moves import dolly, framing, orbit, pan, splat_at
 
 
 @pytest.fixture
@@ -82,5 +82,5 @@ def test_picking_nothing(camera, splats):
 
 @pytest.mark.parametrize("size", [(515, 794), (900, 300)])
 def test_filled_undoes_letterboxed(camera, size):
-    back = filled(letterboxed(camera, *size), camera.width, camera.height)
+    back = camera.letterboxed(*size).filled(camera.width, camera.height)
     assert (back.fx, back.fy, back.cx, back.cy) == pytest.approx((camera.fx, camera.fy, camera.cx, camera.cy))

@@ -11,7 +11,6 @@ from PySide6.QtWidgets import QApplication
 
 from degense.app.features.viewer.view_rendering import draw_snapshot
 from degense.widgets.splats import snapshot_surface
-from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.gaussians import tamed
 from degense.widgets.splats.guides import Guide, projection_matrix
 from degense.widgets.splats.splat_view import SplatView
@@ -48,7 +47,7 @@ def difference(a, b):
 def test_locked_view_is_the_2d_picture_enlarged(view, splats, camera):
     picture = view.screenshot_image()
     assert picture.shape == (160, 192, 3)
-    truth = splatted(splats, letterboxed(camera, 192, 160))
+    truth = splatted(splats, camera.letterboxed(192, 160))
     tag = np.s_[:40, :150]
     truth[tag] = picture[tag] / 255
     assert psnr(picture, truth) > 45
@@ -128,7 +127,7 @@ def test_pan_wheel_and_keys_move_the_camera(view):
 
 def test_a_click_picks_what_is_seen(view, qtbot, splats, camera):
     index = int(np.argmin(np.where(splats[3] > 0.8, camera.project(splats[0])[1], np.inf)))
-    at = letterboxed(camera, 192, 160).project(splats[0][index])[0]
+    at = camera.letterboxed(192, 160).project(splats[0][index])[0]
     with qtbot.waitSignal(view.picked) as heard:
         QTest.mouseClick(view.focusProxy(), LEFT, NONE, QPoint(round(at[0]), round(at[1])))
     chosen = heard.args[0]
@@ -167,7 +166,7 @@ def test_resizing_keeps_the_lock(view, qtbot, splats, camera):
     view.resize(240, 200)
     qtbot.waitUntil(lambda: view.focusProxy().width() == 240)
     picture = view.screenshot_image()
-    truth = splatted(splats, letterboxed(camera, 240, 200))
+    truth = splatted(splats, camera.letterboxed(240, 200))
     truth[:40, :150] = picture[:40, :150] / 255
     assert psnr(picture, truth) > 45
 
@@ -250,7 +249,7 @@ def test_letterbox_keeps_the_picture_whole_and_centred(camera, size, rng):
     points = camera.unproject(rng.uniform(0, 72, (20, 2)), rng.uniform(1, 9, 20))
     scale = min(size[0] / camera.width, size[1] / camera.height)
     margin = (np.array(size) - scale * np.array([camera.width, camera.height])) / 2
-    np.testing.assert_allclose(letterboxed(camera, *size).project(points)[0], camera.project(points)[0] * scale + margin, atol=1e-9)
+    np.testing.assert_allclose(camera.letterboxed(*size).project(points)[0], camera.project(points)[0] * scale + margin, atol=1e-9)
 
 
 def test_colours_become_bytes():

@@ -47,28 +47,6 @@ def framing(means: np.ndarray, width: int, height: int) -> Camera:
     return Camera(width, height, focal, focal, width / 2, height / 2, viewmat)
 
 
-def letterboxed(camera: Camera, width: int, height: int) -> Camera:
-    """The camera whose image fills a viewport of `width` × `height` pixels and shows the whole image of `camera`, centred."""
-    return _resized(camera, width, height, min(width / camera.width, height / camera.height))
-
-
-def filled(camera: Camera, width: int, height: int) -> Camera:
-    """As `letterboxed`, with no pixel that `camera` does not see: it undoes that, since margins are cut off again."""
-    return _resized(camera, width, height, max(width / camera.width, height / camera.height))
-
-
-def _resized(camera: Camera, width: int, height: int, scale: float) -> Camera:
-    return Camera(
-        width=width,
-        height=height,
-        fx=camera.fx * scale,
-        fy=camera.fy * scale,
-        cx=(camera.cx - camera.width / 2) * scale + width / 2,
-        cy=(camera.cy - camera.height / 2) * scale + height / 2,
-        viewmat=camera.viewmat,
-    )
-
-
 def splat_at(x: float, y: float, camera: Camera, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray) -> int:
     """Index of the splat that contributes most to the pixel position (x, y), −1 when none reaches an alpha of 1/255.
 

@@ -13,7 +13,6 @@ from PySide6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from degense.engine.camera import Camera
 from degense.widgets.qt_images import to_array, to_qimage
-from degense.widgets.splats.camera_moves import letterboxed
 from degense.widgets.splats.gaussians import Gaussians
 from degense.widgets.splats.guides import Guide
 
@@ -73,7 +72,7 @@ class SnapshotSurface(QLabel):
         if self._wanted is None or not self._coarse:
             return self._wanted
         camera = self._wanted.camera
-        return self._wanted._replace(camera=letterboxed(camera, max(1, camera.width // COARSE), max(1, camera.height // COARSE)))
+        return self._wanted._replace(camera=camera.letterboxed(max(1, camera.width // COARSE), max(1, camera.height // COARSE)))
 
     def take(self, rgb: np.ndarray) -> None:
         """Show a snapshot of `request`, uint8 [H, W, 3]."""

@@ -8,7 +8,7 @@ from PySide6.QtGui import QKeyEvent, QMouseEvent, QWheelEvent
 from PySide6.QtWidgets import QWidget
 
 from degense.engine.camera import Camera
-from degense.widgets.splats.camera_moves import dolly, framing, letterboxed, orbit, pan
+from degense.widgets.splats.camera_moves import dolly, framing, orbit, pan
 
 #: A press and release closer than this is a click, pixels.
 CLICK_SLACK = 4
@@ -71,7 +71,7 @@ class SplatCamera(QObject):
         ratio = self._canvas.devicePixelRatioF()
         width, height = max(1, round(self._canvas.width() * ratio)), max(1, round(self._canvas.height() * ratio))
         camera = self._free or self._clip_camera
-        return framing(self.means, width, height) if camera is None else letterboxed(camera, width, height)
+        return framing(self.means, width, height) if camera is None else camera.letterboxed(width, height)
 
     def pivot(self) -> np.ndarray:
         """The point [3] one turns around: the middle of the scene."""

@@ -96,7 +96,7 @@ class AnnotationState(PersistentState):
             raise RunError(f"{source} cannot be used: {self.blocked}")
         try:
             if "classes" in record:
-                self._set_classes(tuple(_class_from(*item) for item in record["classes"]))
+                self._set_classes(tuple(LabelClass.stored(*item) for item in record["classes"]))
             else:
                 self._restore(tuple(Piece.from_json(item) for item in record["pieces"]))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -263,9 +263,3 @@ class AnnotationState(PersistentState):
         self.records_changed.emit()
         for frame in () if drawn else [piece.frame for piece in state]:
             self.pixels_changed.emit(frame, None)
-
-
-def _class_from(name: Any, colour: Any, number: Any = 1) -> LabelClass:
-    """A class as it stands in the journal; earlier versions wrote no number."""
-    red, green, blue = (int(value) for value in colour)
-    return LabelClass(str(name), (red, green, blue), int(number))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject, Signal
 
 from degense.app.features.documents.autosave import Autosave
+from degense.app.features.documents.fact_rows import clip_facts, run_facts
 from degense.app.features.documents.facts import Facts
 from degense.app.session.sample import demo_run, is_demo
 from degense.app.session.session_file import DamagedSession
@@ -150,27 +151,3 @@ def _open_clip(path: Path, answers: dict[str, Any]) -> Clip:
     from degense.engine.data.readers import ClipOptions, open_clip
 
     return open_clip(path, ClipOptions(**answers))
-
-
-def clip_facts(clip: Clip) -> list[tuple[str, str]]:
-    width, height = clip.size
-    rows = [("clip", clip.name), ("length", f"{len(clip)} frames, {width} × {height}")]
-    rows += list(clip.provenance.items())
-    return [*rows, ("classes", ", ".join(clip.classes))] if clip.classes else rows
-
-
-def run_facts(scene: Scene) -> list[tuple[str, str]]:
-    info, teacher, (width, height) = scene.run.info, scene.run.info.get("teacher", {}), scene.clip_size
-    rows = [
-        ("run", scene.name),
-        ("clip", str(info["clip"].get("path", ""))),
-        ("length", f"{scene.frames} frames, {width} × {height}"),
-        ("Gaussians", f"{info.get('gaussians', 0):,}"),
-        ("trained", f"{info['config']['preset']}, {info['config']['routing']} routing, {info.get('train_seconds', 0):.0f} s"),
-        ("teacher", f"{teacher.get('name')}: {teacher.get('provenance', 'unknown')}"),
-        ("unit", f"{scene.unit}, displacement from frame {scene.reference_frame}"),
-        ("classes", ", ".join(scene.classes) or "none"),
-    ]
-    if scene.clip_missing:
-        rows.append(("missing", scene.clip_missing))
-    return rows + [(key, text) for key, text in info.get("provenance", {}).items()]

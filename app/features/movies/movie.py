@@ -17,7 +17,6 @@ from degense.app.features.viewer.view_rendering import View, ViewRequest, draw_v
 from degense.app.session.view_state import PROMPT_COLOURS, ColourRange, Prompt, ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
-from degense.widgets.splats.camera_moves import filled, letterboxed
 
 if TYPE_CHECKING:
     from degense.engine.camera import Camera
@@ -132,7 +131,7 @@ def _flight(scene: Scene, options: MovieOptions, fps: float) -> list[Shot]:
     for i in range(count):
         camera, kept = path.at(i / fps)
         frame = first + (last - first) * i / (count - 1) if options.flight_time == "whole" else min(kept, scene.frames - 1.0)
-        shots.append((filled(camera, *(options.size or scene.clip_size)), frame))
+        shots.append((camera.filled(*(options.size or scene.clip_size)), frame))
     return shots
 
 
@@ -157,7 +156,7 @@ class _Panel:
         scene, size, view_state = self._scene, self._options.size, stack.view_state(self._options.view_state)
         compared = any(get_layer(name).needs_clip for name, _ in stack.layers)  # what compares with the recording has its size
         if camera is None and size is not None and not compared and not scene.renderer.only_surgeons:
-            camera = letterboxed(scene.camera(frame), *size)
+            camera = scene.camera(frame).letterboxed(*size)
         view = _last(draw_view(scene, ViewRequest(frame, view_state, self._spans, splats=False, camera=camera)))
         picture = view.rgb if view.masks is None else laid_over(view.rgb, view.masks, view_state.overlay_opacity)
         return self._fitted(picture)

@@ -15,7 +15,7 @@ from PySide6.QtGui import QPageLayout, QPageSize, QPdfWriter, QTextDocument
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.anonymise.anonymity import Anonymity
 from degense.app.features.anonymise.file_dialog import FileDialog
-from degense.app.features.documents.controller import clip_facts, run_facts
+from degense.app.features.documents.fact_rows import clip_facts, run_facts
 from degense.app.features.events.controller import EventMarks
 from degense.app.features.measure.controller import Measuring, with_measures
 from degense.app.features.report.contents import Moment, ReportContents, report_page

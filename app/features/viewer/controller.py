@@ -25,7 +25,6 @@ from degense.app.features.viewer.view_rendering import (
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN
 from degense.widgets.frame.render_panel import RenderPanel
-from degense.widgets.splats.camera_moves import filled
 from degense.widgets.theme import BACKGROUNDS
 
 if TYPE_CHECKING:
@@ -248,7 +247,7 @@ class Viewer(QObject):
         splats, scene = self.splats, self.session.scene
         if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.camera.is_locked():
             return None
-        return filled(splats.camera.current(), *scene.clip_size)
+        return splats.camera.current().filled(*scene.clip_size)
 
     def is_surgeons(self) -> bool:
         """Whether the 2D view is rendered from the surgeon's camera, and a word where it is not; places are chosen in no other."""

@@ -15,13 +15,13 @@ from degense.app.session.view_state import ViewState
 from degense.engine.colour_maps import colourise, greyed, mask_overlay
 from degense.engine.errors import DegenseError
 from degense.engine.gpu import gpu_usable
-from degense.widgets.splats.gaussians import Gaussians
 
 if TYPE_CHECKING:
     from degense.engine.camera import Camera
     from degense.engine.clip import Clip
     from degense.engine.layers import Layer, LayerRequest
     from degense.engine.scene import Scene
+    from degense.widgets.splats.gaussians import Gaussians
     from degense.widgets.splats.snapshot_surface import SnapshotRequest
 
 #: Layers that show the answer to prompts.
@@ -177,6 +177,8 @@ def splat_arrays(
     scene: Scene, layers: list[tuple[Layer, float]], query: LayerRequest, view_state: ViewState, spans: list[tuple[float, float] | None]
 ) -> Gaussians:
     """The Gaussians of an instant in the colours of the layers, tinted where a visible prompt finds them."""
+    from degense.widgets.splats.gaussians import Gaussians
+
     splats = scene.splats(query.frame)
     colours = [_splat_colours(scene, layer, query, view_state, span) for (layer, _), span in zip(layers, spans, strict=True)]
     mixed = blended(colours, [opacity for _, opacity in layers])

@@ -16,6 +16,7 @@ from degense.app.batch.folder import BatchFolder
 from degense.app.batch.plan_file import read_plan
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.cameras.state import CameraBook, load_path
+from degense.app.features.documents.fact_rows import run_facts
 from degense.app.features.events.state import Events
 from degense.app.features.measure.state import Measures
 from degense.app.features.prompts.mask_statistics import AreaCurves
@@ -135,8 +136,6 @@ def _use_annotations(path: Path) -> None:
 
 
 def _use_scene(path: Path) -> None:
-    from degense.app.features.documents.controller import run_facts
-
     scene = Scene.open(path, device="cpu")
     run_facts(scene)
     scene.camera(0), scene.clip_size, scene.fps, scene.unit

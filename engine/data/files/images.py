@@ -5,9 +5,12 @@ Pillow reads them: it refuses files that are cut short (OpenCV fills the rest wi
 
 from __future__ import annotations
 
+import io
+import os
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,19 +24,28 @@ FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
 _BROKEN = (OSError, ValueError, SyntaxError, EOFError, OverflowError, struct.error, zlib.error)
 
 
-def _open(path: Path) -> Image.Image:
-    try:
-        image = Image.open(path, formats=FORMATS)
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise ClipError(f"{shown(path)} is larger than {MAX_PIXELS // 1_000_000} megapixels; scale it down first.") from error
-    except _BROKEN as error:
-        why = error.strerror.lower() if isinstance(error, OSError) and error.strerror else _what_is_wrong(path)
-        raise ClipError(f"{shown(path)} is not a picture that can be read ({why}).") from error
-    if image.width * image.height > MAX_PIXELS:
-        size = f"{image.width} × {image.height}"
-        image.close()
-        raise ClipError(f"{shown(path)} is {size} pixels, more than {MAX_PIXELS // 1_000_000} megapixels; scale it down first.")
-    return image
+class _File(io.BufferedReader):
+    """A file that is never asked for more than it has: Python takes memory for what is asked, and a damaged chunk announces up to 4 GB."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(0, os.fstat(self.fileno()).st_size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[Image.Image]:
+    with ExitStack() as stack:
+        try:
+            image = Image.open(stack.enter_context(_File(io.FileIO(path))), formats=FORMATS)
+        except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+            raise ClipError(f"{shown(path)} is larger than {MAX_PIXELS // 1_000_000} megapixels; scale it down first.") from error
+        except _BROKEN as error:
+            why = error.strerror.lower() if isinstance(error, OSError) and error.strerror else _what_is_wrong(path)
+            raise ClipError(f"{shown(path)} is not a picture that can be read ({why}).") from error
+        if image.width * image.height > MAX_PIXELS:
+            size = f"{image.width} × {image.height}"
+            raise ClipError(f"{shown(path)} is {size} pixels, more than {MAX_PIXELS // 1_000_000} megapixels; scale it down first.")
+        yield image
 
 
 def _what_is_wrong(path: Path) -> str:

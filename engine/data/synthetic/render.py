@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+import degense.engine.threads  # noqa: F401 - where compiled kernels are kept
 from degense.engine.data.synthetic.paint import (
     BLUE,
     CHANGE_KIND,

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+import degense.engine.threads  # noqa: F401 - where compiled kernels are kept
+
 #: Components smaller than this share of the picture (33 pixels at 640 × 512) are specks, unless nothing larger is there.
 SPECK = 1e-4
 #: Enclosed holes smaller than this share of the picture are closed whatever they show.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+import degense.engine.threads  # noqa: F401 - where compiled kernels are kept
 from degense.engine.clip import UNLABELLED
 from degense.engine.semantics.masks.cleaning import without_holes, without_specks
 

@@ -11,6 +11,8 @@ from numba import njit
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+import degense.engine.threads  # noqa: F401 - where compiled kernels are kept
+
 EPSILON = 1e-8  # square of what `engine.training.losses.unit` adds to a length
 
 

@@ -111,6 +111,17 @@ def test_records_from_elsewhere_are_checked(tmp_path):
     session.close()
 
 
+def test_colours_of_a_journal_that_are_none_are_brought_into_range(tmp_path):
+    session, annotations, _ = painted(tmp_path)
+    annotations.replay({"classes": [["a", [2233, -1, 3]], ["b", [1, 2, 3]], ["c", [4, 5, 6]]]}, "journal")
+    annotations.paint("Dab", brush((9, 9), (9, 9), 3, (40, 48)))
+    session.save()
+    session.close()
+    session, annotations, _ = painted(tmp_path)
+    assert annotations.work.classes[0].colour == (255, 0, 3)
+    session.close()
+
+
 @pytest.fixture
 def frame_map(tiny_clip, tmp_path) -> Path:
     path = tmp_path / "frame.png"

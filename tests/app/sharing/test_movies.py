@@ -19,7 +19,7 @@ from degense.app.session.view_state import ViewState
 from degense.engine.progress import finish
 from degense.engine.scene import Scene
 from degense.widgets import forms
-from degense.widgets.splats.camera_moves import letterboxed, orbit
+from degense.widgets.splats.camera_moves import orbit
 from tests.app import installed as on
 
 PLAIN = ViewState()
@@ -54,7 +54,7 @@ def test_recording_and_layers_side_by_side_at_a_size_and_rate(sample, tmp_path):
     frame = round(6 * 25 / 12)
     observed = cv2.resize(sample.observed(frame), (216, 168), interpolation=cv2.INTER_AREA)
     assert near(frames[6][:, :216], observed)
-    small = letterboxed(sample.camera(frame), 216, 168)
+    small = sample.camera(frame).letterboxed(216, 168)
     assert near(frames[6][:, 216:432], sample.render_rgb(6 * 25 / 12, small))
     yellow = (frames[-1][..., 0] > 180) & (frames[-1][..., 1] > 180) & (frames[-1][..., 2] < 110)
     assert yellow[:, 432:].any()  # the grasper has pulled

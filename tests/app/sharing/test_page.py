@@ -18,7 +18,7 @@ from degense.engine.errors import DegenseError, PromptError
 from degense.engine.progress import finish
 from degense.engine.scene import Scene
 from degense.engine.semantics.prompts import PromptSet
-from degense.widgets.splats.camera_moves import letterboxed, orbit
+from degense.widgets.splats.camera_moves import orbit
 from tests import browser
 
 ALL = PromptSet(())
@@ -124,7 +124,7 @@ def go_to(shown, frame: float) -> None:
 def psnr(shown, scene: Scene, camera, frame: float, margin: int = 0) -> float:
     """Of what the page shows against the program's own picture, beside the panel, `margin` pixels off its sides."""
     width, height = shown.run("const { width, height } = document.getElementById('canvas'); return [width, height]")
-    view = letterboxed(camera, width, height)
+    view = camera.letterboxed(width, height)
     ours, theirs = scene.render_rgb(frame, view), shown.screenshot()[:height, :width]
     inside = slice(PANEL, width - margin)
     assert ours[:, inside].mean() > 20

@@ -2,11 +2,14 @@
 
 import os
 import struct
+import tracemalloc
 import zlib
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
+from degense.engine.data.files.images import read_rgb
 from degense.engine.data.readers import ClipOptions, detect, open_clip
 from degense.engine.errors import ClipError
 from tests.data.readers.makers import HEIGHT, WIDTH, fails, save, tissue, write_frames
@@ -50,6 +53,20 @@ def test_truncated_jpeg_is_found_on_opening(tmp_path):
 def test_no_picture(endonerf, content):
     (endonerf / "images/000002.png").write_bytes(content)
     fails(endonerf, "000002.png is not a picture")
+
+
+def test_a_chunk_that_announces_gigabytes_takes_no_memory(tmp_path):
+    data = bytearray(save(tmp_path / "0.png", tissue(np.random.default_rng(4))).read_bytes())
+    at = data.index(b"IDAT")
+    data[at - 4 : at] = b"\x7f\xff\xff\xff"
+    (tmp_path / "0.png").write_bytes(data)
+    tracemalloc.start()
+    try:
+        with suppress(ClipError):
+            read_rgb(tmp_path / "0.png")
+        assert tracemalloc.get_traced_memory()[1] < 1 << 26
+    finally:
+        tracemalloc.stop()
 
 
 def test_random_damage_never_gives_anything_but_a_clip_error(tmp_path):

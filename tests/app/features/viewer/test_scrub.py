@@ -9,7 +9,6 @@ import pytest
 from PySide6.QtCore import Qt
 
 from degense.widgets.qt_images import to_array
-from degense.widgets.splats.camera_moves import letterboxed
 from tests.app import installed as on
 
 
@@ -29,7 +28,7 @@ def test_scrubbing_shows_the_last_frame_in_both_views(opened, idle, screenshot):
     idle()
     there = to_array(canvas.pixmap().toImage())
     assert there.shape == (canvas.height(), canvas.width(), 3)  # finely drawn in the end
-    drawn = session.scene.renderer.draw(7, letterboxed(session.scene.camera(7), canvas.width(), canvas.height()), ("rgb", "alpha"))
+    drawn = session.scene.renderer.draw(7, session.scene.camera(7).letterboxed(canvas.width(), canvas.height()), ("rgb", "alpha"))
     covered = drawn["alpha"] > 0.99
     assert np.abs(there[covered] / 255 - drawn["rgb"][covered]).max() < 0.03
 
