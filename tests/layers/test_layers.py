@@ -1,7 +1,5 @@
 """Every layer of the registry, drawn on a tiny real run."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -172,24 +170,6 @@ def test_zero_that_is_known_and_zero_that_is_a_guess_look_different():
         assert 0.1 < marked.mean() < 0.5
 
 
-def test_warp_is_zero_at_the_reference_and_unknown_before_evidence(scene, clip):
-    layer = LAYERS["warp"]
-    start = layer.image(scene, request(scene.reference_frame)).values
-    assert np.nanmax(start) == 0
-    values = layer.image(scene, request()).values
-    _, seen, spread = scene.observed_motion.at(SIDE)
-    assert np.isnan(values[np.isnan(spread)]).all()
-    assert np.isfinite(values[np.isfinite(spread)]).mean() > 0.9
-    uncertain = layer.image(scene, request()).uncertain
-    assert not uncertain[seen].any()
-    assert np.array_equal(uncertain, ~seen & np.isfinite(spread))
-    assert np.nanmin(values) >= 0
-    splats = layer.splats(scene, request())
-    known = np.isfinite(splats)
-    assert known.any()
-    assert np.isin(splats[known], values).all()
-
-
 def test_similarity_is_the_best_of_the_prompts(scene):
     layer = LAYERS["similarity"]
     both = layer.image(scene, request()).values
@@ -282,13 +262,6 @@ def test_the_range_of_a_frame_and_of_the_sequence(scene):
     depth = LAYERS["depth"]
     assert layer_range(scene, depth, here, "frame") == pytest.approx(np.nanpercentile(depth.image(scene, here).values, [1, 99]))
     assert layer_range(scene, LAYERS["similarity"], here, "frame") == (0.0, 1.0)
-
-
-def test_warp_that_is_error_of_the_measurement_stays_dark(scene):
-    low, high = layer_range(scene, LAYERS["warp"], request(scene.reference_frame), "frame")
-    assert (low, high) == (0.0, 3.0)
-    large = replace(LAYERS["warp"], pixels=lambda scene, request: np.linspace(0, 20, 50).reshape(5, 10))
-    assert layer_range(scene, large, request(), "frame")[1] > 19
 
 
 def test_a_range_is_never_empty(scene):
