@@ -169,6 +169,7 @@ def words_of(name: str) -> str:
 def _peer(config: TrainConfig) -> TrainConfig:
     """Without what no peer has: flow supervision, regularizers of motion, appearance, temporal windows, angular loss, back-projection."""
     without: dict[str, Any] = {
+        "motion_iterations": 0,
         "flow": 0.0,
         "displacement": 0.0,
         "rigidity": 0.0,

@@ -38,6 +38,9 @@ class TrainConfig:
         "in proportion where the iterations are fewer than the preset's.",
     )
     coarse_frames: CoarseFrames = setting("first", "Which training frames the coarse iterations draw: first or all.")  # noqa: RUF009
+    motion_iterations: int = setting(
+        0, "In how many of the iterations the field learns, and with it all motion: more would fit noise with it. 0 is all."
+    )
     semantic_every: int = setting(
         2, "A semantic pass every so many steps, where semantics are trained together with geometry (`paper`, `coupled`)."
     )
@@ -86,6 +89,10 @@ class TrainConfig:
     depth: float = setting(0.5, "Weight of the error of 1/z, where depth was measured.")
     flow: float = setting(
         20.0, "Weight of the distance between each visible Gaussian's motion and the optical flow, in units of the scene."
+    )
+    photometric_precision: bool = setting(
+        True,
+        "Whether colour teaches displacements only as far as texture stands out from noise, where there is flow to teach them.",
     )
     flow_constancy: bool = setting(
         True,
@@ -143,6 +150,8 @@ class TrainConfig:
             raise DegenseError(f"there is no routing {config.routing!r}; choose one of {', '.join(ROUTINGS)}")
         if config.coarse_frames not in get_args(CoarseFrames):
             raise DegenseError(f"coarse_frames is first or all, not {config.coarse_frames!r}")
+        if config.motion_iterations < 0:
+            raise DegenseError("motion_iterations must not be negative; 0 is all of the iterations")
         if config.iterations < 1 or config.max_gaussians < 16:
             raise DegenseError("a training needs at least 1 iteration and 16 Gaussians")
         if config.routing == "coupled":  # the baseline distils with L1, as its model does
@@ -153,6 +162,11 @@ class TrainConfig:
         if config.coarse_iterations >= config.iterations:
             raise DegenseError(f"coarse_iterations must be less than the iterations: {config.coarse_iterations:,} of {config.iterations:,}")
         return config
+
+    @property
+    def motion_share(self) -> float:
+        """Share of the training in which the field learns."""
+        return min(1.0, self.motion_iterations / self.iterations) if self.motion_iterations else 1.0
 
     def to_json(self) -> dict:
         return asdict(self) | {"levels": list(self.levels), "given": list(self.given)}
@@ -177,7 +191,7 @@ PRESETS: dict[str, dict] = {
         "semantic_steps": 400,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
-    "best": {"iterations": 10_000, "coarse_iterations": 1000, "color_residual_change": 0.1},
+    "best": {"iterations": 10_000, "coarse_iterations": 600, "motion_iterations": 3000, "color_residual_change": 0.1},
 }
 
 

@@ -10,7 +10,8 @@ from torch import Tensor
 from degense.engine.field import SceneModel
 from degense.engine.training.config import TrainConfig
 
-DECAYING = {"means", "field", "planes", "semantic"}
+MOTION = {"field", "planes"}
+DECAYING = {"means", "semantic"} | MOTION
 MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 COOLDOWN = 0.3  # last part of a training, in which all learning rates fall
 SETTLED = 0.05  # of its rate is left of everything at the end
@@ -46,12 +47,14 @@ def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, progress: f
     """Rates at `progress` (0 … 1), everything times `scale`.
 
     Positions and field fall exponentially to `rate_final` of their start. In the cool-down all rates fall to `SETTLED` as well, in a
-    straight line: Adam's steps are as long as its rate, and a model whose rates stay jitters around what it has learned.
+    straight line: Adam's steps are as long as its rate, and a model whose rates stay jitters around what it has learned. The field has gone
+    through all this when `motion_iterations` are over, and its rates are 0 from then on.
     """
-    decay = config.rate_final**progress
-    settle = 1 - (1 - SETTLED) * max(0.0, progress - (1 - COOLDOWN)) / COOLDOWN
     for group in optimizer.param_groups:
-        group["lr"] = group["base"] * scale * settle * (decay if group["name"] in DECAYING else 1.0)
+        done = progress / config.motion_share if group["name"] in MOTION else progress
+        decay = config.rate_final**done if group["name"] in DECAYING else 1.0
+        settle = 1 - (1 - SETTLED) * max(0.0, done - (1 - COOLDOWN)) / COOLDOWN
+        group["lr"] = group["base"] * scale * settle * decay if done <= 1 else 0.0
 
 
 def learned_state(model: SceneModel, optimizer: torch.optim.Optimizer) -> dict[str, dict[str, Tensor]]:

@@ -12,9 +12,10 @@ from degense.engine.camera import Camera
 from degense.engine.field import SceneModel
 from degense.engine.field.cuda_graphs import graphed
 from degense.engine.raster import Render, camera_depths, rasterize
+from degense.engine.raster.camera_tensors import project
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
-from degense.engine.training.flow.motion_error import motion_error, surface_visibility
+from degense.engine.training.flow.motion_error import look_up, motion_error, surface_visibility
 from degense.engine.training.fused.frame_cpu import frame_loss
 from degense.engine.training.loss_terms import Loss
 from degense.engine.training.losses import inverse_depth, nearest_neighbours, photometric, rigidity, window
@@ -27,6 +28,8 @@ class FieldState(NamedTuple):
     """What `FieldPass` finds: all Gaussians at a time, ready to be drawn."""
 
     means: Tensor  # these four as of `Splats`
+    #: float [N, 3]; the means as they are drawn: the same, but of their gradient displacements get the share that texture is precise
+    drawn_means: Tensor
     quats: Tensor
     scales: Tensor
     opacities: Tensor
@@ -37,7 +40,7 @@ class FieldState(NamedTuple):
 
     @property
     def splats(self) -> Splats:
-        return Splats(self.means, self.quats, self.scales, self.opacities, self.features[:, :3], self.features[:, :0])
+        return Splats(self.drawn_means, self.quats, self.scales, self.opacities, self.features[:, :3], self.features[:, :0])
 
 
 class FieldPass:
@@ -49,9 +52,13 @@ class FieldPass:
     def __init__(self, model: SceneModel, config: TrainConfig, neighbours: Neighbours | None, *, deform: bool):
         self.model, self.config, self.neighbours, self.deform = model, config, neighbours, deform
 
-    def __call__(self, t: Tensor, camera: Tensor, other: Tensor | None = None, rows: Tensor | None = None) -> tuple[Tensor, ...]:
+    def __call__(
+        self, t: Tensor, camera: Tensor, precision: Tensor, other: Tensor | None = None, rows: Tensor | None = None
+    ) -> tuple[Tensor, ...]:
         """The fields of a `FieldState`, the last of them only with `other`, float [] like `t`; `camera` is `view_and_lens`.
 
+        `precision`, float16 [1, h, w], is how well the texture of this frame pins motion down (`FlowSupervision.precision`): colour teaches
+        displacements that much. An empty one stands for 1 everywhere.
         With `rows`, int64 [m], which needs `deform`, the centres at the other time are those of so many Gaussians.
         """
         config, state = self.config, self.model.at(t, deform=self.deform, semantics=False, other=other, rows=rows)
@@ -67,7 +74,19 @@ class FieldPass:
             terms["delta_color"] = config.delta_color * state.delta_color.abs().mean()
         z = splats.means @ camera[2, :3] + camera[2, 3]
         features = torch.cat([splats.colors, z[:, None]], 1)
-        found = (splats.means, splats.quats, splats.scales, splats.opacities, features, *Loss.of("deformation", terms, z.new_zeros(())))
+        drawn = splats.means
+        if d is not None and len(precision):
+            noisy = 1 - look_up(precision.float(), project(splats.means.detach(), camera)[0] * 2 - 1)
+            drawn = drawn - noisy * (d.means - d.means.detach())
+        found = (
+            splats.means,
+            drawn,
+            splats.quats,
+            splats.scales,
+            splats.opacities,
+            features,
+            *Loss.of("deformation", terms, z.new_zeros(())),
+        )
         return found if state.means_at_other is None else (*found, state.means_at_other)
 
 

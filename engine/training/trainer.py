@@ -112,6 +112,11 @@ class Trainer:
         return self.iteration >= self.config.coarse_iterations
 
     @property
+    def moves(self) -> bool:
+        """Whether the field still learns."""
+        return self.progress <= self.config.motion_share
+
+    @property
     def densifies(self) -> bool:
         """Whether Gaussians are still cloned, split and pruned."""
         return self.progress < self.config.densify_until
@@ -135,7 +140,7 @@ class Trainer:
         camera, pair = self.frames.cameras[index], self._pair(index)
         rows = self._rows_of_flow()
         other = () if pair is None else (self.times[pair.to],) if rows is None else (self.times[pair.to], rows)
-        asked = self.times[index], view_and_lens(camera, self.device), *other
+        asked = self.times[index], view_and_lens(camera, self.device), self._precision(index), *other
         with part("prepare passes"):
             self._make_passes(asked)
         with part("field"):
@@ -194,10 +199,15 @@ class Trainer:
             self.passes.make(asked, self._smoothness_weight, deform=self.deforms)
 
     def _pair(self, frame: int) -> Pair | None:
-        """One of the frames to which the flow of this one is known, at random."""
-        if self.flow is None or self.config.flow <= 0 or not (pairs := self.flow.pairs[frame]):
+        """One of the frames to which the flow of this one is known, at random; None where motion is not learned from flow, or no more."""
+        if self.flow is None or self.config.flow <= 0 or not self.moves or not (pairs := self.flow.pairs[frame]):
             return None
         return self.order.any_of(pairs)
+
+    def _precision(self, frame: int) -> Tensor:
+        """How well the texture of a frame pins motion down; empty where nothing but colour teaches motion, or it is not asked for."""
+        taught = self.flow is not None and self.config.flow > 0 and self.config.photometric_precision
+        return self.flow.precision[frame] if self.flow is not None and taught else torch.zeros(0, device=self.device)
 
     def _next_frame(self, semantic: bool) -> int:
         """All training frames at random, on a semantic step one with a target if any is left; in most coarse stages the first."""
@@ -221,7 +231,8 @@ class Trainer:
     def _densify(self) -> None:
         """Clone, split and prune when it is time; the passes are made anew then, and where the coarse stage ends."""
         config = self.config
-        if self.iteration == config.coarse_iterations:
+        moved = (self.iteration - 1) / config.iterations <= config.motion_share
+        if self.iteration == config.coarse_iterations or moved != self.moves:
             self.passes.forget()
         if self.iteration % config.densify_every or self.progress > config.densify_until:
             return

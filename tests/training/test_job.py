@@ -244,7 +244,7 @@ def test_refusals_are_one_sentence(tmp_path):
 
 
 def test_fewer_iterations_shorten_the_coarse_stage_in_proportion():
-    for preset, iterations, coarse in (("quick", 120, 24), ("quick", 2000, 160), ("balanced", None, 600), ("best", 5000, 500)):
+    for preset, iterations, coarse in (("quick", 120, 24), ("quick", 2000, 160), ("balanced", None, 600), ("best", 5000, 300)):
         assert TrainConfig.preset_of(preset, iterations=iterations).coarse_iterations == coarse
 
 

@@ -90,6 +90,8 @@ class FlowSupervision:
         precise = [1 / (1 + (flow_error(frame) / HALF) ** 2) if precision else np.ones(frame.shape[:2]) for frame in small]
         on_device = [torch.from_numpy(values[None]).to(frames.device).half() for values in precise]
         self.tissue = dict(zip(train, tissue, strict=True))
+        #: Of each training frame, as `Pair.precision` of its pairs that were measured.
+        self.precision = dict(zip(train, on_device, strict=True))
         self.pairs: dict[int, list[Pair]] = {i: [] for i in train}
         #: Pairs that teach more than was measured, by their two frames (`engine.training.flow.inferred`).
         self.completed: dict[tuple[int, int], Pair] = {}

@@ -166,7 +166,7 @@ def test_where_the_semantic_loss_of_a_trainer_may_go(routing):
             torch.nn.init.normal_(parameter, 0, 0.02)
     trainer = Trainer(model, frames, targets, None, TrainConfig.preset_of("quick", routing=routing, device="cpu"), lambda event: None)
     trainer.iteration = trainer.config.coarse_iterations
-    trainer._make_passes((trainer.times[3], view_and_lens(frames.cameras[3], CPU)))
+    trainer._make_passes((trainer.times[3], view_and_lens(frames.cameras[3], CPU), torch.zeros(0)))
     trainer._semantic_loss(3).total.backward()
     names = {name for name, p in model.named_parameters() if p.grad is not None and bool((p.grad != 0).any())}
     geometry = {name for name, _ in model.named_parameters() if not name.startswith(("semantic", "canonical.semantics"))}
