@@ -92,7 +92,8 @@ class TrainConfig:
     )
     photometric_precision: bool = setting(
         True,
-        "Whether colour teaches displacements only as far as texture stands out from noise, where there is flow to teach them.",
+        "Whether colour teaches displacements only as far as texture stands out from noise, where there is flow to teach them. Trainings "
+        "of a few hundred steps need its help to find them.",
     )
     flow_constancy: bool = setting(
         True,
@@ -189,6 +190,7 @@ PRESETS: dict[str, dict] = {
         "semantic_every": 3,
         "densify_every": 100,
         "semantic_steps": 400,
+        "photometric_precision": False,
     },
     "balanced": {"iterations": 3000, "coarse_iterations": 600, "max_gaussians": 60_000},
     "best": {"iterations": 10_000, "coarse_iterations": 600, "motion_iterations": 3000, "color_residual_change": 0.1},

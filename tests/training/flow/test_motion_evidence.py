@@ -8,7 +8,7 @@ import torch
 
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.raster.camera_tensors import project, view_and_lens
-from degense.engine.training.config import TrainConfig
+from degense.engine.training.config import PRESETS, TrainConfig
 from degense.engine.training.flow.motion_error import look_up
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
@@ -72,12 +72,19 @@ def test_precision_is_taken_from_the_frame_where_texture_is_and_noise_is_not():
     assert precision[:, : half - 3].mean() > 3 * precision[:, half + 3 :].mean()
 
 
-@pytest.mark.parametrize(("settings", "asked"), [({}, True), ({"photometric_precision": False}, False), ({"flow": 0.0}, False)])
+@pytest.mark.parametrize(
+    ("settings", "asked"), [({"photometric_precision": True}, True), ({}, False), ({"photometric_precision": True, "flow": 0.0}, False)]
+)
 def test_where_no_flow_teaches_motion_colour_teaches_all_of_it(frames, settings, asked):
     config = TrainConfig.preset_of("quick", device="cpu", **settings)
     trainer = Trainer(model_of(frames), frames, None, FlowSupervision(frames), config, lambda event: None)
     assert len(trainer._precision(0)) == asked
     assert not len(Trainer(model_of(frames), frames, None, None, config, lambda event: None)._precision(0))
+
+
+def test_presets_with_thousands_of_steps_weigh_colour_by_precision():
+    found = {name: TrainConfig.preset_of(name).photometric_precision for name in PRESETS}
+    assert found == {"quick": False, "balanced": True, "best": True}
 
 
 def test_the_field_stands_still_when_its_iterations_are_over_and_colours_go_on(frames):
