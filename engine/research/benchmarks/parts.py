@@ -42,7 +42,6 @@ PARTS: dict[str, dict[str, Any]] = {
     "measured depth": {"depth": 0.0},
     "no flow where the look changes": {"flow_constancy": False},
     "flow by its precision": {"flow_precision": False},
-    "colour teaches motion by its precision": {"photometric_precision": False},
     "depth by its precision": {"depth_precision": False},
     "inferred motion of changed tissue": {"flow_inference": False},
     "rigidity": {"rigidity": 0.0},
