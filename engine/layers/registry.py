@@ -16,6 +16,8 @@ from degense.engine.scene.clip_query import decode_frame, decode_splats, splat_s
 from degense.engine.scene.uncertainty import DOUBTFUL, NEIGHBOURS, RELATIVE, SPREADS, SURE
 from degense.engine.semantics.prompts import PromptSet
 
+LEAST_WARP = 3.0  # pixels to which the colours of the warp layer reach at least: a few tenths, which flow itself is off by, stay dark
+
 
 def _as_colours(scene: Scene, latents: np.ndarray) -> np.ndarray:
     if not scene.has_semantics:
@@ -57,9 +59,6 @@ def _mask(scene: Scene, request: LayerRequest) -> np.ndarray:
 
 def _mask_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
     return decode_splats(scene, _prompted(request), request.frame).numbers
-
-
-LEAST_WARP = 3.0  # pixels to which the colours of the warp layer reach at least: a few tenths, which flow itself is off by, stay dark
 
 
 def _channel(name: str) -> Callable[[Scene, LayerRequest], np.ndarray]:

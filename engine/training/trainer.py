@@ -117,6 +117,11 @@ class Trainer:
         return self.progress <= self.config.motion_share
 
     @property
+    def _teaching(self) -> FlowSupervision | None:
+        """The optical flow that teaches motion; None where colour alone does, and when motion is no longer learned."""
+        return self.flow if self.config.flow > 0 and self.moves else None
+
+    @property
     def densifies(self) -> bool:
         """Whether Gaussians are still cloned, split and pruned."""
         return self.progress < self.config.densify_until
@@ -163,7 +168,10 @@ class Trainer:
             if offsets.grad is not None:
                 self.density.observe(offsets.grad, render.radii, field.opacities, camera.width / 2)
                 self.unseen.discard(index)
+            stage = self.deforms, self.moves
             self.iteration += 1
+            if (self.deforms, self.moves) != stage:
+                self.passes.forget()
             self._densify()
         with part("guard"):
             self._guard()
@@ -200,14 +208,14 @@ class Trainer:
 
     def _pair(self, frame: int) -> Pair | None:
         """One of the frames to which the flow of this one is known, at random; None where motion is not learned from flow, or no more."""
-        if self.flow is None or self.config.flow <= 0 or not self.moves or not (pairs := self.flow.pairs[frame]):
-            return None
-        return self.order.any_of(pairs)
+        pairs = self._teaching.pairs[frame] if self._teaching is not None else []
+        return self.order.any_of(pairs) if pairs else None
 
     def _precision(self, frame: int) -> Tensor:
-        """How well the texture of a frame pins motion down; empty where nothing but colour teaches motion, or it is not asked for."""
-        taught = self.flow is not None and self.config.flow > 0 and self.config.photometric_precision
-        return self.flow.precision[frame] if self.flow is not None and taught else torch.zeros(0, device=self.device)
+        """How well the texture of a frame pins motion down; empty where flow teaches no motion, or it is not asked for."""
+        if self._teaching is None or not self.config.photometric_precision:
+            return torch.zeros(0, device=self.device)
+        return self._teaching.precision[frame]
 
     def _next_frame(self, semantic: bool) -> int:
         """All training frames at random, on a semantic step one with a target if any is left; in most coarse stages the first."""
@@ -229,11 +237,8 @@ class Trainer:
 
     # -- between steps ---------------------------------------------------------------------------------------------------------------------
     def _densify(self) -> None:
-        """Clone, split and prune when it is time; the passes are made anew then, and where the coarse stage ends."""
+        """Clone, split and prune when it is time; the passes are made anew then."""
         config = self.config
-        moved = (self.iteration - 1) / config.iterations <= config.motion_share
-        if self.iteration == config.coarse_iterations or moved != self.moves:
-            self.passes.forget()
         if self.iteration % config.densify_every or self.progress > config.densify_until:
             return
         prune = not self.unseen
