@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import torch
@@ -77,6 +77,8 @@ class SceneModel(nn.Module):
     bounds: Tensor
     #: int64 [M]; the Gaussians that the field changes; the others never enter it. None: all. See `engine.field.static_gaussians`.
     moving: Tensor | None
+    #: bool [N]; Gaussians that keep their place: their displacement is 0 at all times. None: none do. See `engine.field.static_gaussians`.
+    still: Tensor | None
     #: float [N, 3, rank]; R_i: how much a Gaussian's latent changes with its colour, since tissue that chars or is bled over changes its
     #: class with its colour. Set by `engine.training.semantic.distillation`; None: not at all.
     semantic_coefficients: Tensor | None
@@ -102,6 +104,7 @@ class SceneModel(nn.Module):
         self.config = config
         self.register_buffer("bounds", bounds.float())
         self.register_buffer("moving", None)
+        self.register_buffer("still", None)
         self.register_buffer("semantic_coefficients", None)
         self.canonical = nn.ParameterDict(
             {name: nn.Parameter(canonical[name].float().contiguous(), name not in FIXED) for name in CANONICAL}
@@ -130,6 +133,12 @@ class SceneModel(nn.Module):
         if rows.ndim != 1 or rows.dtype != torch.int64 or (len(rows) and not (0 <= int(rows.min()) <= int(rows.max()) < len(self))):
             raise ValueError(f"moving must name rows of {len(self)} Gaussians")
         self.moving = rows.to(self.bounds.device)
+
+    def set_still(self, still: Tensor) -> None:
+        """Let the Gaussians that are `still`, bool [N], keep their place. ValueError for a mask that does not fit."""
+        if still.dtype != torch.bool or still.shape != (len(self),):
+            raise ValueError(f"still must be a mask of {len(self)} Gaussians")
+        self.still = still.to(self.bounds.device)
 
     def set_semantic_coefficients(self, semantic_coefficients: Tensor) -> None:
         """Let latents follow colours. ValueError for a shape that does not fit."""
@@ -169,12 +178,15 @@ class SceneModel(nn.Module):
             decoded, decoded_at_other, delta_color, change = self._decode(points, t, other, rows, semantics)
             if other is not None and decoded_at_other is not None:
                 placed = self.canonical["means"] + self.linear_motion(other)
-                means_at_other = (placed if rows is None else placed.index_select(0, rows)) + decoded_at_other[:, :3]
+                shift = self._shift(decoded_at_other[:, :3], rows)
+                means_at_other = (placed if rows is None else placed.index_select(0, rows)) + shift
         deformation = Deformation.of(decoded)
         if semantics and self.semantic is not None and self.config.routing == "coupled":  # f_sem(t) = f_sem + C([ΔG_t, f_sem])
             change = self.semantic(torch.cat([deformation.flat, latents[moving]], 1))
         if self.moving is not None:
             deformation, delta_color, change = self._scatter_moving(deformation, delta_color, change)
+        if self.still is not None:
+            deformation = replace(deformation, means=self._shift(deformation.means))
         splats = self._splats(t, deformation, delta_color, latents if change is None else latents + change)
         return State(splats, deformation, delta_color, change, means_at_other)
 
@@ -189,7 +201,14 @@ class SceneModel(nn.Module):
             [decoded] = networks_cpu.networks(self.planes(points, t), self.kinematics, [(self.geometry.decode, len(points))])
         else:
             decoded = self.geometry(self.kinematics(self.planes(points, t)))
-        return self.canonical["means"] + self.linear_motion(t) + decoded[:, :3]
+        return self.canonical["means"] + self.linear_motion(t) + self._shift(decoded[:, :3])
+
+    def _shift(self, decoded: Tensor, rows: Tensor | None = None) -> Tensor:
+        """Displacements [N, 3], or of the `rows`, as they are decoded, but 0 for the Gaussians that are `still`."""
+        if self.still is None:
+            return decoded
+        still = self.still if rows is None else self.still.index_select(0, rows)
+        return decoded.masked_fill(still[:, None], 0.0)
 
     def linear_motion(self, t: float | Tensor) -> Tensor:
         """Displacement [N, 3] by each transient Gaussian's linear velocity since its temporal centre; 0 for persistent ones."""

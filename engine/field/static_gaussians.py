@@ -1,4 +1,4 @@
-"""Which Gaussians the field leaves static, so that they need not enter it again."""
+"""Which Gaussians the field leaves in their place or static, so that these need not enter it again."""
 
 from __future__ import annotations
 
@@ -12,6 +12,24 @@ from degense.engine.field.model import SceneModel
 PIXELS = 0.05  # how far a Gaussian's centre may move and still count as static
 SHAPE, OPACITY, COLOR = 0.02, 0.01, 0.5 / 255  # greatest change of log-scale and quaternion, of opacity, of colour
 LATENT = 0.02  # of a latent, as a share of its length
+
+
+@torch.no_grad()
+def keep_still(model: SceneModel, times: Sequence[float], focal: float, told: float) -> None:
+    """Let persistent Gaussians keep their mean place that at all of `times` are within `told` pixels of where they are at the first.
+
+    `focal` as in `find_moving`. The field goes on to change their shape and colour.
+    """
+    if model.config.static:
+        return
+    first = model.means_at(times[0])
+    farthest, total = first.new_zeros(len(model)), torch.zeros_like(first)
+    for t in times:
+        means = model.means_at(t)
+        farthest, total = torch.maximum(farthest, (means - first).norm(dim=1)), total + means
+    still = model.persistent & (farthest * focal <= told)
+    model.canonical["means"].copy_(torch.where(still[:, None], total / len(times), model.canonical["means"]))
+    model.set_still(still)
 
 
 @torch.no_grad()

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from typing import Any
+
 import numpy as np
 
 from degense.engine.clip import Clip
 
 WRONG = 1.0  # pixels: motion that is farther from the true one is false
 MOST, BINS = 64.0, 4096  # pixels of warp up to which places are told apart, in so many steps
+#: Coarse ranks: unknown, no warp, and edges in steps of `BINS`, each some hundredths larger than the one before.
+EDGES = np.unique(np.round(np.geomspace(1, BINS, 241))).astype(np.int64)
 
 
 class InspectionScores:
@@ -22,6 +27,7 @@ class InspectionScores:
     - `average_precision`: Σ (Rₙ − Rₙ₋₁) Pₙ over the ranks n, P precision and R recall; chance gives `wrong`, the share that is wrong.
     - `precision`, `recall`: of the pixels that the layer has a value above `WRONG` for.
     - `unknown`: share of the pixels of which the layer says nothing.
+    - `ranked`: how many pixels are right and how many wrong in each coarse rank, from unknown up to the largest warp.
     """
 
     def __init__(self) -> None:
@@ -39,20 +45,33 @@ class InspectionScores:
             self._found[row] += np.bincount(rank[which], minlength=BINS + 2)
             self._above[row] += np.count_nonzero(value[which] > WRONG)
 
-    def result(self) -> dict[str, float | None]:
+    def result(self) -> dict[str, Any]:
         """The scores of the frames so far; None where no pixel counts, or none is wrong."""
         total, wrong = int(self._found.sum()), int(self._found[1].sum())
         shown = self._above
-        taken = self._found[:, ::-1].cumsum(1)  # from the largest warp down
-        precision = taken[1] / np.maximum(taken.sum(0), 1)
-        gained = np.diff(taken[1], prepend=0)
+        coarse = np.add.reduceat(self._found, [0, 1, *(EDGES[:-1] + 1).tolist()], axis=1)
         return {
-            "average_precision": float((gained * precision).sum() / wrong) if wrong else None,
+            "average_precision": average_precision(self._found),
             "wrong": wrong / total if total else None,
             "precision": float(shown[1] / shown.sum()) if shown.any() else None,
             "recall": float(shown[1] / wrong) if wrong else None,
             "unknown": float(self._found[:, 0].sum() / total) if total else None,
+            "ranked": dict(zip(("right", "wrong"), coarse.tolist(), strict=True)),
         }
+
+
+def average_precision(counts: np.ndarray) -> float | None:
+    """Σ (Rₙ − Rₙ₋₁) Pₙ of pixels int [2, n], right and wrong, by rank from the lowest up; None where none is wrong."""
+    taken = counts[:, ::-1].cumsum(1)  # from the highest rank down
+    precision = taken[1] / np.maximum(taken.sum(0), 1)
+    gained = np.diff(taken[1], prepend=0)
+    return float((gained * precision).sum() / taken[1, -1]) if taken[1, -1] else None
+
+
+def pooled_average_precision(inspections: Iterable[Mapping[str, Any]]) -> float | None:
+    """Average precision over the pixels of many runs together, of which these are the `InspectionScores`, by their coarse ranks."""
+    counts = [np.array([one["ranked"]["right"], one["ranked"]["wrong"]]) for one in inspections if "ranked" in one]
+    return average_precision(np.sum(counts, 0)) if counts else None
 
 
 def true_motion(clip: Clip, displacement: np.ndarray, frame: int) -> np.ndarray:

@@ -185,10 +185,12 @@ def build_model(field: dict[str, Any], tensors: dict[str, torch.Tensor], path: P
         if plane_numbers(config) > sum(tensor.numel() for tensor in tensors.values()):
             raise RunError(f"{path} is too small for the planes in run.json; one of them is damaged")
         model = SceneModel(config, tensors["bounds"], canonical)
-        moving, semantic_coefficients = tensors.pop("moving", None), tensors.pop("semantic_coefficients", None)
+        moving, still, semantic_coefficients = (tensors.pop(name, None) for name in ("moving", "still", "semantic_coefficients"))
         model.load_state_dict(tensors)
         if moving is not None:
             model.set_moving(moving)
+        if still is not None:
+            model.set_still(still)
         if semantic_coefficients is not None:
             model.set_semantic_coefficients(semantic_coefficients)
     except (TypeError, ValueError, KeyError, RuntimeError) as error:

@@ -103,6 +103,9 @@ class TrainConfig:
     depth_precision: bool = setting(
         True, "Whether measured depth counts less the more it errs from frame to frame (`engine.motion.depth_noise`); needs flow."
     )
+    stillness: bool = setting(
+        True, "Whether tissue that flow cannot tell from standing still keeps its place (`engine.field.static_gaussians`); needs flow."
+    )
     flow_inference: bool = setting(
         True,
         "Whether tissue that changes its look moves by the share of the motion around it that it had before "

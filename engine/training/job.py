@@ -17,7 +17,7 @@ from degense.engine.data.readers import fingerprint
 from degense.engine.errors import Cancelled, DegenseError, RunError
 from degense.engine.events import Done, Events, Preview, Reliability, Stage, Stopped, TrainingProgress, read_progress
 from degense.engine.field import SceneModel
-from degense.engine.field.static_gaussians import find_moving
+from degense.engine.field.static_gaussians import find_moving, keep_still
 from degense.engine.files import replacing
 from degense.engine.profile import part
 from degense.engine.semantics import TextEncoder, open_encoder, save_encoder
@@ -27,6 +27,7 @@ from degense.engine.store.run import hardware
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from degense.engine.training.config import TrainConfig, choose_device
 from degense.engine.training.flow.observability import motion_observability
+from degense.engine.training.flow.supervision import HALF
 from degense.engine.training.passes import draw
 from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
 from degense.engine.training.semantic.confidence import confidence_of
@@ -244,7 +245,7 @@ class TrainingRun:
         """Save the model and what is known of its motion; checkpoints go."""
         run, trainer = self.run, self.trainer
         with part("static Gaussians"):
-            run.info["moving"] = exclude_static(trainer)
+            run.info["moving"] = settle(trainer)
         if self.inputs.semantics is not None:
             with part("confidence"):
                 curve = confidence_of(trainer.model, self.inputs.semantics, self.inputs.frames)
@@ -266,11 +267,15 @@ class TrainingRun:
             file.unlink()
 
 
-def exclude_static(trainer: Trainer) -> int:
-    """Let Gaussians that the field never changes visibly stay out of it for good; how many stay in it."""
-    model, clip = trainer.model, trainer.frames.clip
+def settle(trainer: Trainer) -> int:
+    """Let Gaussians keep their place whose motion flow cannot tell from none, and let those that the field never changes visibly stay out
+    of it for good; how many stay in it."""
+    model, clip, flow, focal = trainer.model, trainer.frames.clip, trainer.flow, trainer.frames.cameras[0].fx
     moments = np.linspace(0, len(clip) - 1, min(len(clip), STATIC_MOMENTS))
-    moving = find_moving(model, [clip.time(i) for i in moments], trainer.frames.cameras[0].fx)
+    times = [clip.time(i) for i in moments]
+    if flow is not None and trainer.config.stillness:
+        keep_still(model, times, focal * flow.size[0] / trainer.frames.size[0], HALF)
+    moving = find_moving(model, times, focal)
     if len(model) - len(moving) >= STATIC_SHARE * len(model):
         model.set_moving(moving)
     return len(model) if model.moving is None else len(moving)

@@ -6,7 +6,7 @@ import torch
 from degense.engine.camera import Camera
 from degense.engine.field import ROUTINGS, FieldConfig, SceneModel
 from degense.engine.field.model import CANONICAL
-from degense.engine.field.static_gaussians import OPACITY, PIXELS, find_moving
+from degense.engine.field.static_gaussians import OPACITY, PIXELS, find_moving, keep_still
 from degense.engine.raster import rasterize
 from degense.engine.training.passes import draw_latents
 
@@ -170,6 +170,44 @@ def test_still_gaussians_never_enter_the_field_and_the_picture_stays(routing):
     for rows in (torch.tensor([len(model)]), torch.tensor([-1]), torch.tensor([0.5])):
         with pytest.raises(ValueError, match="moving"):
             model.set_moving(rows)
+
+
+@pytest.mark.parametrize("routing", ROUTINGS)
+def test_gaussians_that_hardly_move_keep_their_mean_place(routing):
+    model = make(routing)
+    stir(model)
+    with torch.no_grad():
+        for plane in model.planes.parameters():
+            plane += 0.3 * torch.randn_like(plane)
+        model.canonical["temporal_windows"].zero_()
+        model.canonical["temporal_windows"][:5, 1] = 0.01  # transient ones, which are no tissue
+    times, other = torch.linspace(-1, 1, 7).tolist(), 0.37
+    before = torch.stack([model.at(t).splats.means.detach() for t in times])
+    colors = model.at(other).splats.colors.detach()
+    peak = (before - before[0]).norm(dim=-1).amax(0) * 20.0
+    told = float(peak[5:].median()) + 1e-3  # between two of them
+    keep_still(model, times, focal=20.0, told=told)
+    still = model.still
+    assert torch.equal(still, (peak <= told) & model.persistent)
+    assert 0 < int(still.sum()) < len(model) - 5
+    for t, exact in zip(times, before, strict=True):
+        assert torch.allclose(model.at(t).splats.means[still], before.mean(0)[still], atol=1e-6)
+        assert torch.equal(model.at(t).splats.means[~still], exact[~still])
+        assert torch.allclose(model.means_at(t), model.at(t).splats.means, atol=1e-6)
+    assert torch.allclose(model.at(0.1, other=other).means_at_other, model.means_at(other), atol=1e-6)
+    rows = torch.arange(len(model)).flip(0)[::2]
+    assert torch.allclose(model.at(0.1, other=other, rows=rows).means_at_other, model.means_at(other)[rows], atol=1e-6)
+    assert torch.equal(model.at(other).splats.colors[~still], colors[~still])
+    assert not torch.allclose(model.at(other).splats.colors[still], model.canonical["colors"][still], atol=1e-3), "colours go on changing"
+    moving = find_moving(model, times, focal=20.0)
+    model.set_moving(moving)
+    assert torch.allclose(model.at(times[0]).splats.means[still], before.mean(0)[still], atol=1e-6)
+
+
+@pytest.mark.parametrize("still", [torch.zeros(3, dtype=torch.bool), torch.zeros(60), torch.zeros(60, 1, dtype=torch.bool)])
+def test_a_mask_of_still_gaussians_must_fit(still):
+    with pytest.raises(ValueError, match="still"):
+        make("isolated").set_still(still)
 
 
 def test_lifetimes_fade_what_is_transient_and_leave_the_rest_alone_for_ever():

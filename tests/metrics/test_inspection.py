@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from degense.engine.camera import Camera
-from degense.engine.metrics.inspection import InspectionScores, true_motion
+from degense.engine.metrics.inspection import InspectionScores, pooled_average_precision, true_motion
 from tests.fakes import MemoryClip
 
 
@@ -49,7 +49,33 @@ def test_a_perfect_layer_a_blind_one_and_nothing():
         scores = InspectionScores()
         scores.add(warp, off, np.zeros((4, 5, 2)))
         assert scores.result()["average_precision"] == pytest.approx(expected)
-    assert InspectionScores().result() == dict.fromkeys(("average_precision", "wrong", "precision", "recall", "unknown"))
+    nothing = InspectionScores().result()
+    assert {name: value for name, value in nothing.items() if name != "ranked"} == dict.fromkeys(
+        ("average_precision", "wrong", "precision", "recall", "unknown")
+    )
+    assert pooled_average_precision([nothing]) is None
+
+
+def test_pixels_of_many_runs_are_ranked_together():
+    """A scene in which little is wrong counts as much as it has wrong pixels; coarse ranks hardly lose."""
+    rng, found, ranks, wrongs = np.random.default_rng(0), [], [], []
+    for share in (0.02, 0.4):
+        scores = InspectionScores()
+        off = np.where(rng.random((60, 50)) < share, 3.0, 0.0)
+        warp = np.abs(off + rng.normal(0, 1.5, off.shape)).astype(np.float32)
+        warp[rng.random(off.shape) < 0.1] = np.nan
+        warp[0] = 0
+        scores.add(warp, np.dstack([off, 0 * off]), np.zeros((60, 50, 2)))
+        found.append(scores.result())
+        ranks.append(np.where(np.isfinite(warp), warp, -1).ravel())
+        wrongs.append((off > 1).ravel())
+    values, wrong = np.concatenate(ranks), np.concatenate(wrongs)
+    pooled = pooled_average_precision(found)
+    assert pooled == pytest.approx(average_precision(values, wrong), abs=0.01)
+    for one, of_one in zip(found, wrongs, strict=True):
+        assert sum(one["ranked"]["wrong"]) == of_one.sum()
+        assert sum(one["ranked"]["right"]) == (~of_one).sum()
+    assert abs(pooled - np.mean([one["average_precision"] for one in found])) > 0.05
 
 
 def test_true_motion_leads_back_to_the_pixel_of_frame_0():

@@ -44,6 +44,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "flow by its precision": {"flow_precision": False},
     "depth by its precision": {"depth_precision": False},
     "inferred motion of changed tissue": {"flow_inference": False},
+    "rest where flow tells no motion": {"stillness": False},
     "rigidity": {"rigidity": 0.0},
     "small displacements": {"displacement": 0.0},
     "small changes of shape": {"shape": 0.0},

@@ -9,6 +9,7 @@ from typing import Any
 
 from degense.engine.errors import DegenseError
 from degense.engine.metrics.averages import mean
+from degense.engine.metrics.inspection import pooled_average_precision
 from degense.engine.metrics.motion import STATIC
 from degense.engine.research.baselines import below_baseline
 from degense.engine.research.bench.table import Cell, Column, Table
@@ -118,11 +119,15 @@ def _table(
     columns = [Column("method", "method"), Column("scenes", "scenes", 0)]
     if scores is PICTURES:
         columns.append(Column("decoder", "decoder"))
+    if scores is INSPECTION:
+        columns.append(Column("pooled", "warp: average precision, all scenes' pixels together", 3))
     for score in scores:
         columns += [Column(score.key, score.heading, score.digits), Column(f"{score.key} worst", "worst", score.digits)]
     cells: list[dict[str, Cell]] = []
     for method, row in rows.items():
-        cells.append({"method": method, "scenes": len(methods[method]), "decoder": _decoder(methods[method]), **row})
+        every = [one.get("inspection", {}) for of_seeds in methods[method].values() for one in of_seeds]
+        of_all = {"decoder": _decoder(methods[method]), "pooled": pooled_average_precision(every)}
+        cells.append({"method": method, "scenes": len(methods[method]), **of_all, **row})
     for score in scores:
         below = below_baseline(rows, others, score.key, score.larger) if score.compared else {}
         for cell in cells:

@@ -183,7 +183,7 @@ def made_up(plan, job, value):
         "displacement_scale": 100.0,
         "train_seconds": 10.0,
         "psnr_ceiling": 40.0,
-        "inspection": {"average_precision": value},
+        "inspection": {"average_precision": value, "ranked": {"right": [8, 1], "wrong": [0, 1]}},
     }
     path = plan.scores(job)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -211,5 +211,6 @@ def test_tables_are_of_the_scores(tmp_path):
     assert motion.rows[0]["error"] == pytest.approx(0.21 / 2)
     assert motion.rows[0]["error worst"] == pytest.approx(0.31 / 2)
     assert inspection.rows[1]["ap"] == pytest.approx(0.21)
+    assert inspection.rows[1]["pooled"] == pytest.approx(0.5)
     assert [row["method"] for row in inspection.rows] == ["degense", "coupled"]
     assert masks.markdown()

@@ -13,6 +13,7 @@ from degense.engine.training.flow.motion_error import look_up
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
+from degense.engine.training.job import settle
 from degense.engine.training.passes import FieldPass, FieldState
 from degense.engine.training.trainer import Trainer
 from tests.fakes import MemoryClip
@@ -80,6 +81,21 @@ def test_where_no_flow_teaches_motion_colour_teaches_all_of_it(frames, settings,
     trainer = Trainer(model_of(frames), frames, None, FlowSupervision(frames), config, lambda event: None)
     assert len(trainer._precision(0)) == asked
     assert not len(Trainer(model_of(frames), frames, None, None, config, lambda event: None)._precision(0))
+
+
+@pytest.mark.parametrize(("settings", "with_flow", "resting"), [({}, True, True), ({"stillness": False}, True, False), ({}, False, False)])
+def test_tissue_rests_where_flow_cannot_tell_its_motion_from_none(frames, settings, with_flow, resting):
+    """The field moves all tissue by hundredths of a pixel: flow cannot see that, and without flow nobody says what it is worth."""
+    model, config = model_of(frames), TrainConfig.preset_of("quick", device="cpu", **settings)
+    with torch.no_grad():
+        model.geometry.decode[-1].weight *= 1e-3
+    trainer = Trainer(model, frames, None, FlowSupervision(frames) if with_flow else None, config, lambda event: None)
+    settle(trainer)
+    assert (model.still is not None) == resting
+    if resting:
+        assert model.still[model.persistent].all()
+        moved = (model.means_at(1.0) - model.means_at(-1.0))[model.persistent]
+        assert not moved.any()
 
 
 def test_presets_with_thousands_of_steps_weigh_colour_by_precision():
