@@ -21,7 +21,7 @@ def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"])
     return torch.linalg.vector_norm(means_t - means_ref, dim=-1)
 
 
-SPREAD_SHARE = 0.5  # of the spread of the motion around is how far a place that does not show its own may be from it (decision 63)
+PRIOR = 1.0  # pixels that a model is expected to be off by where the recording shows nothing (decision 66)
 PIXELS = 80_000  # flow is measured at about this size: a frame of it takes 0.4 MB, and a tenth of a second
 TEXTURE = 0.3  # `confidence` below which flow is a guess
 REACHES = (0.02, 0.06, 0.18)  # of the width: σ within which neighbours speak for a place whose own motion is not seen,
@@ -41,17 +41,22 @@ class Observed(NamedTuple):
 
 
 def contradicted(modelled: Float[np.ndarray, "height width 2"], observed: Observed) -> Float32[np.ndarray, "height width"]:
-    """How far the model's motion is from what the recording shows: √(‖m(p) − o(p)‖² + (`SPREAD_SHARE` · spread(p))²), pixels.
+    """How far the model's motion is expected to be from the true one, by what the recording shows of that; pixels:
+
+        √((g ‖m(p) − o(p)‖)² + (1 − g) `PRIOR`²),    g = `PRIOR`² / (`PRIOR`² + spread(p)²)
 
     m is the model's motion projected into the image (`Scene.render`: `motion`), o the observed motion between these frames in the same
-    direction. Where o is only that of the surroundings, their spread is what it may be wrong by. NaN where either is not known, which is
-    not the same as 0. On textured tissue o itself is within some tenths of a pixel.
+    direction. It is the root of the mean square of an error that is normal, `PRIOR` wide before anything is seen, when m − o is seen,
+    which is that error but for what o is wrong by, the spread: where motion is seen it is ‖m − o‖, and the less the motion around says of a
+    place the nearer it is to `PRIOR`. NaN where either is not known, which is not the same as 0. On textured tissue o itself is within some
+    tenths of a pixel.
 
     What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
     the principal point by about r · Δz / z). Missing motion counts like motion too many: both are a difference.
     """
     difference = np.square(np.asarray(modelled, np.float32) - observed.flow).sum(-1)
-    return np.sqrt(difference + np.square(SPREAD_SHARE * observed.spread)).astype(np.float32)  # NaN stays NaN
+    gain = PRIOR**2 / (PRIOR**2 + np.square(observed.spread))
+    return np.sqrt(np.square(gain) * difference + (1 - gain) * PRIOR**2).astype(np.float32)  # NaN stays NaN
 
 
 class ObservedMotion:

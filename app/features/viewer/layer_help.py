@@ -20,7 +20,7 @@ FORMULAS = {
     "rotation": "Σ wᵢ rᵢ / Σ wᵢ, rᵢ = 2 atan2(‖Im(qᵢ q̄ᵢ₀)‖, |Re(qᵢ q̄ᵢ₀)|) the angle of the turn since t₀",
     "scale": "Σ wᵢ gᵢ / Σ wᵢ, gᵢ = Σₖ log₂(sᵢₖ(t) / sᵢₖ(t₀)): 1 has doubled its volume, −1 has halved it",
     "appearance": "‖Lab(C) − Lab(C₀)‖, C₀ = Σ wᵢ cᵢ(t₀) / Σ wᵢ over the Gaussians that last, where they are at t",
-    "warp": "√(‖m − o‖² + (s/2)²), m the model's motion in pixels, o the optical flow of the recording; or that around, and s its spread",
+    "warp": "‖m − o‖, m the model's motion in pixels, o the optical flow of the recording; or the error to expect by the flow around",
     "observability": "Σ wᵢ sᵢ / Σ wᵢ, sᵢ the share of frames that reveal the motion of Gaussian i",
 }
 #: Units as the layer list has them, where no run is open.
