@@ -41,7 +41,7 @@ def coco(clip_folder: Path, out: Path, frames: tuple[str, ...] = ("000005", "000
     classes = [*open_clip(clip_folder).classes, "not to be told"]
     everywhere = [[0, 0], [64, 0], [64, 48], [0, 48]]
     shapes = [(2, everywhere), (1, LEFT), (len(classes) - 1, UNKNOWN)]
-    outlines = [(k, value, sum(corners, [])) for k in range(len(frames)) for value, corners in shapes]
+    outlines = [(k, value, np.ravel(corners).tolist()) for k in range(len(frames)) for value, corners in shapes]
     out.write_text(
         json.dumps(
             {
