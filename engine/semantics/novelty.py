@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import cv2
 import numpy as np
 import torch
@@ -25,17 +27,26 @@ class Novelty:
         self._known = drawn[:KNOWN]
         self._usual = float(torch.cdist(drawn[KNOWN : 2 * KNOWN], self._known).amin(1).median()) if len(drawn) > KNOWN else 1.0
 
+    def beside(self, some: Float32[np.ndarray, "n features"]) -> Novelty:
+        """The distance to the nearest of some of the known ones only, in the same units."""
+        found = copy(self)
+        found._known = self.scaled(some[:: -(-len(some) // KNOWN)])
+        return found
+
     def scaled(self, values: Float32[np.ndarray, "n features"]) -> Tensor:
         """Surroundings with mean 0 and spread 1 among the known ones, float32 [n, 13]."""
         return torch.from_numpy((values - self._mean) / self._spread)
 
-    @torch.no_grad()
     def __call__(self, rgb: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "height width"]:
         """Of each pixel of a picture: about 1 for what looks like the known, several times that for what does not."""
-        values = self.scaled(surroundings(rgb))
+        return self.of(surroundings(rgb)).reshape(rgb.shape[:2])
+
+    @torch.no_grad()
+    def of(self, values: Float32[np.ndarray, "n features"]) -> Float32[np.ndarray, " n"]:
+        """The same of some surroundings."""
         with one_torch_thread():
-            nearest = torch.cat([torch.cdist(part, self._known).amin(1) for part in values.split(1 << 16)])
-        return (nearest / self._usual).numpy().reshape(rgb.shape[:2])
+            nearest = [torch.cdist(part, self._known).amin(1) for part in self.scaled(values).split(1 << 16)]
+        return (torch.cat(nearest) / self._usual).numpy()
 
 
 def surroundings(rgb: UInt8[np.ndarray, "height width 3"]) -> Float32[np.ndarray, "pixels 13"]:

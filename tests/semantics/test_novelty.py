@@ -35,6 +35,14 @@ def test_another_tissue_is_new(novelty, color):
     assert np.mean(novelty(tissue(5, color)) < NEW) < 0.1
 
 
+def test_what_looks_like_one_class_is_new_beside_the_other(novelty):
+    ours, others = (150, 70, 60), (220, 190, 120)
+    beside = novelty.beside(surroundings(tissue(0, ours)))
+    assert np.mean(beside(tissue(5, ours)) < NEW) > 0.9
+    assert np.mean(novelty(tissue(5, others)) < NEW) > 0.9
+    assert np.mean(beside(tissue(5, others)) < NEW) < 0.1
+
+
 def test_unlabelled_pixels_teach_nothing():
     labels = np.full((64, 96), -1)
     labels[:, 48:] = 3

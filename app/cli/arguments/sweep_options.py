@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 Parse = Callable[[str], Any]
 NAMES = (
     *("which", "scenes", "size", "frames", "methods", "teachers", "depths", "preset", "iterations", "max_gaussians"),
-    *("slots", "time_limit", "no_baselines", "tables_only"),
+    *("slots", "time_limit", "no_baselines", "tables_only", "held_out_maps"),
 )
 
 
@@ -35,6 +36,12 @@ def add_sweep_options(sub: argparse._ArgumentGroup, setting: Parse, size: Parse,
     sub.add_argument("--slots", type=positive, metavar="N", help="trainings at a time, round robin over the GPUs")
     sub.add_argument("--time-limit", type=float, metavar="S", help="begin nothing new after so many seconds")
     sub.add_argument("--no-baselines", action="store_true", help="leave out what needs no scene")
+    sub.add_argument(
+        "--held-out-maps",
+        type=Path,
+        metavar="FOLDER",
+        help="of clips: CLIP.json (COCO) maps further frames, for scoring alone",
+    )
     sub.add_argument("--tables-only", action="store_true", help="make the tables of what is there")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from degense.engine.clip import Clip, Truth
 from degense.engine.data.synthetic.recording import HIDDEN
+from degense.engine.research.baselines.ceiling import undeformed
 
 
 class ShownTissue(NamedTuple):
@@ -23,10 +24,7 @@ def shown_at_first(clip: Clip, truth: Truth, frame: int) -> ShownTissue:
     The pixel's place, unprojected with its exact depth, less its exact displacement is its place at frame 0. `HIDDEN`, in mm, is how far
     behind the depth of its pixel there it may lie. Depth and cameras of the clip must be exact.
     """
-    depth, moved = clip.depth(frame), truth.displacement[frame]
-    rows, columns = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    tissue = np.isfinite(moved[..., 0])
-    place = clip.cameras[frame].unproject(np.stack([columns + 0.5, rows + 0.5], -1), depth) - np.where(tissue[..., None], moved, 0)
+    depth, (place, tissue) = clip.depth(frame), undeformed(clip, truth, frame)
     pixel, z = clip.cameras[0].project(place)
     column, row = np.moveaxis(np.floor(pixel).astype(int), -1, 0)
     inside = (column >= 0) & (column < depth.shape[1]) & (row >= 0) & (row < depth.shape[0])

@@ -5,15 +5,19 @@ from __future__ import annotations
 import re
 import shlex
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from degense.engine.clip import Clip
 from degense.engine.data.readers import open_clip
 from degense.engine.errors import DegenseError
 from degense.engine.research.bench.run import BenchOptions
+from degense.engine.research.real_clips.held_out_maps import read_held_out_maps
 from degense.engine.research.sweep.schedule import QUICK, Schedule, said, schedule_of
 from degense.engine.semantics.teachers.target_cache import digest
 
@@ -31,11 +35,14 @@ class RealClip:
         Of its folder; of a video its folder's and its own.
     content : str
         Names what is trained on and scored (`content_of`), so that a changed clip is trained anew.
+    maps : Path or None
+        Label maps of further frames, which are scored and never trained on (`held_out_maps`).
     """
 
     name: str
     path: Path
     content: str
+    maps: Path | None = None
 
     def __str__(self) -> str:
         return self.name
@@ -64,6 +71,7 @@ class ClipsPlan(Schedule):
     """A sweep over real clips."""
 
     scenes: tuple[RealClip, ...] = ()
+    held_out_maps: Path | None = None  # the folder of label maps by the names of clips
 
     @property
     def jobs(self) -> list[ClipJob]:
@@ -77,6 +85,7 @@ class ClipsPlan(Schedule):
     def command(self) -> str:
         """What to type to do it again; of a clip only its name, not where it lies."""
         words = [word for scene in self.scenes for word in ("--clip", scene.name)]
+        words += [] if self.held_out_maps is None else ["--held-out-maps", self.held_out_maps.as_posix()]
         return shlex.join(["degense", "bench", "clips", *words, *self.options()])
 
 
@@ -89,14 +98,24 @@ def plan_of(options: BenchOptions) -> ClipsPlan:
     chosen = schedule_of(options)
     if options.quick and not chosen["settings"]:
         chosen["settings"] = QUICK
-    scenes = tuple(RealClip(name_of(path), path.resolve(), content_of(open_clip(path))) for path in options.clips)
+    maps = said(options).get("held_out_maps")
+    scenes = tuple(_clip_of(path, maps) for path in options.clips)
     name, count = Counter(scene.name for scene in scenes).most_common(1)[0]
     if count > 1:
         raise DegenseError(f"{count} clips are called {name!r}; rename their folders, for tables know clips by their names")
-    plan = ClipsPlan(scenes=scenes, **chosen)
+    plan = ClipsPlan(scenes=scenes, held_out_maps=maps, **chosen)
     for method in plan.methods:
         plan.config(method, 0)
     return plan
+
+
+def _clip_of(path: Path, maps: Path | None) -> RealClip:
+    """The clip at a path, with the label maps that lie under its name in a folder, if there are any. DegenseError when they do not fit."""
+    name, clip = name_of(path), open_clip(path)
+    file = None if maps is None else (maps / f"{name}.json").resolve()
+    if file is None or not file.exists():
+        return RealClip(name, path.resolve(), content_of(clip))
+    return RealClip(name, path.resolve(), content_of(clip, read_held_out_maps(file, clip).values()), file)
 
 
 def name_of(path: Path) -> str:
@@ -105,9 +124,9 @@ def name_of(path: Path) -> str:
     return path.name if path.is_dir() else f"{path.parent.name}-{path.stem}"
 
 
-def content_of(clip: Clip) -> str:
-    """A name for what is trained on and scored: all masks and label maps, and the held-out frames; hexadecimal digits."""
+def content_of(clip: Clip, further: Iterable[np.ndarray] = ()) -> str:
+    """A name for what is trained on and scored: all masks and label maps, `further` ones too, and the held-out frames; hex digits."""
     shown = [clip.frame(i) for i in clip.test_frames]
     masks = [clip.valid(i) for i in range(len(clip))]
     maps = [labels for i in clip.labelled_frames if (labels := clip.labels(i)) is not None]
-    return digest(*shown, *masks, *maps)
+    return digest(*shown, *masks, *maps, *further)

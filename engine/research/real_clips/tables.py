@@ -11,6 +11,7 @@ from degense.engine.metrics.averages import mean
 from degense.engine.metrics.tracks import WITHIN
 from degense.engine.research.baselines import below_baseline
 from degense.engine.research.bench.table import Cell, Column, Table
+from degense.engine.research.real_clips.held_out_maps import columns_of, rows_of
 from degense.engine.research.real_clips.plan import ClipsPlan, RealClip
 from degense.engine.research.real_clips.work import baseline_files
 from degense.engine.semantics.prompts import DEFAULT_DECODER
@@ -53,25 +54,31 @@ SCORES = (
 
 
 def tables_of(plan: ClipsPlan) -> list[Table]:
-    """A table of each clip that anything was trained on. DegenseError when nothing was."""
-    found = [table for scene in plan.scenes if (table := _table(plan, scene)) is not None]
+    """Tables of each clip that anything was trained on: scores, and IoU on maps of further frames. DegenseError when nothing was."""
+    found = [table for scene in plan.scenes for table in _tables(plan, scene)]
     if not found:
         raise DegenseError(f"{plan.out} holds no scores of these clips; see the errors in {plan.out / 'scores'}")
     return found
 
 
-def _table(plan: ClipsPlan, scene: RealClip) -> Table | None:
+def _tables(plan: ClipsPlan, scene: RealClip) -> list[Table]:
     runs: dict[str, list[Scores]] = {method: [] for method in plan.methods}
     for job in plan.jobs:
         if job.scene == scene and plan.scores(job).exists():
             runs[job.method].append(read_json(plan.scores(job)))
-    first = next((several[0] for several in runs.values() if several), None)
-    if first is None:
-        return None
+    if not any(runs.values()):
+        return []
     baselines: dict[str, list[Scores]] = {}
     for path in baseline_files(plan, scene) if plan.baselines else ():
         if path.exists():
             baselines |= {name: [scores] for name, scores in read_json(path).items()}
+    table = _table(plan, scene, runs, {name: several for name, several in baselines.items() if set(several[0]) != {"held_out_maps"}})
+    of_maps = {**runs, **{f"baseline: {name}": several for name, several in baselines.items()}}
+    of_maps = {name: told for name, several in of_maps.items() if (told := [one for one in several if "held_out_maps" in one])}
+    return [table, _maps_table(plan, table, of_maps)] if of_maps else [table]
+
+
+def _table(plan: ClipsPlan, scene: RealClip, runs: Mapping[str, list[Scores]], baselines: Mapping[str, list[Scores]]) -> Table:
     scores = [score for score in SCORES if any(score.read(one) is not None for several in runs.values() for one in several)]
     columns = [Column("method", "method"), *(Column(score.key, score.heading, score.digits, "mean") for score in scores)]
     cells: list[dict[str, Cell]] = [{"method": method, **_row(several, scores)} for method, several in runs.items()]
@@ -82,9 +89,24 @@ def _table(plan: ClipsPlan, scene: RealClip) -> Table | None:
             if cell["method"] in below:
                 cell[score.key] = f"{column.text(cell[score.key])} †"
     cells += [{"method": f"baseline: {name}", **_row(several, scores)} for name, several in baselines.items()]
+    first = next(several[0] for several in runs.values() if several)
     table = Table(f"clips-{scene.slug.rpartition('-')[0]}", f"The clip {scene.name}", _protocol(plan, first), columns, cells)
     table.command = plan.command()
     return table
+
+
+def _maps_table(plan: ClipsPlan, table: Table, several: Mapping[str, list[Scores]]) -> Table:
+    """The IoU of each class on maps of further frames, of those that have any."""
+    columns = columns_of([one for told in several.values() for one in told])
+    rows = [row for name, told in several.items() for row in rows_of(name, told)]
+    words = (
+        f"As the table above. IoU on maps of frames that were drawn for scoring alone, of the masks of all classes as prompts, by the "
+        f"window's decoder {DEFAULT_DECODER}, over valid pixels of which the map says what they are; 0: a class that a frame lacks was "
+        "predicted, –: nor was it."
+    )
+    found = Table(f"{table.name}-maps", f"{table.title}: maps of further frames", words, columns, rows)
+    found.command = plan.command()
+    return found
 
 
 def _row(several: Sequence[Scores], scores: Sequence[ClipScore]) -> dict[str, Cell]:

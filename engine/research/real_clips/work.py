@@ -17,6 +17,7 @@ from degense.engine.research.baselines.clip_flow import ClipFlow
 from degense.engine.research.baselines.images import image_baselines
 from degense.engine.research.baselines.masks import mask_baselines
 from degense.engine.research.baselines.points import point_baselines
+from degense.engine.research.real_clips.held_out_maps import read_held_out_maps, score_first_map, score_scene_maps
 from degense.engine.research.real_clips.plan import ClipJob, ClipsPlan, RealClip
 from degense.engine.research.sweep.work import trained
 from degense.engine.semantics.teachers import default_teacher
@@ -37,7 +38,7 @@ def prepare_clip(plan: ClipsPlan, scene: RealClip) -> None:
 
 
 def score_job(plan: ClipsPlan, job: ClipJob) -> dict[str, Any]:
-    """Train one job with the teacher that the clip has, and score it; `tracks` where points are marked."""
+    """Train one job with the teacher that the clip has, and score it; `tracks` where points are marked, `held_out_maps` where maps are."""
     from degense.engine.metrics.evaluate import evaluate
     from degense.engine.metrics.tracks import score_known_points
     from degense.engine.scene.tracks import follow_points
@@ -51,6 +52,8 @@ def score_job(plan: ClipsPlan, job: ClipJob) -> dict[str, Any]:
             found = follow_points(scene, known.queries)
             followed = float(np.isfinite(found.pixels).all((1, 2)).mean())
             scores["tracks"] = score_known_points(scene, found, known) | {"points": len(known.queries), "followed": followed}
+        if job.scene.maps is not None and scene.has_semantics:
+            scores["held_out_maps"] = score_scene_maps(scene, clip, read_held_out_maps(job.scene.maps, clip))
         return scores | {"job_seconds": time.perf_counter() - started, "score_seconds": time.perf_counter() - begun}
 
 
@@ -67,6 +70,8 @@ def score_clip_baselines(plan: ClipsPlan, scene: RealClip) -> None:
         found |= mask_baselines(clip, teacher, ClipFlow(clip), silent)
     if known is not None:
         found |= point_baselines(clip, known)
+    if scene.maps is not None and clip.labelled_frames:
+        found |= score_first_map(clip, read_held_out_maps(scene.maps, clip))
     for path in baseline_files(plan, scene):
         write_json(path, found)
 

@@ -18,6 +18,7 @@ from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.data.synthetic.recording import Recorder
 from degense.engine.files import replacing, write_text
 from degense.engine.progress import silent
+from degense.engine.research.baselines.ceiling import mask_ceiling
 from degense.engine.research.baselines.clip_flow import ClipFlow
 from degense.engine.research.baselines.images import image_baselines
 from degense.engine.research.baselines.masks import mask_baselines
@@ -100,11 +101,14 @@ def baseline_files(plan: SweepPlan, scene: int) -> dict[Path, tuple[Depth, str |
 
 
 def score_scene_baselines(plan: SweepPlan, scene: int) -> None:
-    """Score the baselines of a scene that are not kept yet; one flow serves all, for the pictures do not depend on the depth."""
+    """Score the baselines of a scene that are not kept yet, and the ceiling of masks; one flow serves all: pictures have no depth."""
     missing = {path: what for path, what in baseline_files(plan, scene).items() if not path.exists()}
     flow: ClipFlow | None = None
     for path, (depth, teacher) in missing.items():
         clip = open_clip(plan.clip(scene, depth))
         flow = flow or ClipFlow(clip)
-        found = image_baselines(clip) | motion_baselines(clip, flow) if teacher is None else mask_baselines(clip, teacher, flow, silent)
+        if teacher is None:
+            found = image_baselines(clip) | motion_baselines(clip, flow) | mask_ceiling(open_clip(plan.clip(scene, "exact")))
+        else:
+            found = mask_baselines(clip, teacher, flow, silent)
         write_json(path, found)

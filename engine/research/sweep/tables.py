@@ -12,6 +12,7 @@ from degense.engine.metrics.averages import mean
 from degense.engine.metrics.inspection import pooled_average_precision
 from degense.engine.metrics.motion import STATIC
 from degense.engine.research.baselines import below_baseline
+from degense.engine.research.baselines.ceiling import MASK_CEILING
 from degense.engine.research.bench.table import Cell, Column, Table
 from degense.engine.research.sweep.clips import baseline_files
 from degense.engine.research.sweep.plan import Depth, SweepPlan, slug
@@ -115,7 +116,7 @@ def _table(
 ) -> Table:
     rows = {method: _row(runs, scores) for method, runs in methods.items()}
     others = {name: _row(runs, scores) for name, runs in baselines.items()}
-    others = {name: row for name, row in others.items() if _has(baselines[name], scores)}
+    others = {name: row for name, row in others.items() if name != MASK_CEILING and _has(baselines[name], scores)}
     columns = [Column("method", "method"), Column("scenes", "scenes", 0)]
     if scores is PICTURES:
         columns.append(Column("decoder", "decoder"))
@@ -137,6 +138,8 @@ def _table(
         known = {scene: scores["psnr_ceiling"] for runs in methods.values() for scene, of_seeds in runs.items() for scores in of_seeds}
         ceilings = list(known.values())
         cells.append({"method": "ceiling: a perfect picture", "scenes": len(ceilings), **_middle_and_worst("psnr", ceilings, True)})
+        if (of_masks := baselines.get(MASK_CEILING)) is not None:
+            cells.append({"method": MASK_CEILING, "scenes": len(of_masks), **_row(of_masks, scores)})
     cells += [{"method": f"baseline: {name}", "scenes": len(baselines[name]), **row} for name, row in others.items()]
     width, height = plan.size
     table = Table(f"surgeries-{plan.which}-{plan.preset}-{width}x{height}-{name}", title, _protocol(plan), columns, cells)

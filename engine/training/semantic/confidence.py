@@ -18,7 +18,7 @@ from degense.engine.semantics.masks.confidence import BINS, ConfidenceCurve
 from degense.engine.semantics.prompts import PromptVectors
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.semantic.targets import SemanticTargets
-from degense.engine.training.semantic.vectors import shares_of, words_of
+from degense.engine.training.semantic.vectors import words_of
 
 MOST_FRAMES = 24  # of the teacher's, evenly spread, that are compared
 
@@ -36,10 +36,7 @@ def confidence_of(model: SceneModel, targets: SemanticTargets, frames: TrainingF
     words, labelled, sums = words_of(targets.sample, classes), targets.labelled_frames, np.zeros((3, BINS))
     objects: list[np.ndarray] = []  # [n, 2 + BINS] of each mask: share of the picture, right pixels, pixels by bin of the margin
     for frame in (labelled[k] for k in np.unique(np.linspace(0, len(labelled) - 1, min(len(labelled), MOST_FRAMES)).round().astype(int))):
-        answer = targets.answer(frame)
-        assert answer is not None
-        vectors, index = answer
-        told = np.where(index >= 0, shares_of(vectors, words).argmax(1)[index], -1)
+        told = targets.told(frame, words)
         rightness = None if targets.rightness is None else targets.rightness(frame).reshape(*told.shape, -1).cpu().numpy()
         splats = model.at(frames.clip.time(frame)).splats
         drawn = rasterize(splats, torch.cat([splats.colors, splats.semantics], 1), frames.cameras[frame], clean=True)

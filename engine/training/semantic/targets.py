@@ -22,7 +22,7 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.fused import semantic_cpu
 from degense.engine.training.losses import angular, region_smoothness
 from degense.engine.training.semantic.guided_upsampling import upsample_to_regions
-from degense.engine.training.semantic.vectors import NAMED, rarity_weights, unit_vectors
+from degense.engine.training.semantic.vectors import NAMED, rarity_weights, shares_of, unit_vectors
 from degense.engine.vocabulary import instruments
 
 SPARSE = 0.25  # a teacher that labels a smaller share of the training frames has its labels warped to the others
@@ -149,6 +149,13 @@ class SemanticTargets:
         """The teacher's answer for a frame, if it has one, upsampled if it is to be."""
         make = self._upsampled_answer if self.upsampled else self._teacher_answer
         return self._answers.get(frame, lambda: make(frame))
+
+    def told(self, frame: int, words: np.ndarray) -> np.ndarray:
+        """Which of the words [m, D] the teacher has for each pixel of a frame that it labels, int [H, W]; −1 where it says nothing."""
+        answer = self.answer(frame)
+        assert answer is not None
+        vectors, index = answer
+        return np.where(index >= 0, shares_of(vectors, words).argmax(1)[index], -1)
 
     def _upsampled_answer(self, frame: int) -> Answer | None:
         answer = self._teacher_answer(frame)

@@ -16,6 +16,7 @@ from degense.engine.data.readers import open_clip
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.errors import DegenseError
 from degense.engine.research import surgeries  # noqa: F401  adds the kind "family"
+from degense.engine.research.baselines.ceiling import MASK_CEILING
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.sweep.clips import share_flow, with_depth
 from degense.engine.research.sweep.plan import CELLS, SweepPlan, plan_of
@@ -198,8 +199,11 @@ def test_tables_are_of_the_scores(tmp_path):
         path = tmp_path / "baselines" / f"{scene:03d}-labels.json"
         path.parent.mkdir(exist_ok=True)
         path.write_text(json.dumps({"vote": {"masks": {"labels": {"miou": 0.24, "boundary_f": 0.1}}}}))
+        best = {"masks": {"labels": {"miou": 0.9 + 0.01 * scene, "boundary_f": 1.0}}}
+        path.with_name(f"{scene:03d}-exact.json").write_text(json.dumps({MASK_CEILING: best}))
     masks, motion, inspection = tables_of(plan)
-    ours, coupled, ceiling, vote = masks.rows
+    ours, coupled, ceiling, of_masks, vote = masks.rows
+    assert (of_masks["method"], of_masks["miou"], of_masks["miou worst"]) == (MASK_CEILING, pytest.approx(0.91), pytest.approx(0.9))
     assert (ours["decoder"], coupled["decoder"], ours["scenes"]) == ("rnse", "argmax", 3)
     assert ours["psnr"] == pytest.approx(30 * statistics.median((0.11, 0.21, 0.31)))
     assert (ceiling["psnr"], ceiling["psnr worst"]) == (40.0, 40.0)
