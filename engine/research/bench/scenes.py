@@ -53,20 +53,22 @@ def with_count(scene: Scene, count: int) -> Scene:
     """The same scene with exactly `count` Gaussians, and nothing baked yet."""
     model = scene.model
     canonical = {name: value.detach().clone() for name, value in model.canonical.items()}
-    if model.semantic_coefficients is not None:
-        canonical["semantic_coefficients"] = model.semantic_coefficients.clone()
+    others = {name: value.clone() for name in ("semantic_coefficients", "still") if (value := getattr(model, name)) is not None}
+    canonical |= others
     if len(model) > count:
         kept = canonical["logits"].topk(count).indices.sort().values
         canonical = {name: value[kept] for name, value in canonical.items()}
     while (present := len(canonical["means"])) < count:
         largest = canonical["log_scales"].sum(1).topk(min(present, count - present)).indices
         canonical = _split(canonical, largest)
-    semantic_coefficients = canonical.pop("semantic_coefficients", None)
+    others = {name: canonical.pop(name) for name in others}
     other = SceneModel(model.config, model.bounds, canonical).to(model.bounds.device)
     values = model.state_dict() | {f"canonical.{name}": value for name, value in canonical.items()}
     other.load_state_dict({name: values[name] for name in other.state_dict()})
-    if semantic_coefficients is not None:
-        other.set_semantic_coefficients(semantic_coefficients)
+    if "semantic_coefficients" in others:
+        other.set_semantic_coefficients(others["semantic_coefficients"])
+    if "still" in others:
+        other.set_still(others["still"])
     return Scene(scene.run, other.eval().requires_grad_(False), scene.basis, scene.encoder, scene.clip)
 
 
