@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
-from PySide6.QtWidgets import QDockWidget, QMainWindow, QScrollArea, QWidget
+from PySide6.QtWidgets import QDockWidget, QMainWindow, QScrollArea, QStyle, QWidget
 
 #: Height that a panel has at least below another, lines of text; more where its controls need it.
 LINES = 13
@@ -39,6 +39,11 @@ class Column(QObject):
     def needed(self) -> int:
         """Height in which all controls of any one panel can be seen, with its title and its tab."""
         return max(map(_least, self._open()), default=0) + 2 * self._bar()
+
+    def width(self) -> int:
+        """Width in which all controls of every panel can be seen."""
+        bar = self._window.style().pixelMetric(QStyle.PixelMetric.PM_ScrollBarExtent)
+        return max((content.minimumSizeHint().width() for dock in self._open() if (content := _content(dock)) is not None), default=0) + bar
 
     def decide_anew(self) -> None:
         """After a saved arrangement has come: its tabs may be of a smaller window."""
@@ -84,6 +89,10 @@ class Column(QObject):
 
 def _least(dock: QDockWidget) -> int:
     """Height that the content of a panel needs, pixels."""
-    area = dock.widget()
-    content = area.widget() if isinstance(area, QScrollArea) else area
+    content = _content(dock)
     return content.minimumSizeHint().height() if content is not None else 0
+
+
+def _content(dock: QDockWidget) -> QWidget | None:
+    area = dock.widget()
+    return area.widget() if isinstance(area, QScrollArea) else area

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QFontDatabase
@@ -21,7 +22,7 @@ from degense.widgets import forms
 
 log = logging.getLogger(__name__)
 
-ABOUT = """<h3>DeGense</h3>
+ABOUT = """<h3>DeGense {version}</h3>
 <p>Reconstructs a surgical video as a 4D Gaussian scene, answers prompts in words, and shows how tissue moved.</p>
 <p><b>For research, not a medical device.</b> Nothing shown here may guide the treatment of a patient.</p>"""
 
@@ -70,7 +71,9 @@ def ask(parent: QWidget, name: str, text: str, choices: Sequence[Choice], detail
 
 
 def show_about(parent: QWidget) -> None:
-    box = QMessageBox(QMessageBox.Icon.NoIcon, "About DeGense", ABOUT, QMessageBox.StandardButton.Ok, parent)
+    box = QMessageBox(
+        QMessageBox.Icon.NoIcon, "About DeGense", ABOUT.format(version=version("degense")), QMessageBox.StandardButton.Ok, parent
+    )
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     box.open()
 

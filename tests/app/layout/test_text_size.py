@@ -7,6 +7,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractButton, QDialog, QLabel, QTableWidget, QTabWidget, QWidget
 
+from degense.app.features.welcome.page import WelcomePage
 from degense.widgets.qt_images import to_array
 from degense.widgets.theme import apply_text_size
 from tests.app import installed as on
@@ -77,11 +78,14 @@ def test_dialogs_at_twice_the_size(qtbot, opened, qapp, usual_size, action, scre
 
 
 def test_the_welcome_page_at_twice_the_size(qtbot, window, qapp, usual_size, screenshot):
+    usual = window.fontMetrics().height()
     apply_text_size(qapp, 2.0)
     window.resize(1600, 1000)
     qtbot.wait(50)
     screenshot(window, "welcome-200")
     assert not cut(window)
+    link = on.found(window, WelcomePage).ways[0]
+    assert link.height() >= 2 * link.fontMetrics().height() >= 4 * 0.9 * usual
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (1024, 700)])

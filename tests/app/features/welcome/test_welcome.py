@@ -88,6 +88,7 @@ def test_what_moved(qtbot, window, page, idle, demo, screenshot):
     assert window.session.frame > 0
     tour = window.findChild(Tour)
     qtbot.waitUntil(window.isActiveWindow)
+    assert window.focusWidget() is tour.next
     for step in range(5):
         assert tour._count.text() == f"{step + 1} of 5"
         assert window.rect().contains(tour.geometry())
@@ -109,6 +110,7 @@ def test_find_the_grasper(qtbot, window, page, idle, demo):
     window.settings.update(toured=True)
     QTest.mouseClick(page.tasks[1], Qt.MouseButton.LeftButton)
     idle()
+    assert window.focusWidget() is on.viewer(window).panel  # whose keys step through time, and no button of the drawer
     assert [prompt.text for prompt in window.session.view_state.prompts] == [INSTRUMENT]
     assert [blend.name for blend in window.session.view_state.drawn] == ["rgb"]
 
