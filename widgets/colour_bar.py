@@ -69,6 +69,7 @@ class _MapBox(forms.Painted, QComboBox):
         super().__init__()
         forms.named(self, "Colour map", "Colour map").addItems(COLOUR_MAPS)
         self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumContentsLength(7)
         keep_keys(self, ARROWS | PRESS)
 
     def _paint(self, painter: QPainter) -> None:

@@ -143,6 +143,7 @@ def test_the_column_is_as_wide_as_larger_text_needs(qtbot, window, qapp, idle, r
         if resized == "after the run was saved":
             on.documents(window).open_path(run)
             idle()
+            window.session.view.add_prompt("liver")
             window.registry.run("file.save")
             idle()
             window.registry.run("file.close")
