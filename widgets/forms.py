@@ -238,6 +238,7 @@ def table(name: str, heads: Sequence[str], *, editable: bool = False) -> QTableW
     made.verticalHeader().hide()
     made.changeEvent(QEvent(QEvent.Type.FontChange))
     made.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+    made.horizontalHeader().setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
     return made
 
 

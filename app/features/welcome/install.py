@@ -109,7 +109,7 @@ def _show_tour(shell: Shell) -> None:
         ),
         Stop(
             "Everything else",
-            "Curves, findings, areas and training open here. Ctrl+K finds every action by its name, and F1 says what the layers show.",
+            "Curves, findings, areas and training open here. Ctrl+K finds every action by its name, and F1 opens the guide.",
             lambda: shell.status.stripe,
         ),
     )
