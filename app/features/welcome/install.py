@@ -56,9 +56,9 @@ def _add_page(shell: Shell, documents: Documents, samples: Samples, viewer: View
 
     def show() -> None:
         if shell.session.frames > 0:
-            shown = page.isVisible()
+            focused = shell.focusWidget()
             shell.docks.rejoin(page)
-            if shown and viewer is not None:
+            if focused is not None and page.isAncestorOf(focused) and viewer is not None:
                 viewer.panel.setFocus()  # else the keyboard goes to what Tab comes to next, a button of the drawer
         elif not page.isVisibleTo(shell):
             page.set_recent(shell.settings.value.recent)

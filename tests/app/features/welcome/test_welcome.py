@@ -99,6 +99,7 @@ def test_what_moved(qtbot, window, page, idle, demo, screenshot):
     window.registry.run("file.close")
     QTest.keyClick(page.ways[3], Qt.Key.Key_Space)
     idle()
+    assert window.focusWidget() is on.viewer(window).panel  # whose keys step through time, and no button of the drawer
     assert window.session.scene is not None
     assert window.findChild(Tour) is None
     window.registry.run("help.tour")
@@ -110,7 +111,6 @@ def test_find_the_grasper(qtbot, window, page, idle, demo):
     window.settings.update(toured=True)
     QTest.mouseClick(page.tasks[1], Qt.MouseButton.LeftButton)
     idle()
-    assert window.focusWidget() is on.viewer(window).panel  # whose keys step through time, and no button of the drawer
     assert [prompt.text for prompt in window.session.view_state.prompts] == [INSTRUMENT]
     assert [blend.name for blend in window.session.view_state.drawn] == ["rgb"]
 
