@@ -64,7 +64,9 @@ class Column(QObject):
                 docks[0].raise_()
                 self._in_tabs = True
         elif not tabs:
-            needed, heights = [self._height(dock) for dock in docks], [dock.height() for dock in docks]
+            heights, needed = [dock.height() for dock in docks], [self._whole(dock) for dock in docks]
+            if sum(needed) > self._decided:
+                needed = [self._height(dock) for dock in docks]
             if all(height >= least for height, least in zip(heights, needed, strict=True)):
                 self._heights = heights
             else:
@@ -81,6 +83,11 @@ class Column(QObject):
 
     def _height(self, dock: QDockWidget) -> int:
         return max(_least(dock), LINES * self._window.fontMetrics().height()) + self._bar()
+
+    def _whole(self, dock: QDockWidget) -> int:
+        """Height in which nothing of a panel is scrolled."""
+        content = _content(dock)
+        return max(self._height(dock), (content.sizeHint().height() if content is not None else 0) + self._bar())
 
     def _bar(self) -> int:
         """Height of a title, or of the tabs, with what is free around it."""
