@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QImage, QPainter, QWheelEvent
+from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtGui import QColor, QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
 from degense.widgets import qt_images as images
 from degense.widgets.frame import frame_comparison as comparison
 from degense.widgets.frame.frame_comparison import COMPARE_MODES, GAIN
-from degense.widgets.frame.panel_marks import paint_legend
 from degense.widgets.frame.panel_tools import RegionTool
 from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.qt_images import to_array, to_qimage
@@ -189,28 +188,6 @@ def test_message_marker_legend_and_notes_are_painted(panel, rgb):
     empty = pixels(panel)
     panel.set_message("Open a clip")
     assert (pixels(panel) != empty).any()
-
-
-@pytest.mark.parametrize("room", [120, 200, 900])
-def test_a_legend_goes_on_in_another_line_where_there_is_no_room(room, qapp):
-    """All words are painted, inside of the width, and no entry over another."""
-    drawn: list[tuple[QRectF, str]] = []
-
-    class Painter(QPainter):
-        def drawText(self, place, flags, text) -> None:
-            drawn.append((place, text))
-
-    words = ("gallbladder", "hatched: a guess, since its motion is not seen well")
-    canvas = QImage(1000, 400, QImage.Format.Format_RGB32)
-    with Painter(canvas) as painter:
-        paint_legend(painter, QPointF(0, 400), [(text, QColor("red")) for text in words], room)
-        needed = painter.fontMetrics().boundingRect(words[1])
-    (upper, first), (lower, second) = drawn
-    assert (first, second) == words
-    assert upper.bottom() <= lower.top()
-    assert lower.right() <= room
-    assert lower.bottom() <= 400
-    assert (lower.height() >= 2 * needed.height() - 4) == (room < needed.width())
 
 
 def test_wrong_values_are_refused(panel):
