@@ -6,72 +6,79 @@ import math
 
 from PySide6.QtCore import QEvent, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QPainter, QPalette
-from PySide6.QtWidgets import QComboBox, QLineEdit, QSizePolicy, QWidget
+from PySide6.QtWidgets import QComboBox, QLineEdit, QSizePolicy, QStyle, QStyleOptionComboBox, QWidget
 
 from degense.engine.colour_maps import COLOUR_MAPS, colour_table
 from degense.widgets import forms
-from degense.widgets.keys import TYPING, keep_keys
+from degense.widgets.elided import ElidedLabel
+from degense.widgets.keys import ARROWS, PRESS, TYPING, keep_keys
 from degense.widgets.numbers import short, ticks
 from degense.widgets.qt_images import to_qimage
 
 #: Percentages of the values beyond each end that are offered.
 CLIPS = (0.0, 0.5, 1.0, 2.0, 5.0)
+#: Length of a tick, and the least free space between two numbers, pixels.
+TICK, GAP = 3, 8
 
-_MODE_TITLES = {"frame": "This frame", "sequence": "Whole sequence", "fixed": "Fixed"}
+_MODE_TITLES = {"frame": "This frame", "sequence": "All frames", "fixed": "Fixed"}
 RANGE_MODES = tuple(_MODE_TITLES)
 
 
 class Gradient(forms.PaintedWidget):
-    """The bar itself, so many pixels wide, with its ticks."""
-
-    def __init__(self, width: int = 20) -> None:
-        super().__init__()
-        self._bar = width
-        self.low, self.high, self.cmap = 0.0, 1.0, COLOUR_MAPS[0]
-        self.beyond = (False, False)  # whether values lie below the first and above the last colour
-        self.setAccessibleName("Colours and their numbers")
-        self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Expanding)
-        self.setMinimumHeight(120)
-
-    def sizeHint(self) -> QSize:
-        return QSize(self._bar + 12 + self.fontMetrics().horizontalAdvance("≥ -0.00000"), 200)
-
-    def _paint(self, painter: QPainter) -> None:
-        metrics = painter.fontMetrics()
-        edge = metrics.height() / 2 + 1
-        bar = QRectF(2, edge, self._bar, max(self.height() - 2 * edge, 1))
-        painter.drawImage(bar, to_qimage(colour_table(self.cmap)[::-1, None]))
-        painter.setPen(self.palette().color(QPalette.ColorRole.Mid))
-        painter.drawRect(bar)
-        painter.setPen(self.palette().color(QPalette.ColorRole.WindowText))
-        ends = [self.low, self.high]
-        count = max(2, int(bar.height() / (3 * metrics.height())))
-        inner = ticks(self.low, self.high, count)
-        clear = 1.2 * metrics.height() / max(bar.height(), 1) * (self.high - self.low)
-        signs = dict(zip(ends, ("≤ " if self.beyond[0] else "", "≥ " if self.beyond[1] else ""), strict=True))
-        for value in ends + [v for v in inner if self.low + clear < v < self.high - clear]:
-            y = bar.bottom() - (value - self.low) / ((self.high - self.low) or 1.0) * bar.height()
-            painter.drawLine(round(bar.right()), round(y), round(bar.right()) + 4, round(y))
-            label = QRectF(bar.right() + 7, y - metrics.height() / 2, self.width(), metrics.height())
-            painter.drawText(label, Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter, signs.get(value, "") + short(value))
-
-
-class _Strip(forms.PaintedWidget):
-    """The colours from the first to the last, lying."""
+    """The colours from the first to the last, lying, with numbers below."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.cmap = COLOUR_MAPS[0]
-        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
-        self.setMinimumSize(40, 16)
+        self.low, self.high, self.cmap = 0.0, 1.0, COLOUR_MAPS[0]
+        self.beyond = (False, False)  # whether values lie below the first and above the last colour
+        self.setAccessibleName("Colours and their numbers")
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+
+    def sizeHint(self) -> QSize:
+        metrics = self.fontMetrics()
+        return QSize(metrics.horizontalAdvance("≤ -0.00000  ≥ -0.00000"), metrics.height() + metrics.ascent() + TICK)
+
+    def minimumSizeHint(self) -> QSize:
+        return self.sizeHint()
 
     def _paint(self, painter: QPainter) -> None:
-        edge = max(2, (self.height() - painter.fontMetrics().height()) // 2)
-        bar = self.rect().adjusted(0, edge, -1, -edge)
-        painter.setOpacity(1.0 if self.isEnabled() else 0.3)
+        metrics, palette = painter.fontMetrics(), self.palette()
+        bar = QRectF(0, 0, self.width() - 1, self.height() - metrics.height() - TICK)
         painter.drawImage(bar, to_qimage(colour_table(self.cmap)[None]))
-        painter.setPen(self.palette().color(QPalette.ColorRole.Mid))
+        painter.setPen(palette.color(QPalette.ColorRole.Mid))
         painter.drawRect(bar)
+        painter.setPen(palette.color(QPalette.ColorRole.WindowText))
+        signs = "≤ " * self.beyond[0], "≥ " * self.beyond[1]
+        words = [(value, sign + short(value)) for value, sign in zip((self.low, self.high), signs, strict=True)]
+        words += [(value, short(value)) for value in ticks(self.low, self.high, 3) if self.low < value < self.high]
+        taken: list[tuple[float, float]] = []  # where numbers stand already; those of the ends come first
+        for value, text in words:
+            x, width = (value - self.low) / ((self.high - self.low) or 1.0) * bar.width(), metrics.horizontalAdvance(text)
+            left = min(max(x - width / 2, 0.0), self.width() - width)
+            if all(left > end + GAP or left + width < start - GAP for start, end in taken):
+                taken.append((left, left + width))
+                painter.drawLine(round(x), round(bar.bottom()), round(x), round(bar.bottom()) + TICK)
+                place = QRectF(left, bar.bottom() + TICK, width + 1, metrics.height())
+                painter.drawText(place, Qt.AlignmentFlag.AlignCenter, text)
+
+
+class _MapBox(forms.Painted, QComboBox):
+    """The choice of a colour map, which shows its colours in place of its name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        forms.named(self, "Colour map", "Colour map").addItems(COLOUR_MAPS)
+        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+        self.setMinimumContentsLength(7)
+        keep_keys(self, ARROWS | PRESS)
+
+    def _paint(self, painter: QPainter) -> None:
+        option, box, part = QStyleOptionComboBox(), QStyle.ComplexControl.CC_ComboBox, QStyle.SubControl.SC_ComboBoxEditField
+        self.initStyleOption(option)
+        self.style().drawComplexControl(box, option, painter, self)
+        field = self.style().subControlRect(box, option, part, self)
+        painter.setOpacity(1.0 if self.isEnabled() else 0.3)
+        painter.drawImage(field.adjusted(2, 2, -2, -2), to_qimage(colour_table(self.currentText())[None]))
 
 
 class ColourBar(QWidget):
@@ -82,15 +89,14 @@ class ColourBar(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setAccessibleName("Colour bar")
-        self._heading = forms.label(wrap=False)
-        self._heading.setMinimumWidth(1)
-        self._strip, self._range = _Strip(), (0.0, 1.0)
+        self._heading, self._range = ElidedLabel("Layer of the colours"), (0.0, 1.0)
         self._mode_box = forms.choice("Range of the colours", _MODE_TITLES.items(), self._mode_chosen)
-        self._map_box = forms.choice("Colour map", [(name, name) for name in COLOUR_MAPS], self._map_chosen)
+        self._map_box = _MapBox()
+        self._map_box.activated.connect(self._map_chosen)
         shares = [(share, f"clip {share:g} %" if share else "clip none") for share in CLIPS]
         self._clip_box = forms.choice("Share of the values beyond each end", shares, lambda: self.changed.emit({"clip": self.clip()}))
         self._clip_box.setToolTip("Share of the values beyond each end of the range, so that a few strays do not darken the rest")
-        for box in (self._mode_box, self._clip_box, self._map_box):
+        for box in (self._mode_box, self._clip_box):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
             box.setMinimumContentsLength(7)
         self._high_field, self._low_field = QLineEdit(self), QLineEdit(self)
@@ -100,10 +106,9 @@ class ColourBar(QWidget):
             field.editingFinished.connect(self._edited)
             keep_keys(field, TYPING)
         self._set_widths()
-        colours = forms.row(self._low_field, (self._strip, 1), self._high_field)
-        heading = forms.row((self._heading, 1), self._map_box)
+        colours = forms.row(self._low_field, (self._map_box, 1), self._high_field)
         choices = forms.row((self._mode_box, 5), (self._clip_box, 4), spacing=4)
-        forms.column(heading, colours, choices, margin=0, spacing=4, parent=self)
+        forms.column(self._heading, colours, choices, margin=0, spacing=4, parent=self)
         self.set_range_mode("sequence")
         self.set_clip(1.0)
         self._show_range()
@@ -119,16 +124,13 @@ class ColourBar(QWidget):
 
     def set_title(self, title: str, unit: str = "") -> None:
         self._heading.setText(f"{title} [{unit}]" if unit else title)
-        self._heading.setToolTip(self._heading.text())
 
     def set_cmap(self, name: str) -> None:
-        colour_table(name)
+        colour_table(name)  # refuses others
         self._map_box.setCurrentText(name)
-        self._strip.cmap = name
-        self._strip.update()
 
     def cmap(self) -> str:
-        return self._strip.cmap
+        return self._map_box.currentText()
 
     def set_range(self, low: float, high: float) -> None:
         """The numbers of the first and the last colour."""
@@ -189,5 +191,4 @@ class ColourBar(QWidget):
         self.changed.emit({"mode": self.range_mode(), "low": low, "high": high})
 
     def _map_chosen(self) -> None:
-        self.set_cmap(self._map_box.currentText())
         self.changed.emit({"cmap": self.cmap()})

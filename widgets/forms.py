@@ -238,6 +238,7 @@ def table(name: str, heads: Sequence[str], *, editable: bool = False) -> QTableW
     made.verticalHeader().hide()
     made.changeEvent(QEvent(QEvent.Type.FontChange))
     made.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+    made.horizontalHeader().setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
     return made
 
 
@@ -273,13 +274,14 @@ def write(of: QTableWidget, row: int, column: int, text: str, bold: bool = False
 
 def fill(of: QTableWidget, rows: Sequence[Sequence[str]], right: bool = False) -> None:
     """Show these rows and no others, aligned to the left or the right. Cells are reused; the table tells nobody."""
-    side = Qt.AlignmentFlag.AlignRight if right else Qt.AlignmentFlag.AlignLeft
+    side = (Qt.AlignmentFlag.AlignRight if right else Qt.AlignmentFlag.AlignLeft) | Qt.AlignmentFlag.AlignVCenter
+    of.horizontalHeader().setDefaultAlignment(side)
     with QSignalBlocker(of):
         of.setRowCount(len(rows))
         for row, cells in enumerate(rows):
             for column, text in enumerate(cells):
                 item = write(of, row, column, text)
-                item.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
+                item.setTextAlignment(side)
                 item.setToolTip(text)
 
 

@@ -38,7 +38,8 @@ _ROLES = {
     QPalette.ColorRole.Shadow: ("#000000", "#5d636d"),
 }
 
-_DISABLED = ("#686f7a", "#9aa1ab")
+#: Text of what cannot be used now: quieter, but it can be read.
+_DISABLED = ("#8d949f", "#767d88")
 
 _STYLE = """
 QToolTip { color: palette(tool-tip-text); background: palette(tool-tip-base); border: 1px solid palette(mid); padding: 4px; }
@@ -48,6 +49,7 @@ QLabel#viewNote { color: palette(window-text); background: palette(window); bord
 QFrame#viewBar { background: rgba(0, 0, 0, 150); border-radius: 4px; }
 QFrame#viewBar > QWidget { color: white; background: none; }
 QLabel#secondary { color: palette(placeholder-text); }
+QCheckBox::indicator, QAbstractItemView::indicator, QMenu::indicator { width: 1em; height: 1em; }
 QToolButton { padding: 3px; border: 1px solid transparent; border-radius: 4px; }
 QToolButton:hover { background: palette(midlight); }
 QToolButton:checked { background: palette(mid); border-bottom: 3px solid palette(accent); }

@@ -10,6 +10,7 @@ from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from degense.widgets import forms
+from degense.widgets.elided import ElidedLabel
 from degense.widgets.frame_track import FrameTrack
 from degense.widgets.glyphs import GlyphButton
 
@@ -80,10 +81,9 @@ class Timeline(QWidget):
         self._loop_box = forms.choice("At the end", _LOOP_TITLES.items(), lambda: self.loop_mode_changed.emit(self.loop_mode()))
         self._loop_box.setToolTip("What happens at the end")
         self._readout = forms.label(name="Frame and time", wrap=False)
-        self._rate = forms.label(name="Frames a second, reached and wanted", secondary=True, wrap=False)
+        self._rate = ElidedLabel("Frames a second, reached and wanted", secondary=True)
         self._loop_box.setMinimumContentsLength(4)
         self._loop_box.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self._rate.setMinimumWidth(1)  # with large text in a small window it is cut, not what stands beside the timeline
         self._arrange()
         self.set_speed(1.0)
         self.set_loop_mode("loop")

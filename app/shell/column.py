@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer, Signal
-from PySide6.QtWidgets import QDockWidget, QMainWindow, QScrollArea, QWidget
+from PySide6.QtWidgets import QDockWidget, QMainWindow, QScrollArea, QStyle, QWidget
 
 #: Height that a panel has at least below another, lines of text; more where its controls need it.
 LINES = 13
@@ -40,6 +40,11 @@ class Column(QObject):
         """Height in which all controls of any one panel can be seen, with its title and its tab."""
         return max(map(_least, self._open()), default=0) + 2 * self._bar()
 
+    def width(self) -> int:
+        """Width in which all controls of every panel can be seen."""
+        bar = self._window.style().pixelMetric(QStyle.PixelMetric.PM_ScrollBarExtent)
+        return max((content.minimumSizeHint().width() for dock in self._open() if (content := _content(dock)) is not None), default=0) + bar
+
     def decide_anew(self) -> None:
         """After a saved arrangement has come: its tabs may be of a smaller window."""
         self._in_tabs, self._decided = True, -1
@@ -59,7 +64,9 @@ class Column(QObject):
                 docks[0].raise_()
                 self._in_tabs = True
         elif not tabs:
-            needed, heights = [self._height(dock) for dock in docks], [dock.height() for dock in docks]
+            heights, needed = [dock.height() for dock in docks], [self._whole(dock) for dock in docks]
+            if sum(needed) > self._decided:
+                needed = [self._height(dock) for dock in docks]
             if all(height >= least for height, least in zip(heights, needed, strict=True)):
                 self._heights = heights
             else:
@@ -77,6 +84,11 @@ class Column(QObject):
     def _height(self, dock: QDockWidget) -> int:
         return max(_least(dock), LINES * self._window.fontMetrics().height()) + self._bar()
 
+    def _whole(self, dock: QDockWidget) -> int:
+        """Height in which nothing of a panel is scrolled."""
+        content = _content(dock)
+        return max(self._height(dock), (content.sizeHint().height() if content is not None else 0) + self._bar())
+
     def _bar(self) -> int:
         """Height of a title, or of the tabs, with what is free around it."""
         return self._window.fontMetrics().height() + BAR
@@ -84,6 +96,10 @@ class Column(QObject):
 
 def _least(dock: QDockWidget) -> int:
     """Height that the content of a panel needs, pixels."""
-    area = dock.widget()
-    content = area.widget() if isinstance(area, QScrollArea) else area
+    content = _content(dock)
     return content.minimumSizeHint().height() if content is not None else 0
+
+
+def _content(dock: QDockWidget) -> QWidget | None:
+    area = dock.widget()
+    return area.widget() if isinstance(area, QScrollArea) else area

@@ -15,9 +15,7 @@ from PySide6.QtWidgets import (
     QApplication,
     QDockWidget,
     QMainWindow,
-    QScrollArea,
     QSplitter,
-    QStyle,
     QWidget,
 )
 
@@ -133,6 +131,7 @@ class Docks(QObject):
         font.setPointSizeF(font.pointSizeF() + 0.01)
         for dock in self.all:
             dock.setFont(font)
+        self._open_sizes = {}  # of text of another size
         self._set_width()
 
     def _set_width(self) -> None:
@@ -226,10 +225,7 @@ class Docks(QObject):
         width = max((other.width() for other in self._beside() if other.isVisible()), default=0)
         views = [shown for index in range(self.views.count()) if (shown := self.views.widget(index)) is not None]
         self._stand_alone(dock, [*self._beside(), *views], but=(dock, view))
-        panel = area.widget() if isinstance(area := dock.widget(), QScrollArea) else None
-        needed = panel.minimumSizeHint().width() if panel is not None else 0
-        bar = self.window.style().pixelMetric(QStyle.PixelMetric.PM_ScrollBarExtent)
-        self.window.resizeDocks([dock], [max(width, needed + bar)], Qt.Orientation.Horizontal)
+        self.window.resizeDocks([dock], [max(width, self._beside_views.width())], Qt.Orientation.Horizontal)
 
     def add_page(self, page: QWidget) -> None:
         """Add what `show_page` shows."""
@@ -263,7 +259,10 @@ class Docks(QObject):
         for other in self._hidden:
             other.show()
         self._hidden = []
-        self._resize(self._open_sizes)
+        if self._open_sizes:
+            self._resize(self._open_sizes)
+        else:
+            self._set_width()
         self.views.setSizes(sizes)
 
     # Kept between starts
@@ -291,3 +290,10 @@ class Docks(QObject):
             elif not dock.isFloating():
                 dock.hide()
         QTimer.singleShot(0, self._beside_views, self._beside_views.decide_anew)
+        QTimer.singleShot(0, self, self._widen)
+
+    def _widen(self) -> None:
+        """Where the arrangement was made with smaller text, its panels may be cut."""
+        docks = [dock for dock in self._beside() if dock.isVisible()]
+        if docks and max(dock.width() for dock in docks) < (needed := self._beside_views.width()):
+            self.window.resizeDocks(docks[:1], [needed], Qt.Orientation.Horizontal)

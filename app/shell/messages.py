@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QFontDatabase
@@ -21,7 +22,10 @@ from degense.widgets import forms
 
 log = logging.getLogger(__name__)
 
-ABOUT = """<h3>DeGense</h3>
+#: Width of a column of shortcuts, characters.
+COLUMN = 42
+
+ABOUT = """<h3>DeGense {version}</h3>
 <p>Reconstructs a surgical video as a 4D Gaussian scene, answers prompts in words, and shows how tissue moved.</p>
 <p><b>For research, not a medical device.</b> Nothing shown here may guide the treatment of a patient.</p>"""
 
@@ -70,7 +74,9 @@ def ask(parent: QWidget, name: str, text: str, choices: Sequence[Choice], detail
 
 
 def show_about(parent: QWidget) -> None:
-    box = QMessageBox(QMessageBox.Icon.NoIcon, "About DeGense", ABOUT, QMessageBox.StandardButton.Ok, parent)
+    box = QMessageBox(
+        QMessageBox.Icon.NoIcon, "About DeGense", ABOUT.format(version=version("degense")), QMessageBox.StandardButton.Ok, parent
+    )
     box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     box.open()
 
@@ -91,18 +97,25 @@ def show_page(parent: QWidget, title: str, html: str) -> QDialog:
 
 
 def show_cheat_sheet(parent: QWidget, sheet: dict[str, list[tuple[str, str]]]) -> QDialog:
-    """All shortcuts, by menu, in three columns."""
-    columns: list[list[str]] = [[] for _ in range(3)]
+    """All shortcuts, by menu, in as many columns as there is room for."""
+    page = forms.named(QTextBrowser(), "Shortcuts")  # whose lines break rather than be cut off
+    dialog = _dialog(parent, "Shortcuts", page, 1000, 680)
+    count = min(3, dialog.width() // (COLUMN * dialog.fontMetrics().averageCharWidth()))
+    page.setHtml(_in_columns(sheet, max(1, count)))
+    return dialog
+
+
+def _in_columns(sheet: dict[str, list[tuple[str, str]]], number: int) -> str:
+    columns: list[list[str]] = [[] for _ in range(number)]
     per_column, count = sum(len(rows) + 2 for rows in sheet.values()) / len(columns), 0
     for menu, rows in sheet.items():
         keys = "".join(f"<tr><td style='padding: 2px 18px 2px 0'><b>{_arrows(key)}</b></td><td>{title}</td></tr>" for key, title in rows)
         place = min(int((count + (len(rows) + 2) / 2) / per_column), len(columns) - 1)
         columns[place].append(f"<h4 style='margin: 8px 0 2px 0'>{menu}</h4><table>{keys}</table>")
         count += len(rows) + 2
-    cells = "".join(f"<td width='33%' style='padding-right: 18px'>{''.join(blocks)}</td>" for blocks in columns)
-    page = forms.named(QTextBrowser(), "Shortcuts")  # whose lines break rather than be cut off
-    page.setHtml(f"<table width='100%'><tr>{cells}</tr></table>")
-    return _dialog(parent, "Shortcuts", page, 1000, 680)
+    share = 100 // len(columns)
+    cells = "".join(f"<td width='{share}%' style='padding-right: 18px'>{''.join(blocks)}</td>" for blocks in columns)
+    return f"<table width='100%'><tr>{cells}</tr></table>"
 
 
 def _arrows(key: str) -> str:

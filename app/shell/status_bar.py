@@ -11,6 +11,10 @@ from PySide6.QtGui import QAction, QIcon
 from PySide6.QtWidgets import QLabel, QMainWindow, QProgressBar, QSizePolicy, QToolBar, QToolButton
 
 from degense.widgets import forms
+from degense.widgets.elided import ElidedLabel
+
+#: Room that hints and messages keep beside the buttons, characters.
+WORDS = 24
 
 
 class StatusBar(QObject):
@@ -21,12 +25,12 @@ class StatusBar(QObject):
         bar = window.statusBar()
         bar.setSizeGripEnabled(False)
         self._links: dict[str, Callable[[], object]] = {}
-        self.hint = forms.label(secondary=True, wrap=False)
-        self.hint.setAccessibleName("What the mouse does here")
-        self.hint.setMinimumWidth(1)
-        bar.addWidget(self.hint, 1)
-        # Qt hides it beneath a message too, but shows it over that when the bar is laid out anew.
-        bar.messageChanged.connect(lambda message: self.hint.setVisible(not message))
+        self.hint = ElidedLabel("What the mouse does here", secondary=True, least=WORDS)
+        self.message = ElidedLabel("Message", least=WORDS)  # what Qt would paint itself, cut without a sign
+        self.message.hide()
+        bar.addPermanentWidget(self.hint, 1)
+        bar.addPermanentWidget(self.message, 1)
+        bar.messageChanged.connect(self._show_message)
         self.notice = forms.complaint()
         self.notice.setAccessibleName("What needs attention")
         self.notice.setTextFormat(Qt.TextFormat.RichText)
@@ -53,6 +57,11 @@ class StatusBar(QObject):
         bar.addPermanentWidget(self.stripe)
         self.set_busy()
         self.set_notice()
+
+    def _show_message(self, text: str) -> None:
+        self.message.setText(text)
+        self.message.setVisible(bool(text))
+        self.hint.setVisible(not text)
 
     def add_button(self, action: QAction) -> None:
         """Add the switch of a panel to the stripe."""

@@ -72,7 +72,7 @@ def moving(name: str, description: str, measure: Measure, unit: Callable[[Scene]
         signed=signed,
         from_zero=not signed,
         of_motion=True,
-        guess="hatched: a guess, the recording does not show how this moved",
+        guess="hatched: a guess, motion not seen",
         since_reference=measure is not speed_of,
     )
 

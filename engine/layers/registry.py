@@ -174,7 +174,7 @@ LAYERS: dict[str, Layer] = {
             _displacement,
             _displacement_splats,
             lambda scene: scene.unit,
-            guess="hatched: a guess, motion differs here and the recording does not show it well",
+            guess="hatched: a guess, motion not seen well",
             from_zero=True,
             of_motion=True,
         ),

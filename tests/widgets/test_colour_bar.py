@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
@@ -100,16 +102,50 @@ def test_choices(bar, heard):
     assert bar.cmap() == "cividis"
 
 
-def test_the_gradient_runs_upwards(show):
-    gradient = show(Gradient(), 140, 300)
+def test_the_gradient_runs_to_the_right(show):
+    gradient = show(Gradient(), 300, 40)
     gradient.cmap = "magma"
-    column = to_array(gradient.grab().toImage())[:, 12].astype(int)
-    table = colour_table("magma").astype(int)
-    inside = column[20:-20]
-    index = [int(np.abs(table - colour).sum(1).argmin()) for colour in inside]
-    assert (np.diff(index) <= 0).all()
-    assert index[0] > 220
-    assert index[-1] < 35
+    index = indices(to_array(gradient.grab().toImage())[4, 2:-2], "magma")
+    assert (np.diff(index) >= 0).all()
+    assert index[0] < 10
+    assert index[-1] > 245
+
+
+def test_the_choice_of_a_map_shows_its_colours(bar):
+    box = named(bar, QComboBox, "Colour map")
+    bar.set_cmap("magma")
+    row = to_array(box.grab().toImage())[box.height() // 2, 10 : box.width() - 40]
+    index = indices(row, "magma")
+    assert (np.diff(index) >= 0).all()
+    assert index[-1] - index[0] > 200
+    assert np.abs(colour_table("magma").astype(int)[index] - row).max() <= 2
+
+
+def test_numbers_of_a_narrow_bar_leave_each_other_room():
+    places: list[tuple[float, float]] = []
+
+    class Painter(QPainter):
+        def drawText(self, place, *args) -> None:
+            places.append((place.left(), place.right()))
+
+    for width in (110, 150, 400):
+        places.clear()
+        gradient = Gradient()
+        gradient.resize(width, 40)
+        gradient.low, gradient.high, gradient.beyond = -1.234, 9.06, (True, True)
+        canvas = QImage(width, 40, QImage.Format.Format_RGB32)
+        with Painter(canvas) as painter:
+            gradient._paint(painter)
+        places.sort()
+        assert places[0][0] >= 0
+        assert places[-1][1] <= width + 1
+        assert all(after > before for (_, before), (after, _) in itertools.pairwise(places))
+        assert len(places) >= (2 if width < 400 else 3)
+
+
+def indices(row: np.ndarray, cmap: str) -> list[int]:
+    """Where in a colour map the colours [n, 3] stand."""
+    return [int(np.abs(colour_table(cmap).astype(int) - colour).sum(1).argmin()) for colour in row.astype(int)]
 
 
 @pytest.mark.parametrize("span", [(0.0, 0.0), (1e-9, 2e-9), (-1e7, 3e8), (5.0, 5.0001)])

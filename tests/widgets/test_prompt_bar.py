@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QColor, QKeySequence
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QMainWindow, QSlider
+from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QMainWindow, QSlider, QWidget
 
 from degense.app.features.prompts.panel import PromptBar
 from degense.app.features.prompts.prompt_row import PromptRow
@@ -33,6 +33,21 @@ def added(bar):
     heard: list = []
     bar.prompt_added.connect(lambda row: heard.append((row, row.text)))
     return heard
+
+
+@pytest.mark.parametrize("width", [210, 240, 400])
+def test_a_name_is_not_cut_for_its_numbers(show, width):
+    around = show(QWidget(), 500, 200)
+    row = PromptRow("gallbladder", QColor("orange"), True, around)
+    row.resize(width, 60)
+    row.show()
+    row.set_answer(0.3, 0.79)
+    QTest.qWait(20)
+    needed = row.fontMetrics().horizontalAdvance("gallbladder")
+    assert row.name.width() >= needed
+    assert row.answer.width() >= row.fontMetrics().horizontalAdvance("30.0% · 0.79")
+    assert (row.answer.y() > row.name.geometry().bottom()) == (width < 300)
+    assert row.rect().contains(row.answer.geometry())
 
 
 def test_enter_adds_a_chip(bar, added, qtbot):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QObject, QPointF, QRectF, Qt
+from PySide6.QtCore import QObject, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
@@ -85,22 +85,23 @@ def paint_tag(painter: QPainter, corner: QPointF, text: str, right_aligned: bool
 
 
 def paint_legend(painter: QPainter, corner: QPointF, entries: Sequence[tuple[str, QColor]], widest: float) -> None:
-    """Names with their colours; `corner` is the lower left one. Names that need more room than `widest` end in dots."""
+    """Names with their colours; `corner` is the lower left one. Names that need more room than `widest` go on in another line."""
     metrics = painter.fontMetrics()
     row, swatch = metrics.height() + 4, metrics.ascent()
-    room = max(round(widest) - swatch - 22, 20)
-    entries = [(metrics.elidedText(name, Qt.TextElideMode.ElideRight, room), colour) for name, colour in entries]
-    width = max(metrics.horizontalAdvance(name) for name, _ in entries) + swatch + 22
-    box = QRectF(corner.x(), corner.y() - row * len(entries) - 6, width, row * len(entries) + 6)
+    flags = Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignLeft | Qt.TextFlag.TextWordWrap
+    room = QRect(0, 0, max(round(widest) - swatch - 22, 20), round(corner.y()))
+    sizes = [metrics.boundingRect(room, int(flags), name).size() for name, _ in entries]
+    height = sum(size.height() + 4 for size in sizes) + 6
+    box = QRectF(corner.x(), corner.y() - height, max(size.width() for size in sizes) + swatch + 22, height)
     _veil(painter, box)
-    aligned = Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft
-    for i, (name, colour) in enumerate(entries):
-        y = box.top() + 3 + i * row
+    y = box.top() + 3
+    for (name, colour), size in zip(entries, sizes, strict=True):
         painter.setPen(Qt.PenStyle.NoPen)
         painter.setBrush(colour)
         painter.drawRoundedRect(QRectF(box.left() + 7, y + (row - swatch) / 2, swatch, swatch), 2, 2)
         painter.setPen(_INK)
-        painter.drawText(QRectF(box.left() + swatch + 14, y, width, row), aligned, name)
+        painter.drawText(QRectF(box.left() + swatch + 14, y + 2, size.width() + 1, size.height()), int(flags), name)
+        y += size.height() + 4
     painter.setBrush(Qt.BrushStyle.NoBrush)
 
 

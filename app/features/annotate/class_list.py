@@ -12,8 +12,6 @@ from PySide6.QtWidgets import QAbstractItemView, QListWidget, QListWidgetItem, Q
 from degense.widgets.colour_menu import colour_menu
 from degense.widgets.qt_images import rgb, to_qimage
 
-SWATCH = 22
-
 
 class ClassList(QListWidget):
     """One row a class, or an object of it. A double click renames; the menu of the right button recolours and adds objects."""
@@ -27,15 +25,20 @@ class ClassList(QListWidget):
         super().__init__(parent)
         self.setAccessibleName("Label classes")
         self.setToolTip("Keys 1 to 9 choose a class; a double click renames it, the right button recolours it or adds another object")
-        self.setIconSize(QSize(SWATCH, SWATCH - 6))
         self.setEditTriggers(QAbstractItemView.EditTrigger.DoubleClicked | QAbstractItemView.EditTrigger.EditKeyPressed)
         self.currentRowChanged.connect(lambda row: self.chosen.emit(row) if row >= 0 else None)
         self.itemChanged.connect(self._item_changed)
         self.names: list[str] = []
 
+    def swatch_size(self) -> QSize:
+        """Of the swatch of a class, in which its key is written."""
+        line = self.fontMetrics().height()
+        return QSize(line + 6, line)
+
     def set_classes(self, classes: Sequence[tuple[str, np.ndarray]]) -> None:
         """Show these: names, and swatches uint8 RGBA [h, w, 4]. The current row stays where it can."""
         row = self.currentRow()
+        self.setIconSize(self.swatch_size())
         self.names = [name for name, _ in classes]
         with QSignalBlocker(self):
             self.clear()

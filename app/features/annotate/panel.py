@@ -7,7 +7,7 @@ from functools import partial
 from math import log2
 
 import numpy as np
-from PySide6.QtCore import QSignalBlocker, Qt
+from PySide6.QtCore import QEvent, QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QButtonGroup,
     QComboBox,
@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from degense.app.features.annotate.class_list import SWATCH, ClassList
+from degense.app.features.annotate.class_list import ClassList
 from degense.app.features.annotate.review_table import ClassStatistics, ReviewQueue
 from degense.app.features.annotate.state import AnnotationState
 from degense.app.features.annotate.tool import TOOLS
@@ -29,6 +29,7 @@ from degense.engine.annotation.overlay import label_overlay
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.widgets import forms
+from degense.widgets.elided import ElidedLabel
 from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import ARROWS, TYPING, keep_keys
 
@@ -66,7 +67,7 @@ class AnnotationPanel(QWidget):
         self._status = self._combo("How far the review of this frame is")
         self._status.addItems(STATUSES)
         self._status.activated.connect(lambda row: self._attempt(lambda: state.set_status(STATUSES[row])))
-        self.frame, self.summary = _line(), _line(secondary=True)
+        self.frame, self.summary = ElidedLabel("Frame"), ElidedLabel("Review", secondary=True)
         self.queue, self.statistics = ReviewQueue(state), ClassStatistics(shell, state)
         pages = forms.tabs(Paint=self._paint_page(), Review=self._review_page(), Statistics=self.statistics)
         forms.column(forms.row((self.frame, 1), self._status), (pages, 1), parent=self).setContentsMargins(8, 6, 8, 6)
@@ -75,7 +76,8 @@ class AnnotationPanel(QWidget):
     def _paint_page(self) -> QWidget:
         page = QWidget()
         forms.column(
-            forms.row(*self._tool_buttons(), 8, (self._slider, 1), self._size, spacing=2),
+            forms.row(*self._tool_buttons(), 0, spacing=2),
+            forms.row(QLabel("Size"), (self._slider, 1), self._size),
             (self.classes, 1),
             self._new,
             forms.row(QLabel("Paint only inside"), (self._lock, 1)),
@@ -146,9 +148,15 @@ class AnnotationPanel(QWidget):
 
     # State
 
+    def changeEvent(self, event: QEvent) -> None:
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.FontChange and hasattr(self, "_lock"):  # also called from the base class's constructor
+            self.show_classes()
+
     def show_classes(self) -> None:
         classes = self.state.work.classes if self.state.work is not None else ()
-        swatch = np.arange(len(classes), dtype=np.uint8)[:, None, None].repeat(SWATCH - 6, 1).repeat(SWATCH, 2)
+        size = self.classes.swatch_size()
+        swatch = np.arange(len(classes), dtype=np.uint8)[:, None, None].repeat(size.height(), 1).repeat(size.width(), 2)
         self.classes.set_classes([(kind.title, _lit(label_overlay(swatch[index], classes))) for index, kind in enumerate(classes)])
         current = self._lock.currentData()
         self._lock.clear()
@@ -190,20 +198,11 @@ class AnnotationPanel(QWidget):
         doubtful = sum(proposal.doubtful for proposal in waiting)
         proposals = f"; {len(waiting)} wait for an answer, {doubtful} of them doubtful" if waiting else ""
         self.summary.setText(f"{work.count} frames: {', '.join(counts)}{proposals}")
-        self.summary.setToolTip(self.summary.text())
 
     def describe(self, text: str, status: str) -> None:
         """What is said of the frame that is shown."""
         self.frame.setText(text)
-        self.frame.setToolTip(text)
         self._status.setCurrentText(status)
-
-
-def _line(secondary: bool = False) -> QLabel:
-    """A text that is cut where there is no room: wrapped ones would make the whole panel taller than its least height."""
-    label = forms.label(secondary=secondary, wrap=False)
-    label.setMinimumWidth(1)
-    return label
 
 
 def _lit(overlay: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from degense.engine.annotation.annotations import Record
 from degense.engine.annotation.statistics import class_counts, pixel_counts
 from degense.engine.progress import Steps
 from degense.widgets import forms
+from degense.widgets.elided import ElidedLabel
 from degense.widgets.keys import ARROWS, keep_keys
 
 
@@ -63,8 +64,7 @@ class ClassStatistics(QWidget):
         self.table = forms.table("Statistics of the classes", ["Class", "Frames", "Pixels", "Share"])
         for column in (1, 2, 3):
             self.table.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.ResizeToContents)
-        self.total = forms.label(name="Labelled frames", secondary=True, wrap=False)
-        self.total.setMinimumWidth(1)
+        self.total = ElidedLabel("Labelled frames", secondary=True)
         forms.column(self.table, self.total, parent=self)
         self._counts: dict[int, tuple[object, np.ndarray]] = {}
         shell.worker.add_channel("label statistics", 61)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
+    QComboBox,
     QDialogButtonBox,
     QFormLayout,
     QLabel,
@@ -47,6 +48,8 @@ POSE_WORDS = (
 AXES_WORDS = (("llff", "down, right, back (as defined)"), ("opencv", "right, down, forward (some converters)"))
 #: Changes that follow each other this closely are one reading of the clip, milliseconds.
 PATIENCE_MS = 350
+#: Of what was found, beside the frame: characters, and the largest share of the screen.
+WIDTH, WIDEST = 58, 0.6
 
 
 class CheckDialog(forms.Dialog):
@@ -77,6 +80,10 @@ class CheckDialog(forms.Dialog):
             "poses": forms.choice("Camera", POSE_WORDS),
             "pose_axes": forms.choice("Axes of the poses", AXES_WORDS),
         }
+        for control in self.controls.values():
+            if isinstance(control, QComboBox):  # whose longest words would need more than all width with large text
+                control.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+                control.setMinimumContentsLength(14)
         self.buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Cancel)
         self.use = self.buttons.addButton("Use these answers", QDialogButtonBox.ButtonRole.AcceptRole)
         self.buttons.accepted.connect(self.accept)
@@ -97,7 +104,7 @@ class CheckDialog(forms.Dialog):
         return {name: value for name, value in chosen.items() if value != defaults[name]}
 
     def _place(self) -> None:
-        left = forms.column((self.panel, 1), forms.row(self.aspect, (self.frame, 1), self.frame_words), margin=0)
+        left = forms.column((self.panel, 1), self.aspect, forms.row((self.frame, 1), self.frame_words), margin=0)
         inside = QWidget()
         form = QVBoxLayout(inside)
         form.setSpacing(2)
@@ -117,7 +124,7 @@ class CheckDialog(forms.Dialog):
         form.addStretch(1)
         area = scrolled(inside)
         area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        area.setFixedWidth(410)
+        area.setFixedWidth(min(WIDTH * self.fontMetrics().averageCharWidth(), round(WIDEST * self.screen().availableSize().width())))
         forms.column((forms.row((left, 1), area), 1), self.complaint, self.buttons, margin=9, parent=self)
 
     def _section(self, column: QVBoxLayout, title: str, aspect: str, rows: tuple[tuple[str, str], ...]) -> None:

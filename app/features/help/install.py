@@ -19,7 +19,7 @@ class LogView(QPlainTextEdit):
     line = Signal(str)
 
     def __init__(self) -> None:
-        super().__init__(readOnly=True, maximumBlockCount=2000)
+        super().__init__(readOnly=True, maximumBlockCount=2000, placeholderText="Nothing to tell yet.")
         self.setAccessibleName("Log")
         self.line.connect(self.appendPlainText)
         self._handler = _Handler(self.line)

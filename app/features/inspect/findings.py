@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 
 #: What the value of a finding is; the probe shows that of a single pixel.
+#: What is said while nothing is listed, and where there is nothing to search for.
+HINT = "Show a layer of motion, such as displacement, speed or spurious warp; Find then lists where it is largest."
 STATISTICS = {"frames": "99th percentile", "places": "Mean around"}
 
 
@@ -47,7 +49,8 @@ class Findings(QObject):
         side = forms.column(self._kinds, find, self._note, 0, margin=0)
         forms.row(side, (self.table, 1), parent=panel).setContentsMargins(6, 0, 6, 6)
         self.dock = self.shell.add_dock("Findings", panel)
-        self._say("")
+        self._say(HINT)
+        self._list()
         self.session.opened.connect(self._clear)
         self.session.view_state_changed.connect(self._view_state_changed)
 
@@ -67,7 +70,7 @@ class Findings(QObject):
     def search(self) -> None:
         scene, view_state = self.session.scene, self.session.view_state
         if scene is None or not self.can_search():
-            self._say("Show a layer of motion first, such as displacement, speed or spurious warp.")
+            self._say(HINT)
             return
         from degense.engine.layers.ranking import rank
 
@@ -114,7 +117,7 @@ class Findings(QObject):
     def _clear(self) -> None:
         self.worker.cancel("rank")
         self.ranking = None
-        self._say("")
+        self._say(HINT)
         self._list()
 
     def _view_state_changed(self, before: ViewState, after: ViewState) -> None:

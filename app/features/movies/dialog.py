@@ -7,7 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtWidgets import QCheckBox, QDialogButtonBox, QFormLayout, QGridLayout, QPushButton, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QCheckBox, QDialogButtonBox, QFormLayout, QGridLayout, QPushButton, QStyle, QWidget
 
 from degense.app.features.anonymise.anonymity import Anonymity
 from degense.app.features.anonymise.box import AnonymiseBox
@@ -18,12 +19,13 @@ from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.widgets import forms
 from degense.widgets.keys import PRESS, keep_keys
+from degense.widgets.scrolling import scrolled
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
 
 SURGEON, FLIGHT, FLIGHT_WHOLE = "surgeon", "kept", "whole"
-COLUMNS = 3  # of the layers
+COLUMNS = 3  # of the layers, where there is room
 
 
 class MovieDialog(forms.Dialog):
@@ -39,7 +41,7 @@ class MovieDialog(forms.Dialog):
         ask_save: Callable[[str, str, str], Path | None],
         write: Callable[[Path, MovieOptions, Anonymity], None],
     ) -> None:
-        super().__init__(parent, "movie", "Movie", 560, 330)
+        super().__init__(parent, "movie", "Movie", 560, 420)
         self._scene, self._view_state, self._stops, self._ask_save, self._write = scene, view_state, stops, ask_save, write
         self.anonymise = anonymise
         self.layers = self._layer_boxes()
@@ -64,7 +66,11 @@ class MovieDialog(forms.Dialog):
         self.start.setDefault(True)
         self.start.clicked.connect(self._save)
         buttons.addButton(self.start, QDialogButtonBox.ButtonRole.ActionRole)
-        forms.column(self._form(twice), self.sentence, self.complaint, 0, buttons, margin=12, parent=self)
+        form = self._form(twice)
+        area = scrolled(form)
+        area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        area.setMinimumWidth(form.minimumSizeHint().width() + self.style().pixelMetric(QStyle.PixelMetric.PM_ScrollBarExtent))
+        forms.column((area, 1), self.sentence, self.complaint, buttons, margin=12, parent=self)
         self.camera.currentIndexChanged.connect(self._propose_fps)
         fields: tuple[QWidget, ...] = (self.camera, self.picture_width, self.picture_height, self.fps, self.titled)
         for control in (*self.layers.values(), *fields):
@@ -91,20 +97,24 @@ class MovieDialog(forms.Dialog):
             keep_keys(box, PRESS)
         return boxes
 
-    def _form(self, twice: QWidget) -> QFormLayout:
-        sizes, boxes, form = QWidget(), QWidget(), QFormLayout()
+    def _form(self, twice: QWidget) -> QWidget:
+        sizes, boxes, page = QWidget(), QWidget(), QWidget()
+        form = QFormLayout(page)
+        form.setContentsMargins(0, 0, 0, 0)
         forms.row(self.picture_width, forms.label("×", wrap=False), self.picture_height, twice, 0, spacing=6, parent=sizes)
         grid = QGridLayout(boxes)
         grid.setContentsMargins(0, 0, 0, 0)
         blends, alone = ([box for name, box in self.layers.items() if ("+" in name) is blend] for blend in (True, False))
+        room = self.screen().availableSize().width() - 2 * self.fontMetrics().horizontalAdvance("Frames a second")
+        columns = min(COLUMNS, max(1, room // max(box.sizeHint().width() + grid.horizontalSpacing() for box in alone)))
         for place, box in enumerate(alone):
-            grid.addWidget(box, place // COLUMNS, place % COLUMNS)
-        for row, box in enumerate(blends, -(-len(alone) // COLUMNS)):
-            grid.addWidget(box, row, 0, 1, COLUMNS)
+            grid.addWidget(box, place // columns, place % columns)
+        for row, box in enumerate(blends, -(-len(alone) // columns)):
+            grid.addWidget(box, row, 0, 1, columns)
         rows = (("Show", boxes), ("From", self.camera), ("Each picture", sizes), ("Frames a second", self.fps), ("With", self.titled))
         for words, field in (*rows, ("Anonymise", self.anonymise)):
             form.addRow(words, field)
-        return form
+        return page
 
     def options(self) -> MovieOptions:
         """What is chosen. DegenseError when it cannot be."""

@@ -13,6 +13,8 @@ from degense.widgets.glyphs import GlyphButton
 from degense.widgets.keys import PRESS, keep_keys
 
 RIGHT_MARGIN = 4
+#: Area and confidence at their longest.
+WIDEST = "100.0% · 1.00"
 
 
 class _Swatch(forms.Painted, QToolButton):
@@ -76,8 +78,9 @@ class PromptRow(QFrame):
         layout.setColumnStretch(1, 1)
         for column, widget in enumerate((self._swatch, self.name, self.answer, self._sign, self._eye, self._cross)):
             layout.addWidget(widget, 0, column)
-        layout.addWidget(self._complaint, 1, 1, 1, 5)
-        layout.addWidget(self._note, 2, 1, 1, 5)
+        layout.addWidget(self._complaint, 2, 1, 1, 5)
+        layout.addWidget(self._note, 3, 1, 1, 5)
+        self._grid, self._apart = layout, False
         self._show_eye()
         self._show_sign()
 
@@ -125,7 +128,16 @@ class PromptRow(QFrame):
         self._make_room()
 
     def _make_room(self) -> None:
-        """Height for all lines of the complaint: a layout asks a wrapped label for its height before it has its width."""
+        """Area and confidence stand below the name where both have no room beside each other. Height for all lines of the complaint: a
+        layout asks a wrapped label for its height before it has its width.
+        """
+        metrics = self.fontMetrics()
+        beside = self._sign.x() - self.name.x() - 2 * self._grid.horizontalSpacing()
+        apart = metrics.horizontalAdvance(self.name.text()) + metrics.horizontalAdvance(WIDEST) > beside
+        if apart != self._apart:
+            self._apart = apart
+            self._grid.removeWidget(self.answer)
+            self._grid.addWidget(self.answer, *((1, 1, 1, 5) if apart else (0, 2)))
         width = self.width() - self.name.x() - RIGHT_MARGIN
         self._complaint.setMinimumHeight(0)  # which `heightForWidth` would count in
         self._complaint.setMinimumHeight(self._complaint.heightForWidth(width) if self.error else 0)

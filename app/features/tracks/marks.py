@@ -10,6 +10,7 @@ import numpy as np
 from PySide6.QtCore import QLineF, QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPen
 
+from degense.widgets.frame.panel_marks import paint_tag
 from degense.widgets.frame.panel_tools import PanelTool
 from degense.widgets.frame.panel_zoom import PanelZoom
 from degense.widgets.theme import faded
@@ -29,7 +30,7 @@ class Mark(NamedTuple):
 
 
 def paint_mark(painter: QPainter, zoom: PanelZoom, mark: Mark, chosen: bool) -> None:
-    """A disc, a ring where the point is hidden, with a ring around it when it is chosen; its trail fades."""
+    """A disc with its number, a ring where the point is hidden, with a ring around it when it is chosen; its trail fades."""
     ends = [zoom.to_widget(QPointF(*place)) for place in mark.trail]
     for step, (start, end) in enumerate(pairwise(ends), 1):
         painter.setPen(QPen(faded(mark.colour, 255 * step // len(ends)), 2.0))
@@ -43,6 +44,7 @@ def paint_mark(painter: QPainter, zoom: PanelZoom, mark: Mark, chosen: bool) -> 
         painter.setBrush(mark.colour)
         painter.drawEllipse(ends[-1], RADIUS, RADIUS)
         painter.setBrush(Qt.BrushStyle.NoBrush)
+    paint_tag(painter, ends[-1] + QPointF(2 * RADIUS, -painter.fontMetrics().height() - RADIUS), str(mark.number))
 
 
 def paint_known(painter: QPainter, zoom: PanelZoom, known: np.ndarray, found: np.ndarray) -> None:

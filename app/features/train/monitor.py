@@ -130,12 +130,13 @@ class TrainingMonitor(QWidget):
         self._clear()
         self._enter("idle", "No training is running")
         self.set_running((), -1)
-        self._heading.setText("Training")
+        self._heading.hide()
 
     def start(self, title: str = "") -> None:
         """A run begins: empty curves, unknown progress."""
         self._clear()
-        self._heading.setText(title or "Training")
+        self._heading.setText(title)
+        self._heading.setVisible(bool(title))
         self._bar.setRange(0, 0)
         self._enter("running", "Starting…")
 

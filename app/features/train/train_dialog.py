@@ -22,6 +22,7 @@ from degense.engine.errors import DegenseError
 from degense.engine.files import free_path
 from degense.engine.semantics.teachers import default_teacher, teacher_choices
 from degense.widgets import forms
+from degense.widgets.scrolling import scrolled
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
@@ -67,7 +68,7 @@ class TrainDialog(forms.Dialog):
         self.buttons.rejected.connect(self.reject)
         self.reset.clicked.connect(lambda: self.fill({}))
         forms.column(
-            (forms.tabs(Choices=self._choices(), All_settings=self.table), 1),
+            (forms.tabs(Choices=scrolled(self._choices()), All_settings=self.table), 1),
             self.cost,
             self.complaint,
             self.buttons,

@@ -53,7 +53,7 @@ class Viewer(QObject):
         self.panel.tool_chosen.connect(shell.statusBar().clearMessage)  # which would hide what the tool wants
         #: The 3D view. It comes once the window is on the screen.
         self.splats: SplatView | None = None
-        self.bars = [ViewBar(self.panel)]  # the colour bar in each view
+        self.bar = ViewBar(self.panel)  # of the colours in both views
         _LayerDigits(self.panel)
         shell.docks.views.addWidget(self.panel)
         shell.installEventFilter(self)
@@ -95,7 +95,6 @@ class Viewer(QObject):
         self.splats = splats = SplatView(draw_snapshot)
         self.set_background()
         views.insertWidget(0, splats)
-        self.bars.append(ViewBar(splats))
         views.setStretchFactor(0, 1)
         views.setStretchFactor(1, 1)
         views.setSizes([1000, 1000])
@@ -167,7 +166,7 @@ class Viewer(QObject):
         self.view = view
         self.fill(self.panel, view, keep_overlay=same_frame)
         self.drawn.emit(view)
-        self._show_bars(view)
+        self._show_bar(view)
         if view.complete:
             self.panel.repaint()  # at once: all that follows from it can wait
         # A changed view state waits for its masks: the 3D view would be drawn twice, and the worker would do it before them.
@@ -206,19 +205,16 @@ class Viewer(QObject):
             legend.append((view.uncertain, QColor(*UNKNOWN)))
         panel.marks.set_legend(legend)
 
-    def _show_bars(self, view: View) -> None:
-        """The colour bar in both views."""
+    def _show_bar(self, view: View) -> None:
         title = get_layer(view.layer).title
-        for bar in self.bars:
-            if view.span is None:
-                bar.hide()
-            else:
-                bar.show_range(f"{title} [{view.unit}]" if view.unit else title, *view.span, view.cmap, view.beyond)
+        if view.span is None:
+            self.bar.hide()
+        else:
+            self.bar.show_range(f"{title} [{view.unit}]" if view.unit else title, *view.span, view.cmap, view.beyond)
 
     def _failed(self, message: str) -> None:
         self.view = None
-        for bar in self.bars:
-            bar.hide()
+        self.bar.hide()
         self.panel.set_image(None)
         self.panel.set_overlay(None)
         self.panel.set_message(message)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtWidgets import QFrame, QLabel, QWidget
+from PySide6.QtCore import QEvent, QObject, QSize, Qt
+from PySide6.QtWidgets import QFrame, QWidget
 
 from degense.widgets import forms
 from degense.widgets.colour_bar import Gradient
+from degense.widgets.elided import ElidedLabel
 
-_EDGE, _HEIGHT = 8, 124
+_EDGE = 8
 
 
 class ViewBar(QFrame):
-    """Lies in the upper right corner of the widget that it is given, below its note where there is no room, and lets the mouse through."""
+    """Lies in the upper right corner of a widget, below the words in the other corner where it is wide, and lets the mouse
+    through.
+    """
 
     def __init__(self, host: QWidget) -> None:
         super().__init__(host)
@@ -20,9 +23,8 @@ class ViewBar(QFrame):
         self.setObjectName("viewBar")
         self.setAccessibleName("Colour bar in the view")
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        self._title, self._gradient = forms.label(wrap=False), Gradient(12)
-        self._gradient.setFixedHeight(_HEIGHT)
-        forms.column(self._title, self._gradient, margin=_EDGE, spacing=0, parent=self)
+        self._title, self._gradient = ElidedLabel(), Gradient()
+        forms.column(self._title, self._gradient, margin=_EDGE, spacing=2, parent=self)
         host.installEventFilter(self)
         self.hide()
 
@@ -42,9 +44,7 @@ class ViewBar(QFrame):
         return False
 
     def _stay(self) -> None:
-        self.adjustSize()
-        left, top = self._host.width() - self.width() - _EDGE, _EDGE
-        note = self._host.findChild(QLabel, "viewNote")
-        if note is not None and not note.isHidden() and left <= note.geometry().right() + _EDGE:
-            top += note.geometry().bottom() + 1
-        self.move(left, top)
+        room = self._host.width() - 2 * _EDGE
+        self.resize(self.sizeHint().boundedTo(QSize(room, self._host.height())))
+        below = self.width() > room / 2
+        self.move(self._host.width() - self.width() - _EDGE, _EDGE + below * (self.fontMetrics().height() + _EDGE))

@@ -29,12 +29,13 @@ def install(shell: Shell) -> None:
     show_tour = partial(_show_tour, shell)
     shell.add_actions(Action("help.tour", "Tour", show_tour, ("Help",), (), shell.session.has_scene, help="introduction first steps"))
     samples.arranged.connect(lambda task: None if shell.settings.value.toured else show_tour())
-    _add_page(shell, documents, samples)
-    if viewer := shell.service(Viewer):
+    viewer = shell.service(Viewer)
+    _add_page(shell, documents, samples, viewer)
+    if viewer is not None:
         _keep_pictures(shell, documents, viewer)
 
 
-def _add_page(shell: Shell, documents: Documents, samples: Samples) -> None:
+def _add_page(shell: Shell, documents: Documents, samples: Samples, viewer: Viewer | None) -> None:
     """The page stands where the views are, while nothing is open."""
     ways = (
         ("Open a clip", "A folder with frames", documents.ask_for_clip),
@@ -55,7 +56,10 @@ def _add_page(shell: Shell, documents: Documents, samples: Samples) -> None:
 
     def show() -> None:
         if shell.session.frames > 0:
+            focused = shell.focusWidget()
             shell.docks.rejoin(page)
+            if focused is not None and page.isAncestorOf(focused) and viewer is not None:
+                viewer.panel.setFocus()  # else the keyboard goes to what Tab comes to next, a button of the drawer
         elif not page.isVisibleTo(shell):
             page.set_recent(shell.settings.value.recent)
             shell.docks.show_page(page)
@@ -105,7 +109,7 @@ def _show_tour(shell: Shell) -> None:
         ),
         Stop(
             "Everything else",
-            "Curves, findings, areas and training open here. Ctrl+K finds every action by its name, and F1 says what the layers show.",
+            "Curves, findings, areas and training open here. Ctrl+K finds every action by its name, and F1 opens the guide.",
             lambda: shell.status.stripe,
         ),
     )

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QIcon, QPixmap
-from PySide6.QtWidgets import QCommandLinkButton, QFrame, QLabel, QListWidget, QListWidgetItem, QScrollArea, QWidget
+from PySide6.QtGui import QFont, QFontMetrics, QIcon, QPainter, QPixmap
+from PySide6.QtWidgets import QFrame, QLabel, QListWidget, QListWidgetItem, QPushButton, QScrollArea, QWidget
 
 from degense.app.features.welcome.thumbnails import HEIGHT, WIDTH, thumbnail
 from degense.widgets import forms
@@ -16,6 +16,8 @@ from degense.widgets.keys import ARROWS, PRESS, keep_keys
 #: A button: its title, what it is good for, and what it does.
 Entry = tuple[str, str, Callable[[], object]]
 _PATH = Qt.ItemDataRole.UserRole
+#: Around the text of a button, pixels.
+EDGE = 8
 
 
 class WelcomePage(QScrollArea):
@@ -42,8 +44,19 @@ class WelcomePage(QScrollArea):
         self.recent.itemActivated.connect(self._choose)
         self.recent.itemClicked.connect(self._choose)
         self.nothing = forms.label("What you open appears here.", secondary=True)
-        left = forms.column(_heading("Begin"), *self.ways, 8, _heading("Try it on the demo"), *self.tasks, 8, self.tour, 0, spacing=2)
-        right = forms.column(_heading("Opened lately"), self.nothing, (self.recent, 100), 0, spacing=2)
+        left = forms.column(
+            _heading("Begin"),
+            *self.ways,
+            8,
+            _heading("Try it on the demo"),
+            *self.tasks,
+            8,
+            forms.row(self.tour, 0),
+            0,
+            margin=0,
+            spacing=2,
+        )
+        right = forms.column(_heading("Opened lately"), self.nothing, (self.recent, 100), 0, margin=0, spacing=2)
         content = QWidget()
         columns = forms.row((left, 4), (right, 5), spacing=36)
         forms.column(_title(), (columns, 1), margin=24, spacing=14, parent=content)
@@ -68,22 +81,50 @@ class WelcomePage(QScrollArea):
         self.chosen.emit(item.data(_PATH))
 
 
-def _link(title: str, help_: str, run: Callable[[], object]) -> QCommandLinkButton:
-    button = QCommandLinkButton(title, help_)
-    forms.named(button, f"{title}: {help_}")
-    button.setIconSize(QSize(0, 0))
-    button.setAutoDefault(True)  # Enter presses it too
+class _Link(forms.Painted, QPushButton):
+    """A button of two lines, its title and what it is good for; text of a `QCommandLinkButton` is of one size."""
+
+    def __init__(self, title: str, help_: str) -> None:
+        super().__init__(title)
+        self._help = help_
+        forms.named(self, f"{title}: {help_}")
+        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
+        self.setAutoDefault(True)  # Enter presses it too
+        keep_keys(self, PRESS)
+
+    def _bold(self) -> QFont:
+        font = QFont(self.font())
+        font.setBold(True)
+        return font
+
+    def sizeHint(self) -> QSize:
+        width = max(QFontMetrics(self._bold()).horizontalAdvance(self.text()), self.fontMetrics().horizontalAdvance(self._help))
+        return QSize(width + 2 * EDGE, 2 * self.fontMetrics().height() + 2 * EDGE)
+
+    def minimumSizeHint(self) -> QSize:
+        return self.sizeHint()
+
+    def _paint(self, painter: QPainter) -> None:
+        palette, inside = self.palette(), self.rect().adjusted(EDGE, EDGE, -EDGE, -EDGE)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(palette.color(palette.ColorRole.Accent) if self.hasFocus() else Qt.PenStyle.NoPen)
+        painter.setBrush(palette.color(palette.ColorRole.Midlight) if self.underMouse() or self.isDown() else Qt.BrushStyle.NoBrush)
+        painter.drawRoundedRect(self.rect().adjusted(1, 1, -2, -2), 4, 4)
+        painter.setPen(palette.color(palette.ColorRole.WindowText))
+        painter.drawText(inside, Qt.AlignmentFlag.AlignBottom, self._help)
+        painter.setFont(self._bold())
+        painter.drawText(inside, Qt.AlignmentFlag.AlignTop, self.text())
+
+
+def _link(title: str, help_: str, run: Callable[[], object]) -> _Link:
+    button = _Link(title, help_)
     button.clicked.connect(lambda checked: run())
-    keep_keys(button, PRESS)
     return button
 
 
 def _title() -> QLabel:
-    title = forms.label("DeGense")
-    font = title.font()
-    font.setPointSizeF(2.2 * font.pointSizeF())
-    title.setFont(font)
-    return title
+    """As large as text of the window makes it."""
+    return QLabel("<span style='font-size: xx-large'>DeGense</span>", textFormat=Qt.TextFormat.RichText)
 
 
 def _heading(text: str) -> QLabel:
@@ -96,8 +137,6 @@ def _heading(text: str) -> QLabel:
 
 def _framed(picture: QPixmap) -> QPixmap:
     """The picture in the middle of one that is always of the same size, so that names stand below each other."""
-    from PySide6.QtGui import QPainter
-
     framed = QPixmap(WIDTH, HEIGHT)
     framed.fill(Qt.GlobalColor.transparent)
     if not picture.isNull():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QFrame, QWidget
+from PySide6.QtWidgets import QDockWidget, QFrame, QWidget
 
 from degense.widgets import forms
 
@@ -71,6 +71,9 @@ class Tour(QFrame):
         self._words.setMinimumHeight(self._words.heightForWidth(self._words.width()))
         self._count.setText(f"{self._at + 1} of {len(self._stops)}")
         self.setAccessibleDescription(f"{stop.title}. {stop.words}")
+        if isinstance(panel := stop.where(), QDockWidget):
+            panel.raise_()  # from behind its neighbours in tabs
+            QTimer.singleShot(0, self, self._place)
         self.back.setEnabled(self._at > 0)
         self.next.setText("Done" if self._at == len(self._stops) - 1 else "Next")
         self._place()

@@ -7,12 +7,15 @@ import json
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QLineF, QPoint, QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QImage, QPainter
 from PySide6.QtWidgets import QFileDialog, QMessageBox
 
 from degense.app.cli.main import main
+from degense.app.features.tracks.marks import Mark, paint_mark
 from degense.engine.scene.tracks import follow_points
 from degense.widgets import forms
+from degense.widgets.frame.render_panel import RenderPanel
 from tests.app import installed as on
 
 LEFT = Qt.MouseButton.LeftButton
@@ -180,3 +183,26 @@ def test_exported_tracks_come_back_and_are_scored(tracked, idle, tmp_path, monke
     idle()
     assert tracking.scores.text() == words
     assert "says of no point where it is" in tracked.findChild(QMessageBox, "error").text()
+
+
+@pytest.mark.parametrize("visible", [True, False])
+def test_a_mark_has_the_number_of_its_row(qapp, visible):
+    """Beside the point, as in 3D and in the table."""
+    drawn: list[tuple[QRectF, str]] = []
+
+    class Painter(QPainter):
+        def drawText(self, place, flags, text) -> None:
+            drawn.append((place, text))
+
+    canvas = QImage(200, 100, QImage.Format.Format_RGB32)
+    panel = RenderPanel()
+    panel.resize(200, 100)
+    panel.set_image(np.zeros((100, 200, 3), np.uint8))
+    with Painter(canvas) as painter:
+        paint_mark(painter, panel.zoom, Mark(7, QColor("red"), np.array([[10.0, 10.0], [60.0, 50.0]]), visible), chosen=False)
+    [(place, text)] = drawn
+    at = panel.zoom.to_widget(QPointF(60.0, 50.0))
+    assert text == "7"
+    assert not place.contains(at)
+    assert QLineF(place.center(), at).length() < 40
+    panel.deleteLater()

@@ -135,6 +135,33 @@ def test_every_control_of_every_panel_can_be_reached(qtbot, opened, qapp, idle, 
     assert (opened.width(), opened.height()) == size
 
 
+@pytest.mark.parametrize("resized", ["on the welcome page", "after the run was saved"])
+def test_the_column_is_as_wide_as_larger_text_needs(qtbot, window, qapp, idle, run, resized):
+    """Where no panel was open as the text became larger, and where a run was saved with smaller text."""
+    window.resize(1024, 700)
+    try:
+        if resized == "after the run was saved":
+            on.documents(window).open_path(run)
+            idle()
+            window.session.view.add_prompt("liver")
+            window.registry.run("file.save")
+            idle()
+            window.registry.run("file.close")
+        apply_text_size(qapp, 2.0)
+        qtbot.wait(100)
+        on.documents(window).open_path(run)
+        idle()
+        qtbot.wait(100)
+        window.session.view.set_layer("displacement")
+        window.session.view.add_prompt("gallbladder")
+        idle()
+        for name in ("Layers", "Prompts"):
+            look_into(window, on.dock(window, name), qtbot)
+        assert (window.width(), window.height()) == (1024, 700)
+    finally:
+        apply_text_size(qapp, 1.0)
+
+
 def test_panels_stand_in_tabs_where_there_is_no_room_for_both(qtbot, opened, idle):
     """And below each other again where there is; a prompt that is added moves nothing."""
     layers, prompts = on.dock(opened, "Layers"), on.dock(opened, "Prompts")

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QAbstractButton, QDialog, QLabel, QTableWidget, QTabWidget, QWidget
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QScreen
+from PySide6.QtWidgets import QAbstractButton, QDialog, QLabel, QScrollArea, QTableWidget, QTabWidget, QWidget
 
+from degense.app.features.welcome.page import WelcomePage
 from degense.widgets.qt_images import to_array
 from degense.widgets.theme import apply_text_size
 from tests.app import installed as on
@@ -66,22 +68,60 @@ def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
     qtbot.waitUntil(lambda: opened.fontMetrics().height() == before)
 
 
-@pytest.mark.parametrize("action", ["export.labels", "export.movie", "export.report", "train.start", "file.search", "edit.preferences"])
-def test_dialogs_at_twice_the_size(qtbot, opened, qapp, usual_size, action, screenshot):
+DIALOGS = (
+    *("export.labels", "export.movie", "export.report", "file.share", "train.start", "train.runs", "file.search", "edit.preferences"),
+    *("help.keys", "help.layers"),
+)
+
+
+@pytest.fixture
+def small_screen(monkeypatch):
+    """As if the screen were one of 1024 × 700."""
+    monkeypatch.setattr(QScreen, "availableSize", lambda screen: QSize(1024, 700))
+    return QSize(1024, 700)
+
+
+def look_at(dialog: QDialog, screen: QSize) -> None:
+    assert not cut(dialog)
+    least = dialog.minimumSizeHint()
+    assert max(dialog.width(), least.width()) <= screen.width(), least
+    assert max(dialog.height(), least.height()) <= screen.height(), least
+
+
+@pytest.mark.parametrize("action", DIALOGS)
+def test_dialogs_at_twice_the_size(qtbot, opened, qapp, usual_size, small_screen, action, screenshot):
+    """They fit the screen, and nothing in them is cut."""
     apply_text_size(qapp, 2.0)
     opened.registry.run(action)
     [dialog] = [dialog for dialog in opened.findChildren(QDialog) if dialog.isVisible()]
     screenshot(dialog, f"dialog-200-{action}")
-    assert not cut(dialog)
+    look_at(dialog, small_screen)
+    dialog.reject()
+
+
+def test_the_check_of_a_clip_at_twice_the_size(qtbot, window, tiny_clip, qapp, idle, usual_size, small_screen, screenshot):
+    on.documents(window).open_path(tiny_clip)
+    idle()
+    apply_text_size(qapp, 2.0)
+    window.registry.run("file.check")
+    idle()
+    [dialog] = [dialog for dialog in window.findChildren(QDialog) if dialog.isVisible()]
+    screenshot(dialog, "dialog-200-check")
+    look_at(dialog, small_screen)
+    area = dialog.findChild(QScrollArea)
+    assert area.widget().minimumSizeHint().width() <= area.viewport().width()
     dialog.reject()
 
 
 def test_the_welcome_page_at_twice_the_size(qtbot, window, qapp, usual_size, screenshot):
+    usual = window.fontMetrics().height()
     apply_text_size(qapp, 2.0)
     window.resize(1600, 1000)
     qtbot.wait(50)
     screenshot(window, "welcome-200")
     assert not cut(window)
+    link = on.found(window, WelcomePage).ways[0]
+    assert link.height() >= 2 * link.fontMetrics().height() >= 4 * 0.9 * usual
 
 
 @pytest.mark.parametrize("size", [(1440, 900), (1024, 700)])

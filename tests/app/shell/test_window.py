@@ -6,6 +6,7 @@ import logging
 import re
 import subprocess
 import sys
+from importlib.metadata import version
 
 import cv2
 import numpy as np
@@ -120,6 +121,7 @@ def test_about_says_what_it_is_not(window):
     box = QApplication.activeModalWidget()
     assert isinstance(box, QMessageBox)
     assert "not a medical device" in box.text()
+    assert version("degense") in box.text()
     box.close()
 
 

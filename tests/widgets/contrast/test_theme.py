@@ -8,13 +8,14 @@ import cv2
 import numpy as np
 import pytest
 from PySide6.QtGui import QAction, QColor, QImage, QPalette
-from PySide6.QtWidgets import QMainWindow, QPushButton, QToolButton, QWidget
+from PySide6.QtWidgets import QCheckBox, QListWidget, QMainWindow, QPushButton, QStyle, QToolButton, QWidget
 
 from degense.app.shell.status_bar import StatusBar
 from degense.widgets.theme import (
     CLASS_COLOURS,
     LABEL_COLOURS,
     THEMES,
+    apply_text_size,
     apply_theme,
     class_colour,
     error_colour,
@@ -115,6 +116,59 @@ def test_what_a_tool_bar_has_no_room_for_is_found_at_its_end(qtbot, qapp, name):
     image = arrow.grab().toImage()
     ground = image.pixelColor(0, 0)
     assert sum(any(contrast(image.pixelColor(x, y), ground) >= 3 for y in range(image.height())) for x in range(image.width())) >= 5
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_hints_and_messages_keep_room_and_end_in_dots(qtbot, qapp, factor):
+    """However many buttons there are; the tooltip has all of it."""
+    apply_text_size(qapp, factor)
+    try:
+        window = QMainWindow()
+        qtbot.addWidget(window)
+        status = StatusBar(window)
+        for number in range(12):
+            status.add_button(QAction(f"Panel {number}", window))
+        window.resize(1024, 100)
+        window.show()
+        text = "The whole clip: gallbladder in 24 of 24 frames, 31.6 % of the frame at most; liver in 24 of 24 frames"
+        for words in (status.hint, status.message):
+            status.hint.setText(text) if words is status.hint else window.statusBar().showMessage(text)
+            qapp.processEvents()
+            assert words.isVisible()
+            assert words.width() >= 20 * words.fontMetrics().averageCharWidth()
+            assert words.geometry().right() < status.stripe.geometry().left()
+            assert words.toolTip() == text
+        assert status.more.isVisible() == (factor == 2.0)
+    finally:
+        apply_text_size(qapp, 1.0)
+
+
+@pytest.mark.parametrize("make", [QCheckBox, QListWidget])
+def test_boxes_grow_with_the_text(qtbot, qapp, make):
+    apply_theme(qapp, "dark")
+    sizes = []
+    try:
+        for factor in (1.0, 2.0):
+            apply_text_size(qapp, factor)
+            box = make()
+            qtbot.addWidget(box)
+            box.show()
+            sizes.append(box.style().pixelMetric(QStyle.PixelMetric.PM_IndicatorWidth, None, box))
+        assert sizes[1] >= 1.8 * sizes[0]
+    finally:
+        apply_text_size(qapp, 1.0)
+
+
+@pytest.mark.parametrize("name", ["dark", "light"])
+def test_what_cannot_be_used_is_quiet_but_can_be_read(qapp, name):
+    apply_theme(qapp, name)
+    palette = qapp.palette()
+    for role, ground in (
+        (QPalette.ColorRole.WindowText, QPalette.ColorRole.Window),
+        (QPalette.ColorRole.ButtonText, QPalette.ColorRole.Button),
+    ):
+        off, on = (palette.color(group, role) for group in (QPalette.ColorGroup.Disabled, QPalette.ColorGroup.Active))
+        assert 2.8 <= contrast(off, palette.color(ground)) < 0.7 * contrast(on, palette.color(ground))
 
 
 def test_a_hint_and_a_message_do_not_overlap(qtbot, qapp):

@@ -26,7 +26,7 @@ def test_colour_displacement_and_masks_at_once(qtbot, opened, idle, screenshot):
     both = on.viewer(opened).view
     assert session.view_state.layer == both.layer == "displacement"
     assert both.span is not None
-    assert on.viewer(opened).bars[0].isVisible()
+    assert on.viewer(opened).bar.isVisible()
     assert both.masks is not None
     slider = layers.findChild(QSlider)
     for _ in range(3):

@@ -88,6 +88,7 @@ def test_what_moved(qtbot, window, page, idle, demo, screenshot):
     assert window.session.frame > 0
     tour = window.findChild(Tour)
     qtbot.waitUntil(window.isActiveWindow)
+    assert window.focusWidget() is tour.next
     for step in range(5):
         assert tour._count.text() == f"{step + 1} of 5"
         assert window.rect().contains(tour.geometry())
@@ -98,6 +99,7 @@ def test_what_moved(qtbot, window, page, idle, demo, screenshot):
     window.registry.run("file.close")
     QTest.keyClick(page.ways[3], Qt.Key.Key_Space)
     idle()
+    assert window.focusWidget() is on.viewer(window).panel  # whose keys step through time, and no button of the drawer
     assert window.session.scene is not None
     assert window.findChild(Tour) is None
     window.registry.run("help.tour")
