@@ -271,8 +271,7 @@ def settle(trainer: Trainer) -> int:
     """Let Gaussians keep their place whose motion flow cannot tell from none, and let those that the field never changes visibly stay out
     of it for good; how many stay in it."""
     model, clip, flow, focal = trainer.model, trainer.frames.clip, trainer.flow, trainer.frames.cameras[0].fx
-    moments = np.linspace(0, len(clip) - 1, min(len(clip), STATIC_MOMENTS))
-    times = [clip.time(i) for i in moments]
+    times = [clip.time(i) for i in np.linspace(0, len(clip) - 1, min(len(clip), STATIC_MOMENTS))]
     if flow is not None and trainer.config.stillness:
         keep_still(model, times, focal * flow.size[0] / trainer.frames.size[0], HALF)
     moving = find_moving(model, times, focal)
