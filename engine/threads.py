@@ -35,7 +35,7 @@ from degense.engine.profile import part
 
 numba.config.THREADING_LAYER = "workqueue"
 KERNEL_LOCK = threading.RLock()
-AHEAD = 2  # items that are made ahead
+AHEAD = 2  # items that are made ahead by each thread
 Item, Made = TypeVar("Item"), TypeVar("Made")
 log = logging.getLogger(__name__)
 
@@ -114,13 +114,14 @@ def run_kernel(kernel: Callable[..., None], *arguments) -> None:
                 helper.result()
 
 
-def made_ahead(make: Callable[[Item], Made], items: Sequence[Item]) -> Iterator[Made]:
-    """What is made of items, one after the other on a thread, in order, while what was made of those before is used."""
-    with ThreadPoolExecutor(1) as maker:
-        made = deque(maker.submit(make, item) for item in items[:AHEAD])
-        for item in items[AHEAD:]:
+def made_ahead(make: Callable[[Item], Made], items: Sequence[Item], threads: int = 1) -> Iterator[Made]:
+    """What is made of items on so many threads, in order, while what was made of those before is used; a single thread takes one after the
+    other."""
+    with ThreadPoolExecutor(threads) as makers:
+        made = deque(makers.submit(make, item) for item in items[: AHEAD * threads])
+        for item in items[AHEAD * threads :]:
             yield made.popleft().result()
-            made.append(maker.submit(make, item))
+            made.append(makers.submit(make, item))
         while made:
             yield made.popleft().result()
 
