@@ -36,7 +36,8 @@ from degense.engine.profile import part
 numba.config.THREADING_LAYER = "workqueue"
 KERNEL_LOCK = threading.RLock()
 AHEAD = 2  # items that are made ahead by each thread
-Item, Made = TypeVar("Item"), TypeVar("Made")
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 log = logging.getLogger(__name__)
 
 _load_index, _load_data = IndexDataCacheFile._load_index, IndexDataCacheFile._load_data
