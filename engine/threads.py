@@ -4,6 +4,8 @@ Numba's own thread pools do not suit a program that draws from several Python th
 it, `omp` waits by spinning, which on a busy machine costs whole time slices. Hot kernels are therefore shared out by `run_kernel`; kernels
 written with numba's `parallel=True` use `workqueue` and take turns behind `KERNEL_LOCK`.
 
+What Python does frame by frame uses another core where what the next frames need is `made_ahead`.
+
 Numba's cache of compiled kernels is written without being synced: what a power cut left of it is compiled anew. Where it can be written
 nowhere, kernels are compiled at every start. Files with kernels import this one, so that both holds for them.
 """
@@ -13,11 +15,12 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -32,6 +35,9 @@ from degense.engine.profile import part
 
 numba.config.THREADING_LAYER = "workqueue"
 KERNEL_LOCK = threading.RLock()
+AHEAD = 2  # items that are made ahead by each thread
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 log = logging.getLogger(__name__)
 
 _load_index, _load_data = IndexDataCacheFile._load_index, IndexDataCacheFile._load_data
@@ -107,6 +113,18 @@ def run_kernel(kernel: Callable[..., None], *arguments) -> None:
         for helper in helpers:
             if not helper.cancel():
                 helper.result()
+
+
+def made_ahead(make: Callable[[Item], Made], items: Sequence[Item], threads: int = 1) -> Iterator[Made]:
+    """What is made of items on so many threads, in order, while what was made of those before is used; a single thread takes one after the
+    other."""
+    with ThreadPoolExecutor(threads) as makers:
+        made = deque(makers.submit(make, item) for item in items[: AHEAD * threads])
+        for item in items[AHEAD * threads :]:
+            yield made.popleft().result()
+            made.append(makers.submit(make, item))
+        while made:
+            yield made.popleft().result()
 
 
 @intrinsic

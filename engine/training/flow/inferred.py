@@ -15,6 +15,7 @@ from degense.engine.motion import sample
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.motion.observed import from_around
 from degense.engine.progress import Progress, silent
+from degense.engine.threads import made_ahead
 from degense.engine.training.flow.supervision import HALF, FlowSupervision, Pair, from_nearest
 from degense.engine.training.frames import TrainingFrames
 
@@ -26,6 +27,7 @@ PRIOR = 50.0  # Σ s·s / σ², the motion around over its error, at which half 
 NEITHER = 0.25  # of a share: below it tissue stands still, and from 1 less it on it moves along
 UNSURE = 0.02  # precision below which nothing is inferred
 STEPS = 4  # of the inversion of a flow field
+THREADS = 4  # that frames are shared out to
 
 
 def inferred_pairs(flow: FlowSupervision, progress: Progress = silent) -> dict[tuple[int, int], Pair]:
@@ -47,41 +49,49 @@ def inferred_pairs(flow: FlowSupervision, progress: Progress = silent) -> dict[t
     often = frequency >= RARE * typical
     share, evidence = _share(flow, seen, often, progress)
     look = log_intensity(flow.image(first))
-    found: dict[tuple[int, int], Pair] = {}
-    for count, (frame, known) in enumerate(zip(others, seen, strict=True), start=1):
-        progress(0.3 + 0.7 * count / len(others), "inferring the motion of tissue that changes its look")
-        near, spread = from_around(_own_motion(flow, frame), known & often)
-        out = camera_flow(flow.frames, first, frame, flow.size) + share[..., None] * near
+
+    def inferred(number: int) -> dict[tuple[int, int], Pair]:
+        frame, known = others[number], seen[number]
+        camera = camera_flow(flow.frames, first, frame, flow.size)
+        near, spread = from_around(flow.flow(first, frame) - camera, known & often)
+        out = camera + share[..., None] * near
         back = inverse(out, camera_flow(flow.frames, frame, first, flow.size))
         changed = ~often & around(looks_changed(look, log_intensity(flow.image(frame)), out))
         precision = np.where(changed, evidence / (1 + (share * spread / HALF) ** 2), 0).astype(np.float32)
+        found: dict[tuple[int, int], Pair] = {}
         for here, there, way, sure in ((first, frame, out, precision), (frame, first, back, sample(precision, back))):
             ends = flow.tissue[here] & (sample(flow.tissue[there].astype(np.float32), way) > 0.99)
             missing = ends & (sure > UNSURE) & ~flow.seen(here, there)
             if missing.any():
                 found[here, there] = _completed(flow, here, there, way, sure, missing)
-    return found
+        return found
+
+    all_found: dict[tuple[int, int], Pair] = {}
+    for count, found in enumerate(made_ahead(inferred, range(len(others)), THREADS), start=1):
+        progress(0.3 + 0.7 * count / len(others), "inferring the motion of tissue that changes its look")
+        all_found |= found
+    return all_found
 
 
 def _share(flow: FlowSupervision, seen: list[np.ndarray], often: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
     """α and E of `inferred_pairs`, float32 [h, w] both."""
-    _, *others = flow.frames.clip.train_frames
-    together, alone = np.zeros((2, *often.shape), np.float32)
-    for count, (frame, known) in enumerate(zip(others, seen, strict=True)):
-        progress(0.3 * count / len(others), "learning how tissue moves with its surroundings")
-        own = np.where(known[..., None], _own_motion(flow, frame), 0)
+    first, *others = flow.frames.clip.train_frames
+
+    def evidence(number: int) -> tuple[np.ndarray, np.ndarray]:
+        frame, known = others[number], seen[number]
+        motion = flow.flow(first, frame) - camera_flow(flow.frames, first, frame, flow.size)
+        own = np.where(known[..., None], motion, 0)
         near, _ = from_around(own, known & often)
         precision = known / (roughness(own, known) ** 2 + LEAST**2)
-        together += precision * (own * near).sum(-1)
-        alone += precision * (near * near).sum(-1)
+        return precision * (own * near).sum(-1), precision * (near * near).sum(-1)
+
+    together, alone = np.zeros((2, *often.shape), np.float32)
+    for count, (of_both, of_one) in enumerate(made_ahead(evidence, range(len(others)), THREADS)):
+        progress(0.3 * count / len(others), "learning how tissue moves with its surroundings")
+        together += of_both
+        alone += of_one
     together, alone = (cv2.GaussianBlur(total, (0, 0), REACH * often.shape[1]) for total in (together, alone))
     return np.clip((together / (alone + PRIOR) - NEITHER) / (1 - 2 * NEITHER), 0, 1), alone / (alone + PRIOR)
-
-
-def _own_motion(flow: FlowSupervision, frame: int) -> np.ndarray:
-    """How far the tissue of the first frame has moved by a frame in the image, without what the camera makes of it, float32 [h, w, 2]."""
-    first = flow.frames.clip.train_frames[0]
-    return flow.flow(first, frame) - camera_flow(flow.frames, first, frame, flow.size)
 
 
 def _completed(flow: FlowSupervision, here: int, there: int, way: np.ndarray, precision: np.ndarray, missing: np.ndarray) -> Pair:
