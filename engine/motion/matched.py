@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -16,7 +18,6 @@ from degense.engine.motion.lucas_kanade import Pyramid
 from degense.engine.motion.window_kernels import padded
 from degense.engine.motion.windows import Windows
 from degense.engine.progress import Steps
-from degense.engine.threads import made_ahead
 
 PIXELS = 200_000  # frames are matched at about this size
 THERE_AND_BACK = 1.0  # pixels: a point that comes back farther from where it began is lost
@@ -25,6 +26,7 @@ CLEARLY, LEAST = 1.28, 3.0  # a place is clearly less like a point where it is s
 EVERY = 8  # frames: points are looked for anew in one of so many
 AROUND = 7.0 * np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * np.pi / 4])  # pixels: what is around a point
 ORIGINS = 4  # frames of queries that are looked back at in one frame, and kept
+AHEAD = 2  # frames that are read ahead
 SMOOTH = 0.8  # pixels: σ of the blur before windows are compared
 
 
@@ -51,10 +53,8 @@ class _Frame:
         return landmarks(self.even)
 
 
-def matching(
-    frame_of: Callable[[int], np.ndarray], count: int, queries: np.ndarray, guess: Callable[[int, int], np.ndarray]
-) -> Steps[Matched]:
-    """Follow points forwards and backwards from their queries through `count` frames, until they are lost, and look elsewhere too.
+def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries: np.ndarray) -> Steps[Matched]:
+    """Follow points forwards and backwards from their queries, until they are lost, and look at other `guesses` of their ways too.
 
     Windows are followed from frame to frame (Lucas-Kanade, in a pyramid); where a direct match with what a point looked like in the frame
     of its query, begun where that ends, looks more like it, the point is there: it does not drift. It is lost when a step does not lead
@@ -64,19 +64,18 @@ def matching(
     ----------
     frame_of : callable
         Gives a frame by its number, uint8 [H, W, 3].
+    guesses : float [K, T, 2]
+        Other pixel positions of the points; NaN where there is none.
     queries : float [K, 3]
         Frame, x and y of each point, pixels.
-    guess : callable
-        Gives other pixel positions of the points, float [K, 2], NaN where there is none. It is asked, on a thread, with (1, frame) in the
-        order of frames, for points that began by then, and with (−1, frame) in the reverse order, for those that begin there or later.
     """
+    count = guesses.shape[1]
     starts = queries[:, 0].round().astype(int)
     height, width = frame_of(0).shape[:2]
     shrink = min(1.0, (PIXELS / (width * height)) ** 0.5)
     size = max(16, round(width * shrink)), max(16, round(height * shrink))
     scale = np.array(size) / (width, height)
-    shape = len(queries), count
-    found = Matched(np.full((*shape, 2), np.nan), *(np.full(shape, np.nan, np.float32) for _ in range(2)))
+    found = Matched(np.full(guesses.shape, np.nan), *(np.full(guesses.shape[:2], np.nan, np.float32) for _ in range(2)))
     ways = [range(starts.min(initial=count), count), range(starts.max(initial=-1), -1, -1)]
     done, total = 0, sum(map(len, ways))
     origins = Latest(ORIGINS)
@@ -86,8 +85,7 @@ def matching(
 
     for frames in ways:
         chain = _Chain(queries[:, 1:] * scale)
-        ahead = made_ahead(shown, frames), made_ahead(partial(guess, frames.step), frames)
-        for frame, seen, guessed in zip(frames, *ahead, strict=True):
+        for frame, seen in zip(frames, _ahead(shown, frames), strict=True):
             yield done / max(total, 1), "following points"
             done += 1
             chain.advance(seen)
@@ -97,7 +95,7 @@ def matching(
                 chain.find_again(begun[starts[begun] == start], origins.get(start, partial(shown, start)))
             found.pixels[begun, frame] = chain.places[begun] / scale
             found.unlike[begun, frame] = chain.unlike[begun]
-            found.guessed_unlike[begun, frame] = chain.unlike_at(begun, guessed[begun] * scale)
+            found.guessed_unlike[begun, frame] = chain.unlike_at(begun, guesses[begun, frame] * scale)
     return found
 
 
@@ -115,6 +113,17 @@ def clearly_less(unlike: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Where places that are so unlike a point, grey levels, are clearly less like it than others."""
     with np.errstate(invalid="ignore"):
         return unlike + LEAST > CLEARLY * (other + LEAST)
+
+
+def _ahead(shown: Callable[[int], _Frame], frames: range) -> Iterator[_Frame]:
+    """Frames in order, each made while those before it are used."""
+    with ThreadPoolExecutor(1) as reader:
+        made = deque(reader.submit(shown, frame) for frame in frames[:AHEAD])
+        for frame in frames[AHEAD:]:
+            yield made.popleft().result()
+            made.append(reader.submit(shown, frame))
+        while made:
+            yield made.popleft().result()
 
 
 class _Chain:

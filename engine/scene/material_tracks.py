@@ -12,18 +12,8 @@ LEFT = 0.5  # share of its opacity below which what a point was followed by is g
 
 
 def following_material(scene: Scene, queries: np.ndarray) -> Steps[np.ndarray]:
-    """`MaterialTracks` through the whole clip, step by step: their positions."""
-    tracks = MaterialTracks(scene, queries)
-    for number, step in enumerate((1, -1)):
-        for done, frame in enumerate(range(scene.frames)[::step]):
-            yield (number + done / scene.frames) / 2, "following points"
-            tracks.follow(step, frame)
-    return tracks.positions
-
-
-class MaterialTracks:
-    """Points followed by their Gaussians: `positions` float64 [K, T, 3], world, clip units, become known frame by frame; NaN for a point
-    that nothing is reconstructed at.
+    """Follow points forwards and backwards through the whole clip: positions float64 [K, T, 3], world, clip units; NaN for a point that
+    nothing is reconstructed at.
 
     A point moves by the weighted mean of the displacements of its Gaussians (`materials_at`), from the frame where they were chosen on: it
     does not drift. They are chosen anew, where it is then, once they have lost half of their opacity.
@@ -33,21 +23,19 @@ class MaterialTracks:
     queries : float [K, 3]
         Frame, x and y of each point, pixels.
     """
-
-    def __init__(self, scene: Scene, queries: np.ndarray):
-        self._starts, self._pixels = queries[:, 0].round().astype(int), queries[:, 1:]
-        self._ways = {step: _Followed(scene, len(queries)) for step in (1, -1)}
-        self.positions = np.full((len(queries), scene.frames, 3), np.nan)
-
-    def follow(self, step: int, frame: int) -> None:
-        """Find the points that begin in no later frame (step 1), or in no earlier one (−1), in a frame; each way frame by frame, from
-        where the first of them begins."""
-        followed = self._ways[step]
-        followed.advance(frame, frame - step)
-        begun = np.flatnonzero(self._starts == frame)
-        followed.begin(begun, frame, self._pixels[begun])
-        active = self._starts * step <= frame * step
-        self.positions[active, frame] = followed.places[active]
+    starts = queries[:, 0].round().astype(int)
+    positions = np.full((len(queries), scene.frames, 3), np.nan)
+    moves = [(1, range(scene.frames)), (-1, range(scene.frames - 1, -1, -1))]
+    for number, (step, frames) in enumerate(moves):
+        followed = _Followed(scene, len(queries))
+        for done, frame in enumerate(frames):
+            yield (number + done / scene.frames) / 2, "following points"
+            followed.advance(frame, frame - step)
+            begun = np.flatnonzero(starts == frame)
+            followed.begin(begun, frame, queries[begun, 1:])
+            active = starts * step <= frame * step
+            positions[active, frame] = followed.places[active]
+    return positions
 
 
 class _Followed:

@@ -8,9 +8,8 @@ import numpy as np
 
 from degense.engine.motion.matched import Matched, clearly_less, matching
 from degense.engine.progress import Result, Steps, finish
-from degense.engine.scene.material_tracks import MaterialTracks, following_material
+from degense.engine.scene.material_tracks import following_material
 from degense.engine.scene.scene import Scene
-from degense.engine.threads import made_ahead
 
 IN_FRONT = 0.03  # of its distance: a point with a surface so far before it is hidden
 DRAWN = 160  # pixels: width of the depth that visibility is read from
@@ -28,7 +27,7 @@ class Tracks(NamedTuple):
 def follow_points(scene: Scene, queries: np.ndarray) -> Tracks:
     """Follow points from where they are seen, forwards and backwards through the whole clip.
 
-    A point moves as the Gaussians of the surface there do (`MaterialTracks`). Where the recording is at hand, it is also followed from
+    A point moves as the Gaussians of the surface there do (`following_material`). Where the recording is at hand, it is also followed from
     frame to frame (`matching`), as far as that goes, and on from where it is found again; where the places found look clearly more like the
     point than those of the scene, in most of these frames, it is there in all of them, as far away as the surface that the scene has there.
     In other frames the scene goes on.
@@ -47,20 +46,12 @@ def follow_points(scene: Scene, queries: np.ndarray) -> Tracks:
 def following(scene: Scene, queries: np.ndarray) -> Steps[Tracks]:
     """`follow_points`, step by step."""
     queries = np.asarray(queries, np.float64).reshape(-1, 3)
+    positions = yield from _part(following_material(scene, queries), 0.0, 0.4)
+    pixels = _projected(scene, positions)
     if scene.clip is None:
-        positions = yield from _part(following_material(scene, queries), 0.0, 0.8)
-        pixels = _projected(scene, positions)
         shown, other = np.zeros(positions.shape[:2], bool), np.zeros(positions.shape[:2], bool)
     else:
-        material = MaterialTracks(scene, queries)
-        positions = material.positions
-
-        def guess(step: int, frame: int) -> np.ndarray:
-            material.follow(step, frame)
-            return scene.camera(frame).project(positions[:, frame])[0]
-
-        matched = yield from _part(matching(scene.clip.frame, scene.frames, queries, guess), 0.0, 0.8)
-        pixels = _projected(scene, positions)
+        matched = yield from _part(matching(scene.clip.frame, pixels, queries), 0.4, 0.8)
         shown = contradicting(matched) & np.isfinite(positions[..., 0])
         pixels[shown] = matched.pixels[shown]
         other = np.isnan(matched.unlike) & (matched.guessed_unlike > CHANGED)
@@ -87,19 +78,15 @@ def _placed(scene: Scene, positions: np.ndarray, pixels: np.ndarray, shown: np.n
     Returns which points are within the frame and, if they are not shown, have no surface in front of them, bool [K, T].
     """
     visible = np.zeros(shown.shape, bool)
-
-    def drawn(frame: int) -> np.ndarray:
-        camera = scene.camera(frame)
-        return scene.renderer.draw(frame, camera.scaled(min(1.0, DRAWN / camera.width)), ("depth",))["depth"]
-
-    for frame, depth in enumerate(made_ahead(drawn, range(scene.frames))):
+    for frame in range(scene.frames):
         yield frame / scene.frames, "looking whether they are visible"
         known = np.flatnonzero(np.isfinite(positions[:, frame, 0]))
         camera, found = scene.camera(frame), pixels[known, frame]
         z = camera.project(positions[known, frame])[1]
-        height, width = depth.shape
-        column, row = np.floor(found * [width / camera.width, height / camera.height]).astype(np.int64).T
-        inside = (z > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        small = camera.scaled(min(1.0, DRAWN / camera.width))
+        depth = scene.renderer.draw(frame, small, ("depth",))["depth"]
+        column, row = np.floor(found * [small.width / camera.width, small.height / camera.height]).astype(np.int64).T
+        inside = (z > 0) & (column >= 0) & (column < small.width) & (row >= 0) & (row < small.height)
         surface = depth[np.where(inside, row, 0), np.where(inside, column, 0)]
         moved = shown[known, frame]
         at = np.where(np.isfinite(surface), surface, z)

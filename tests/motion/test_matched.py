@@ -9,12 +9,8 @@ from tests.motion.test_points import FRAMES, sliding
 
 
 def followed(queries):
-    return finish(matching(sliding, FRAMES, queries, lambda step, frame: queries[:, 1:]))
-
-
-def nowhere(step, frame):
-    """No guess for the one point."""
-    return np.full((1, 2), np.nan)
+    still = np.repeat(queries[:, None, 1:], FRAMES, axis=1)
+    return finish(matching(sliding, still, queries))
 
 
 def test_points_are_where_they_slide_to_both_ways():
@@ -40,16 +36,9 @@ def test_a_point_that_is_covered_is_lost_for_good():
 
 def test_where_nothing_is_guessed_nothing_is_said_of_the_guess():
     queries = np.array([[3, 40.0, 50.0]])
-    found = finish(matching(sliding, FRAMES, queries, nowhere))
+    found = finish(matching(sliding, np.full((1, FRAMES, 2), np.nan), queries))
     assert np.isnan(found.guessed_unlike).all()
     assert np.isfinite(found.pixels[0, :5]).all()
-
-
-def test_guesses_are_asked_for_in_the_order_of_each_way():
-    asked = []
-    queries = np.array([[2, 40.0, 50.0], [5, 45.0, 50.0]])
-    finish(matching(sliding, FRAMES, queries, lambda step, frame: asked.append((step, frame)) or queries[:, 1:]))
-    assert asked == [*((1, frame) for frame in range(2, FRAMES)), *((-1, frame) for frame in range(5, -1, -1))]
 
 
 def test_no_points_are_no_work():
@@ -76,7 +65,7 @@ PATCH = np.array([[0, 50.0, 55.0], [0, 43.5, 62.0]])
 
 
 def test_what_leaves_and_returns_elsewhere_is_found_again():
-    found = finish(matching(returning, LONG, PATCH, lambda step, frame: np.full((2, 2), np.nan)))
+    found = finish(matching(returning, np.full((2, LONG, 2), np.nan), PATCH))
     again = next(frame for frame in range(BACK, LONG) if np.isfinite(found.unlike[0, frame]))
     assert np.isnan(found.unlike[:, AWAY:BACK]).all(), "nothing else is taken for it"
     assert again < BACK + EVERY
@@ -109,7 +98,7 @@ def test_plain_tissue_is_not_found_again():
         picture[25:85, 20:80] = np.linspace(100, 104, 60).astype(np.uint8)[:, None]
         return picture if not AWAY <= frame < BACK else np.zeros_like(picture)
 
-    found = finish(matching(shaded, LONG, PATCH[:1], nowhere))
+    found = finish(matching(shaded, np.full((1, LONG, 2), np.nan), PATCH[:1]))
     assert np.isnan(found.unlike[0, AWAY:]).all()
 
 
