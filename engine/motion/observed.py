@@ -13,7 +13,7 @@ from torch import Tensor
 
 from degense.engine.clip import Clip
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
-from degense.engine.motion.flow import confidence, consistent, follow, sample
+from degense.engine.motion.flow import confidence, consistent, flow_error, follow, sample
 
 
 def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
@@ -21,7 +21,9 @@ def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"])
     return torch.linalg.vector_norm(means_t - means_ref, dim=-1)
 
 
-PRIOR = 1.0  # pixels that a model is expected to be off by where the recording shows nothing (decision 66)
+PRIOR = 1.0  # pixels that a model is expected to be off by in either direction where the recording shows nothing (decision 66)
+EXPLAINED = 2.0  # spreads of the motion around that a place may be from its mean before the model is believed to be wrong
+LEAST = 0.1  # pixels: error that any flow has
 PIXELS = 80_000  # flow is measured at about this size: a frame of it takes 0.4 MB, and a tenth of a second
 TEXTURE = 0.3  # `confidence` below which flow is a guess
 REACHES = (0.02, 0.06, 0.18)  # of the width: σ within which neighbours speak for a place whose own motion is not seen,
@@ -31,32 +33,35 @@ ENOUGH = 0.1  # where so much of what is within it is seen
 class Observed(NamedTuple):
     """How the pixels of a frame went to the reference frame."""
 
-    flow: np.ndarray  # float32 [H, W, 2]; pixels; where motion is not seen, the mean of what is seen around
+    #: float32 [H, W, 2]; pixels; where motion is not seen, the mean of what is seen around, or of that and of flow on plain tissue.
+    flow: np.ndarray
     #: bool [H, W]; flow is consistent forwards and backwards, valid at both ends, on texture that pins motion down, and the place looks as
     #: it did.
     seen: np.ndarray
-    #: float32 [H, W]; pixels: 0 where motion is seen; else the standard deviation of what is seen around; NaN where nothing is, nor the
-    #: frame valid.
+    #: float32 [H, W]; pixels: 0 where motion is seen; else the standard deviation of what is seen around, less where flow on plain tissue
+    #: tells more; NaN where nothing is seen, nor the frame valid.
     spread: np.ndarray
 
 
 def contradicted(modelled: Float[np.ndarray, "height width 2"], observed: Observed) -> Float32[np.ndarray, "height width"]:
     """How far the model's motion is expected to be from the true one, by what the recording shows of that; pixels:
 
-        √((g ‖m(p) − o(p)‖)² + (1 − g) `PRIOR`²),    g = `PRIOR`² / (`PRIOR`² + spread(p)²)
+        √((g d)² + (1 − g) P²),    g = E² / (E² + spread²),    E² = max(P², d² − (`EXPLAINED` spread)²),    P² = 2 `PRIOR`²
 
-    m is the model's motion projected into the image (`Scene.render`: `motion`), o the observed motion between these frames in the same
-    direction. It is the root of the mean square of an error that is normal, `PRIOR` wide before anything is seen, when m − o is seen,
-    which is that error but for what o is wrong by, the spread: where motion is seen it is ‖m − o‖, and the less the motion around says of a
-    place the nearer it is to `PRIOR`. NaN where either is not known, which is not the same as 0. On textured tissue o itself is within some
+    with d = ‖m(p) − o(p)‖, m the model's motion projected into the image (`Scene.render`: `motion`), o the observed motion between these
+    frames in the same direction. It is the root of the mean square of an error of which d is what is seen, where o itself is wrong by its
+    spread: d where motion is seen; and the less the motion around says of a place, the nearer to P, unless the model is so far from it that
+    the spread does not explain it. NaN where either is not known, which is not the same as 0. On textured tissue o itself is within some
     tenths of a pixel.
 
     What it cannot see: motion along the line of sight, which hardly moves pixels (at depth z, a change Δz shifts a pixel r away from
     the principal point by about r · Δz / z). Missing motion counts like motion too many: both are a difference.
     """
     difference = np.square(np.asarray(modelled, np.float32) - observed.flow).sum(-1)
-    gain = PRIOR**2 / (PRIOR**2 + np.square(observed.spread))
-    return np.sqrt(np.square(gain) * difference + (1 - gain) * PRIOR**2).astype(np.float32)  # NaN stays NaN
+    prior, variance = 2 * PRIOR**2, np.square(observed.spread)
+    error = np.maximum(prior, difference - EXPLAINED**2 * variance)
+    gain = error / (error + variance)
+    return np.sqrt(np.square(gain) * difference + (1 - gain) * prior).astype(np.float32)  # NaN stays NaN
 
 
 class ObservedMotion:
@@ -72,16 +77,18 @@ class ObservedMotion:
         self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
         self._start = log_intensity(self._frame(reference)), self._valid(reference)
         no_motion = np.zeros((self.size[1], self.size[0], 2), np.float16)
-        self._measured: list[tuple[np.ndarray, np.ndarray]] = [(no_motion, self._start[1])]
+        self._measured = [(no_motion, self._start[1], no_motion[..., 0])]  # flow to the reference, where it is seen, and its error
         self._followed: Iterator[tuple[np.ndarray, np.ndarray]] = follow(self._frame(i) for i in range(reference, len(clip)))
 
     def at(self, frame: int) -> Observed:
         """The motion of a frame's pixels to the reference frame, at the size of the clip."""
         while len(self._measured) <= frame - self.reference:
             self._measured.append(self._measure(self.reference + len(self._measured), *next(self._followed)))
-        flow, sure = self._measured[max(0, frame - self.reference)]
+        flow, sure, error = self._measured[max(0, frame - self.reference)]
         seen = sure & (frame >= self.reference)
         whole, spread = from_around(flow.astype(np.float32), seen)
+        if frame >= self.reference:
+            whole, spread = with_own(whole, spread, flow.astype(np.float32), np.where(seen, np.nan, error.astype(np.float32)))
         spread[~self._valid(frame)] = np.nan
         width, height = self.clip.size
         scale = np.array([width / self.size[0], height / self.size[1]], np.float32)
@@ -89,11 +96,13 @@ class ObservedMotion:
         nearest = [cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST) for values in (seen.astype(np.uint8), spread)]
         return Observed(large, nearest[0] > 0, nearest[1] * scale.max())
 
-    def _measure(self, here: int, out: np.ndarray, back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Flow of a frame to the reference, and where it is seen."""
+    def _measure(self, here: int, out: np.ndarray, back: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Flow of a frame to the reference, where it is seen, and its error, NaN where it is none of the same tissue."""
         frame, (look, valid) = self._frame(here), self._start
-        sure = self._valid(here) & (sample(valid.astype(np.float32), back) > 0.99) & consistent(back, out) & (confidence(frame) > TEXTURE)
-        return back.astype(np.float16), sure & ~around(looks_changed(log_intensity(frame), look, back))
+        same = self._valid(here) & (sample(valid.astype(np.float32), back) > 0.99) & consistent(back, out)
+        same &= ~around(looks_changed(log_intensity(frame), look, back))
+        error = np.where(same, flow_error(frame), np.nan).astype(np.float16)
+        return back.astype(np.float16), same & (confidence(frame) > TEXTURE), error
 
     def _frame(self, index: int) -> np.ndarray:
         return cv2.resize(self.clip.frame(index), self.size, interpolation=cv2.INTER_AREA)
@@ -124,3 +133,16 @@ def from_around(flow: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndar
         found[fill] = mean[fill]
         spread[fill] = np.sqrt(np.maximum(square - (mean**2).sum(-1), 0))[fill]
     return found, spread
+
+
+def with_own(around: np.ndarray, spread: np.ndarray, flow: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Flow [H, W, 2] of what is `around`, ± its spread [H, W], and a place's own, ± its error [H, W], weighed by their precisions.
+
+    Returns the mean and its spread, float32; what is around alone where the error is NaN, and the own flow where the spread is.
+    """
+    of_around, of_own = (1 / (np.square(value) + LEAST**2) for value in (spread, error))
+    share = np.where(np.isnan(of_around), 1, of_own / (of_own + of_around)).astype(np.float32)
+    total = np.nan_to_num(of_around) + of_own
+    known = np.isfinite(error)
+    mean = np.where(known[..., None], share[..., None] * flow + (1 - share[..., None]) * around, around)
+    return mean.astype(np.float32), np.where(known, 1 / np.sqrt(total), spread).astype(np.float32)

@@ -5,7 +5,7 @@ import pytest
 
 from degense.engine.motion import flow_between
 from degense.engine.motion import observed as module
-from degense.engine.motion.observed import ObservedMotion, from_around
+from degense.engine.motion.observed import ObservedMotion, from_around, with_own
 from tests.fakes import CharringWall, MovingWall
 
 
@@ -101,6 +101,23 @@ def test_frames_may_be_asked_for_in_any_order_and_are_read_once():
     fresh = ObservedMotion(MovingWall(7), 0)
     for a, b in zip((*fresh.at(2), *fresh.at(5)), (*early, *late), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def test_own_flow_and_the_motion_around_are_weighed_by_their_precisions():
+    around, flow = np.full((2, 3, 2), 4, np.float32), np.zeros((2, 3, 2), np.float32)
+    spread = np.array([[1, 1, np.nan], [2, 0, np.nan]], np.float32)
+    error = np.array([[1, np.nan, 0.5], [0.2, np.nan, np.nan]], np.float32)
+    mean, left = with_own(around, spread, flow, error)
+    for y, x in np.ndindex(2, 3):
+        own, other = error[y, x] ** 2 + 0.01, spread[y, x] ** 2 + 0.01  # variances
+        if np.isnan(own):
+            expected = 4.0, spread[y, x]
+        elif np.isnan(other):
+            expected = 0.0, own**0.5
+        else:
+            expected = 4 * own / (own + other), (own * other / (own + other)) ** 0.5
+        np.testing.assert_allclose(mean[y, x], expected[0], rtol=1e-5)
+        np.testing.assert_allclose(left[y, x], expected[1], rtol=1e-5)
 
 
 def test_what_is_not_seen_has_the_mean_and_the_spread_of_what_is_seen_around():
