@@ -94,6 +94,8 @@ def plan_of(options: BenchOptions) -> SweepPlan:
     which, settings = given.get("which", "develop"), chosen["settings"]
     if which not in SETS:
         raise DegenseError(f"there is no set {which!r} of surgeries; choose {' or '.join(SETS)}")
+    if "held_out_maps" in given:
+        raise DegenseError("surgeries have a label map of every frame: leave --held-out-maps out, which is for real clips")
     if settings and which == "report":
         raise DegenseError(f"nothing is chosen on the set report: leave {', '.join(settings)} out, or use --set develop")
     if options.quick:

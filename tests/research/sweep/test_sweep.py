@@ -6,6 +6,7 @@ import json
 import shutil
 import statistics
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,6 +76,7 @@ def test_what_is_asked_for(tmp_path):
     [
         ({"which": "report", "settings": {"flow": 0.0}}, "nothing is chosen on the set report: leave flow out"),
         ({"which": "report", "iterations": 5}, "nothing is chosen on the set report"),
+        ({"held_out_maps": Path("maps")}, "leave --held-out-maps out"),
         ({"which": "all"}, "no set 'all'"),
         ({"scenes": "100,"}, "its seeds are 0 to 99"),
         ({"which": "report", "scenes": "3,"}, "its seeds are 100 to 119"),
