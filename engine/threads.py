@@ -115,10 +115,24 @@ def run_kernel(kernel: Callable[..., None], *arguments) -> None:
                 helper.result()
 
 
+@contextmanager
+def abandonable_pool(threads: int, name: str = "") -> Iterator[ThreadPoolExecutor]:
+    """Threads for a generator: at its end what has not begun is dropped, and what goes on is not waited for.
+
+    A generator that nobody asks any more is closed by the garbage collector, in whatever thread that runs. One that is just being started
+    holds a lock of `threading` that waiting for another thread takes too, so that both would wait for ever.
+    """
+    pool = ThreadPoolExecutor(threads, name)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
 def made_ahead(make: Callable[[Item], Made], items: Sequence[Item], threads: int = 1) -> Iterator[Made]:
     """What is made of items on so many threads, in order, while what was made of those before is used; a single thread takes one after the
     other."""
-    with ThreadPoolExecutor(threads) as makers:
+    with abandonable_pool(threads) as makers:
         made = deque(makers.submit(make, item) for item in items[: AHEAD * threads])
         for item in items[AHEAD * threads :]:
             yield made.popleft().result()

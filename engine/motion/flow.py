@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from itertools import pairwise
 from typing import TypeAlias
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+
+from degense.engine.threads import abandonable_pool
 
 Rgb: TypeAlias = UInt8[np.ndarray, "_ _ 3"]
 Flow: TypeAlias = Float[np.ndarray, "height width 2"]
@@ -56,17 +58,14 @@ def chain(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def steps_between(frames: Iterable[np.ndarray], threads: int = 8) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Flow there and back between neighbouring frames uint8 [H, W, 3], in order; so many pairs at a time, and twice as many ahead."""
-    with ThreadPoolExecutor(threads) as pool:
+    with abandonable_pool(threads) as pool:
         ahead: deque[Future[tuple[np.ndarray, np.ndarray]]] = deque()
-        try:
-            for a, b in pairwise(even(frame) for frame in frames):
-                ahead.append(pool.submit(lambda a, b: (_search(a, b), _search(b, a)), a, b))
-                if len(ahead) > 2 * threads:
-                    yield ahead.popleft().result()
-            while ahead:
+        for a, b in pairwise(even(frame) for frame in frames):
+            ahead.append(pool.submit(lambda a, b: (_search(a, b), _search(b, a)), a, b))
+            if len(ahead) > 2 * threads:
                 yield ahead.popleft().result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+        while ahead:
+            yield ahead.popleft().result()
 
 
 def follow(
@@ -83,7 +82,7 @@ def follow(
     """
     first = before = None
     measured = None if steps is None else iter(steps)
-    with ThreadPoolExecutor(1) as other:
+    with abandonable_pool(1) as other:
         for frame in frames:
             here = even(frame)
             if first is None or before is None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -18,6 +16,7 @@ from degense.engine.motion.lucas_kanade import Pyramid
 from degense.engine.motion.window_kernels import padded
 from degense.engine.motion.windows import Windows
 from degense.engine.progress import Steps
+from degense.engine.threads import made_ahead
 
 PIXELS = 200_000  # frames are matched at about this size
 THERE_AND_BACK = 1.0  # pixels: a point that comes back farther from where it began is lost
@@ -26,7 +25,6 @@ CLEARLY, LEAST = 1.28, 3.0  # a place is clearly less like a point where it is s
 EVERY = 8  # frames: points are looked for anew in one of so many
 AROUND = 7.0 * np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * np.pi / 4])  # pixels: what is around a point
 ORIGINS = 4  # frames of queries that are looked back at in one frame, and kept
-AHEAD = 2  # frames that are read ahead
 SMOOTH = 0.8  # pixels: σ of the blur before windows are compared
 
 
@@ -85,7 +83,7 @@ def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries
 
     for frames in ways:
         chain = _Chain(queries[:, 1:] * scale)
-        for frame, seen in zip(frames, _ahead(shown, frames), strict=True):
+        for frame, seen in zip(frames, made_ahead(shown, frames), strict=True):
             yield done / max(total, 1), "following points"
             done += 1
             chain.advance(seen)
@@ -113,17 +111,6 @@ def clearly_less(unlike: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Where places that are so unlike a point, grey levels, are clearly less like it than others."""
     with np.errstate(invalid="ignore"):
         return unlike + LEAST > CLEARLY * (other + LEAST)
-
-
-def _ahead(shown: Callable[[int], _Frame], frames: range) -> Iterator[_Frame]:
-    """Frames in order, each made while those before it are used."""
-    with ThreadPoolExecutor(1) as reader:
-        made = deque(reader.submit(shown, frame) for frame in frames[:AHEAD])
-        for frame in frames[AHEAD:]:
-            yield made.popleft().result()
-            made.append(reader.submit(shown, frame))
-        while made:
-            yield made.popleft().result()
 
 
 class _Chain:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from degense.engine.errors import PromptError
 from degense.engine.scene.scene import Scene
 from degense.engine.semantics.masks import Decoded, FrameSemantics
 from degense.engine.semantics.prompts import PromptSet, PromptVectors
+from degense.engine.threads import abandonable_pool
 from degense.engine.vocabulary.questions import AnyOf, ButNot, Expression, Noun, heads, nouns
 
 #: Similarities of frames whose masks are being decoded while the next is drawn: what bounds the memory of a clip of any length.
@@ -115,16 +116,12 @@ def decode_frames(scene: Scene, asked: PromptVectors, frames: Sequence[int]) -> 
     width, height = scene.clip_size
     most = max(1, IN_FLIGHT_BYTES // (width * height * 4 * 3 * len(asked.included)))
     waiting: deque[tuple[int, Future[Decoded]]] = deque()
-    with ThreadPoolExecutor(max_workers=min(READERS, torch.get_num_threads()), thread_name_prefix="decode") as pool:
-        try:
-            for frame in frames:
-                waiting.append((frame, pool.submit(scene.query(frame).pending(asked).read)))
-                while len(waiting) >= most or (waiting and waiting[0][1].done()):
-                    done, decoded = waiting.popleft()
-                    yield done, decoded.result()
-            while waiting:
+    with abandonable_pool(min(READERS, torch.get_num_threads()), "decode") as pool:
+        for frame in frames:
+            waiting.append((frame, pool.submit(scene.query(frame).pending(asked).read)))
+            while len(waiting) >= most or (waiting and waiting[0][1].done()):
                 done, decoded = waiting.popleft()
                 yield done, decoded.result()
-        finally:
-            for _, future in waiting:
-                future.cancel()
+        while waiting:
+            done, decoded = waiting.popleft()
+            yield done, decoded.result()
