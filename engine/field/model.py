@@ -155,8 +155,7 @@ class SceneModel(nn.Module):
             change = self.semantic(torch.cat([deformation.flat, latents[moving]], 1))
         if self.moving is not None:
             deformation, delta_color, change = self._scatter_moving(deformation, delta_color, change)
-        if self.still is not None:
-            deformation = replace(deformation, means=self._shift(deformation.means))
+        deformation = replace(deformation, means=self._shift(deformation.means))
         splats = self._splats(t, deformation, delta_color, latents if change is None else latents + change)
         return State(splats, deformation, delta_color, change, means_at_other)
 

@@ -86,9 +86,10 @@ class ObservedMotion:
             self._measured.append(self._measure(self.reference + len(self._measured), *next(self._followed)))
         flow, sure, error = self._measured[max(0, frame - self.reference)]
         seen = sure & (frame >= self.reference)
-        whole, spread = from_around(flow.astype(np.float32), seen)
+        flow = flow.astype(np.float32)
+        whole, spread = from_around(flow, seen)
         if frame >= self.reference:
-            whole, spread = with_own(whole, spread, flow.astype(np.float32), np.where(seen, np.nan, error.astype(np.float32)))
+            whole, spread = with_own(whole, spread, flow, np.where(seen, np.nan, error.astype(np.float32)))
         spread[~self._valid(frame)] = np.nan
         width, height = self.clip.size
         scale = np.array([width / self.size[0], height / self.size[1]], np.float32)

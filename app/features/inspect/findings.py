@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from degense.engine.layers.ranking import Finding, Ranking
 
 
-#: What the value of a finding is; the probe shows that of a single pixel.
 #: What is said while nothing is listed, and where there is nothing to search for.
 HINT = "Show a layer of motion, such as displacement, speed or spurious warp; Find then lists where it is largest."
+#: What the value of a finding is; the probe shows that of a single pixel.
 STATISTICS = {"frames": "99th percentile", "places": "Mean around"}
 
 

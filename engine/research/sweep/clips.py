@@ -104,11 +104,13 @@ def score_scene_baselines(plan: SweepPlan, scene: int) -> None:
     """Score the baselines of a scene that are not kept yet, and the ceiling of masks; one flow serves all: pictures have no depth."""
     missing = {path: what for path, what in baseline_files(plan, scene).items() if not path.exists()}
     flow: ClipFlow | None = None
+    ceiling: dict[str, Any] | None = None  # of the exact depth, whichever one is scored
     for path, (depth, teacher) in missing.items():
         clip = open_clip(plan.clip(scene, depth))
         flow = flow or ClipFlow(clip)
         if teacher is None:
-            found = image_baselines(clip) | motion_baselines(clip, flow) | mask_ceiling(open_clip(plan.clip(scene, "exact")))
+            ceiling = mask_ceiling(open_clip(plan.clip(scene, "exact"))) if ceiling is None else ceiling
+            found = image_baselines(clip) | motion_baselines(clip, flow) | ceiling
         else:
             found = mask_baselines(clip, teacher, flow, silent)
         write_json(path, found)

@@ -99,17 +99,23 @@ def test_a_pressed_button_stands_out(qtbot, qapp, name, role, kind):
     assert len(line) >= 2
 
 
-@pytest.mark.parametrize("name", ["dark", "light"])
-def test_what_a_tool_bar_has_no_room_for_is_found_at_its_end(qtbot, qapp, name):
-    """The arrow that opens its menu is drawn whole: 5 columns of pixels or more stand out."""
-    apply_theme(qapp, name)
+def crowded_status_bar(qtbot, width):
+    """A window so many pixels wide, with more buttons in its status bar than it has room for."""
     window = QMainWindow()
     qtbot.addWidget(window)
     status = StatusBar(window)
     for number in range(12):
         status.add_button(QAction(f"Panel {number}", window))
-    window.resize(300, 100)
+    window.resize(width, 100)
     window.show()
+    return window, status
+
+
+@pytest.mark.parametrize("name", ["dark", "light"])
+def test_what_a_tool_bar_has_no_room_for_is_found_at_its_end(qtbot, qapp, name):
+    """The arrow that opens its menu is drawn whole: 5 columns of pixels or more stand out."""
+    apply_theme(qapp, name)
+    _, status = crowded_status_bar(qtbot, 300)
     qapp.processEvents()
     arrow = status.more
     assert arrow.isVisible()
@@ -123,13 +129,7 @@ def test_hints_and_messages_keep_room_and_end_in_dots(qtbot, qapp, factor):
     """However many buttons there are; the tooltip has all of it."""
     apply_text_size(qapp, factor)
     try:
-        window = QMainWindow()
-        qtbot.addWidget(window)
-        status = StatusBar(window)
-        for number in range(12):
-            status.add_button(QAction(f"Panel {number}", window))
-        window.resize(1024, 100)
-        window.show()
+        window, status = crowded_status_bar(qtbot, 1024)
         text = "The whole clip: gallbladder in 24 of 24 frames, 31.6 % of the frame at most; liver in 24 of 24 frames"
         for words in (status.hint, status.message):
             status.hint.setText(text) if words is status.hint else window.statusBar().showMessage(text)
