@@ -162,6 +162,6 @@ def difference(one: dict[str, torch.Tensor], two: dict[str, torch.Tensor], devic
         return StressFinding(
             non_finite([one, two]), "ok: another number of Gaussians" if device == "cuda" else "ANOTHER NUMBER OF GAUSSIANS"
         )
-    most = max(float((one[name] - two[name]).abs().max()) for name in one if one[name].numel())
+    most = max(float((one[name].double() - two[name].double()).abs().max()) for name in one if one[name].numel())
     same = all(torch.equal(one[name], two[name]) for name in one)
     return StressFinding(non_finite([one, two]), "ok" if same else "ok: not bit for bit" if device == "cuda" else "NOT THE SAME RUN", most)
