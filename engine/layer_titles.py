@@ -7,7 +7,7 @@ LAYER_TITLES = {
     "depth": "Depth",
     "features": "Features",
     "similarity": "Similarity",
-    "mask": "Masks",
+    "mask": "Label map",
     "displacement": "Displacement",
     "uncertainty": "Displacement uncertainty",
     "speed": "Speed",

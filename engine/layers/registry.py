@@ -157,7 +157,7 @@ LAYERS: dict[str, Layer] = {
         Layer(
             "mask",
             "mask",
-            "Pixels each prompt finds: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), "
+            "Which prompt finds each pixel: superpixel means of the similarity, guided filter, threshold, holes filled (decoder rnse), "
             "or the plain decoders. Where masks overlap, the most similar prompt.",
             _mask,
             _mask_splats,

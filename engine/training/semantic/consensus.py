@@ -31,6 +31,7 @@ LEAST = 1e-3  # of a share of votes: what all frames deny may still be
 AROUND = 0.01  # the same for the regions around: what is small lies among others
 NEAR = 0.05  # of the picture's width: how far the regions around reach at least
 ROUNDS = 2  # in all but the first, frames vote with the consensus of the round before
+SETTLED = 5e-3  # share of the pixels that the first round calls otherwise than the teacher, up to which it is taken at its word
 MOST_VOTERS = 64  # frames that vote, evenly spread; a long clip has more
 SCORE_BYTES = 1 << 29  # of what is known of frames, kept
 PIXELS = 400_000  # of all frames, that the appearance is learned from
@@ -84,6 +85,9 @@ class Consensus:
     for a while, and boundaries that wander. They reach farther, the more often votes and looks, which hold all frames, contradict each
     other: by that share of the picture's width beyond `NEAR`.
 
+    A teacher that the first round contradicts in hardly a pixel (`SETTLED`) is taken at its word, and no other round follows: what would be
+    changed are pixels at edges, which the scene blurs.
+
     The model's geometry is finished. The targets, which are the teacher's answers, are told their `disagreement` and `accuracy`.
     """
 
@@ -95,32 +99,50 @@ class Consensus:
         self._regions = Regions(geometry)
         asked = targets.labelled_frames
         voters = [asked[i] for i in np.unique(np.linspace(0, len(asked) - 1, min(len(asked), MOST_VOTERS)).round().astype(int))]
-        random = torch.Generator().manual_seed(seed)
-        shares: Callable[[int], Tensor] = self._told
+        random, shares = torch.Generator().manual_seed(seed), self._told
         for done in range(ROUNDS):
-            votes, seen, called = Votes(geometry), [], []
-            for i, frame in enumerate(voters):
-                progress((done + i / len(voters)) / ROUNDS, "comparing what the teacher says over time")
-                known = self._told(frame).sum(1) > 0
-                found = shares(frame) * known[:, None]
-                votes.add(frame, found)
-                known = torch.nonzero(known)[:, 0]
-                rows = known[torch.randperm(len(known), generator=random)[: PIXELS // len(voters)].to(known.device)]
-                seen.append(self._look(frame)[rows])
-                called.append(found[rows])
-            self._votes, self._usual = votes, torch.cat(called).mean(0).clamp_min(1e-4)
-            self._appearance = Appearance(torch.cat(seen), torch.cat(called), seed)
-            self._scores = Latest(self._scores.limit)
-            contested, pixels = self._contested(voters)
-            self._own, self._reach = own_weight(contested), NEAR + float(contested[3] - contested[0]) / max(pixels, 1)
-            self._regions.clear()
-            for frame in voters:
-                told = self._told(frame)
-                self._regions.add(frame, torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0))
+
+            def tell(f: float, done: int = done) -> None:
+                progress((done + f) / ROUNDS, "comparing what the teacher says over time")
+
+            contested, pixels = self._round(voters, shares, geometry, random, tell)
+            number, otherwise, around = torch.stack([self._beside_teacher(frame) for frame in voters]).sum(0).tolist()
+            self._settled = done == 0 and otherwise <= SETTLED * number
+            if self._settled:
+                break
             shares = self.shares
         targets.accuracy = accuracy_of(contested, pixels)
-        number, otherwise, around = torch.stack([self._beside_teacher(frame) for frame in voters]).sum(0).tolist()
         targets.disagreement, self._around_right = otherwise / max(number, 1), max(around / max(number, 1) / targets.accuracy, 1e-3)
+
+    def _round(
+        self,
+        voters: list[int],
+        shares: Callable[[int], Tensor],
+        geometry: FinishedGeometry,
+        random: torch.Generator,
+        progress: Callable[[float], None],
+    ) -> tuple[Tensor, int]:
+        """Let frames vote with their `shares`, fit the look of words to them and let regions vote with both; returns `_contested`."""
+        votes, seen, called = Votes(geometry), [], []
+        for i, frame in enumerate(voters):
+            progress(i / len(voters))
+            known = self._told(frame).sum(1) > 0
+            found = shares(frame) * known[:, None]
+            votes.add(frame, found)
+            known = torch.nonzero(known)[:, 0]
+            rows = known[torch.randperm(len(known), generator=random)[: PIXELS // len(voters)].to(known.device)]
+            seen.append(self._look(frame)[rows])
+            called.append(found[rows])
+        self._votes, self._usual = votes, torch.cat(called).mean(0).clamp_min(1e-4)
+        self._appearance = Appearance(torch.cat(seen), torch.cat(called), random.initial_seed())
+        self._scores = Latest(self._scores.limit)
+        contested, pixels = self._contested(voters)
+        self._own, self._reach = own_weight(contested), NEAR + float(contested[3] - contested[0]) / max(pixels, 1)
+        self._regions.clear()
+        for frame in voters:
+            told = self._told(frame)
+            self._regions.add(frame, torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0))
+        return contested, pixels
 
     def shares(self, frame: int) -> Float[Tensor, "pixels words"]:
         """q of each pixel of a frame, rows of sum 1."""
@@ -134,9 +156,10 @@ class Consensus:
     def answer(self, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The teacher's words float32 [K, D]; which is the likeliest at each pixel of a frame, int32 [H, W], −1 where the teacher says
         nothing; and its q, float32 [H, W]."""
-        sure, named = self.shares(frame).max(1)
+        told = self._told(frame)
+        sure, named = (told if self._settled else self.shares(frame)).max(1)
         width, height = self._frames.size
-        named[self._told(frame).sum(1) == 0] = -1
+        named[told.sum(1) == 0] = -1
         index, confidence = (values.reshape(height, width).cpu().numpy() for values in (named.int(), sure))
         return self._words, index, confidence
 

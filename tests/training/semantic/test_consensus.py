@@ -93,6 +93,19 @@ def test_a_teacher_is_corrected_by_itself_and_one_that_is_right_is_left_alone(st
     assert targets.accuracy == pytest.approx(told / counted, abs=0.03)
 
 
+def test_a_teacher_that_nothing_contradicts_is_taken_at_its_word_and_asked_once(stage):
+    clip, frames, model, exact = stage
+    targets, told = SemanticTargets(exact, frames), []
+    consensus = Consensus(model, targets, frames, 0, lambda fraction, words: told.append(fraction))
+    assert max(told) < 0.5
+    for frame in clip.train_frames:
+        _, index, confidence = consensus.answer(frame)
+        assert np.array_equal(index, targets.answer(frame)[1])
+        assert (confidence[index >= 0] == 1).all()
+    Consensus(model, SemanticTargets(Erring(exact, 0.05), frames), frames, 0, lambda fraction, words: told.append(fraction))
+    assert max(told) > 0.5, "one that errs in a twentieth is asked again"
+
+
 class Lasting(Erring):
     """The same, and a patch of 16 × 16 pixels has the other name in the first half of the clip."""
 
