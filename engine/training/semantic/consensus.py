@@ -155,7 +155,7 @@ class Consensus:
 
     def answer(self, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The teacher's words float32 [K, D]; which is the likeliest at each pixel of a frame, int32 [H, W], −1 where the teacher says
-        nothing; and its q, float32 [H, W]."""
+        nothing; and its q, float32 [H, W]. Of a teacher that is taken at its word both are its own: its shares of words in place of q."""
         told = self._told(frame)
         sure, named = (told if self._settled else self.shares(frame)).max(1)
         width, height = self._frames.size
