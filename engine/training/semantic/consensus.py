@@ -19,7 +19,7 @@ from degense.engine.latest import Latest
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import backproject, rasterize
 from degense.engine.training.frames import TrainingFrames
-from degense.engine.training.semantic.appearance import Appearance, look
+from degense.engine.training.semantic.appearance import Appearance, Looks
 from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.regions import Regions
 from degense.engine.training.semantic.targets import SemanticTargets, SureAnswer
@@ -96,7 +96,7 @@ class Consensus:
         width, height = frames.size
         self._scores = Latest(max(2, SCORE_BYTES // (2 * width * height * len(self._words))))
         geometry = FinishedGeometry(model, frames)
-        self._regions = Regions(geometry)
+        self._regions, self._looks = Regions(geometry), Looks(frames.size, frames.device)
         asked = targets.labelled_frames
         voters = [asked[i] for i in np.unique(np.linspace(0, len(asked) - 1, min(len(asked), MOST_VOTERS)).round().astype(int))]
         random, shares = torch.Generator().manual_seed(seed), self._told
@@ -131,7 +131,7 @@ class Consensus:
             votes.add(frame, found)
             known = torch.nonzero(known)[:, 0]
             rows = known[torch.randperm(len(known), generator=random)[: PIXELS // len(voters)].to(known.device)]
-            seen.append(self._look(frame)[rows])
+            seen.append(self._looks(self._frames.image(frame))[rows])
             called.append(found[rows])
         self._votes, self._usual = votes, torch.cat(called).mean(0).clamp_min(1e-4)
         self._appearance = Appearance(torch.cat(seen), torch.cat(called), random.initial_seed())
@@ -188,20 +188,15 @@ class Consensus:
         says nothing."""
         answer = self._targets.answer(frame)
         assert answer is not None
-        parts = shares_of(answer[0], self._words)
-        rows = np.concatenate([parts, np.zeros_like(parts[:1])])[answer[1].ravel()]  # −1, nothing, is the last
-        return torch.from_numpy(rows).to(self._frames.device)
+        parts, index = (torch.from_numpy(values).to(self._frames.device) for values in (shares_of(answer[0], self._words), answer[1]))
+        return torch.cat([parts, torch.zeros_like(parts[:1])])[index.flatten().long()]  # −1, nothing, is the last
 
     def _raters(self, frame: int) -> tuple[Tensor, Tensor]:
         """log p(word | votes of the other frames) and log p(word | look) of each pixel of a frame."""
-        return self._votes.read(frame).log(), self._appearance(self._look(frame))
+        return self._votes.read(frame).log(), self._appearance(self._looks(self._frames.image(frame)))
 
     def _score(self, votes: Tensor, looks: Tensor) -> Tensor:
         return (votes + looks - self._usual.log() / 2).half()
-
-    def _look(self, frame: int) -> Tensor:
-        features = look(self._frames.image(frame))
-        return torch.from_numpy(features.reshape(-1, features.shape[2])).to(self._frames.device)
 
     def _contested(self, frames: list[int]) -> tuple[Tensor, int]:
         """Of how many pixels the teacher alone, the votes alone, the looks alone say something else than both others, and of how many not
