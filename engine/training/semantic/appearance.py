@@ -62,9 +62,9 @@ class Looks:
         return torch.cat(found).flatten(1).T.contiguous()
 
 
-def _gaussian(scale: float) -> Float32[np.ndarray, " taps"]:
+def _gaussian(scale: int) -> Float32[np.ndarray, " taps"]:
     """The taps of OpenCV's blur of floating-point numbers with σ = `scale`."""
-    return cv2.getGaussianKernel(round(scale * 8 + 1) | 1, scale, cv2.CV_32F)
+    return cv2.getGaussianKernel(round(scale * 8 + 1) | 1, scale, cv2.CV_32F).ravel()
 
 
 def _matrix(length: int, taps: Float32[np.ndarray, " taps"], device: torch.device) -> Float[Tensor, "length length"]:
