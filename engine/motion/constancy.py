@@ -82,8 +82,8 @@ def _limited(here, arrived, medians, limit, kept):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _changes(here, arrived, medians, light, change, of_known):
-    """The largest | r_c − r̄_c |, float32 [H, W], NaN where it is not known, and those that are known one after the other. The smooth part of
-    the ratio is `light` over its last channel."""
+    """The largest | r_c − r̄_c |, float32 [H, W], NaN where it is not known, and those that are known one after the other. The smooth part
+    of the ratio is `light` over its last channel."""
     count = 0
     for i in range(here.shape[0]):
         for j in range(here.shape[1]):
@@ -113,8 +113,8 @@ def _exceeding(here, arrived, change, allowed, slack, changed):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _steepness(frame, other, y, x):
-    """The square of the steepest slope of a frame [H, W, 3] at a pixel, a pixel, by Sobel's filter, mirrored at the edges; where the frame is
-    not known it is as the `other`."""
+    """The square of the steepest slope of a frame [H, W, 3] at a pixel, a pixel, by Sobel's filter, mirrored at the edges; where the frame
+    is not known it is as the `other`."""
     height, width, _ = frame.shape
     largest = np.float32(0)
     for c in range(3):

@@ -19,7 +19,7 @@ WIDTH = 64  # units of a hidden layer
 STEPS, BATCH, RATE = 400, 4096, 3e-3
 EPOCHS = 20  # at most
 ROWS = 8192  # asked at once: what lies between the layers stays in the processor's cache
-SMOOTH, DIFFERENCE = np.float32([1, 2, 1]), np.float32([-1, 0, 1])  # Sobel's
+SMOOTH, DIFFERENCE = np.array([1, 2, 1], np.float32), np.array([-1, 0, 1], np.float32)  # Sobel's
 
 
 class Looks:
@@ -64,7 +64,7 @@ class Looks:
 
 def _gaussian(scale: int) -> Float32[np.ndarray, " taps"]:
     """The taps of OpenCV's blur of floating-point numbers with σ = `scale`."""
-    return cv2.getGaussianKernel(round(scale * 8 + 1) | 1, scale, cv2.CV_32F).ravel()
+    return np.ravel(cv2.getGaussianKernel(round(scale * 8 + 1) | 1, scale, cv2.CV_32F))
 
 
 def _matrix(length: int, taps: Float32[np.ndarray, " taps"], device: torch.device) -> Float[Tensor, "length length"]:
