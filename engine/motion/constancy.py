@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numba import njit
 
+import degense.engine.threads  # noqa: F401 - where compiled kernels are kept
 from degense.engine.motion.flow import Flow, Rgb, sample
 
 DARK = 8.0  # grey levels added before the logarithm, so that noise in the dark is no change
