@@ -44,9 +44,9 @@ def looks_changed(here: np.ndarray, there: np.ndarray, flow: Flow) -> np.ndarray
     _limited(here, arrived, medians, np.float32(LARGEST_LIGHT), kept)
     small = max(1, width // 8), max(1, height // 8)
     light = cv2.GaussianBlur(cv2.resize(kept, small, interpolation=cv2.INTER_AREA), (0, 0), LIGHT * small[0])
-    change, of_known = np.empty((height, width), np.float32), values[0]
-    _changes(here, arrived, medians, cv2.resize(light, (width, height), interpolation=cv2.INTER_LINEAR), change, of_known)
-    _exceeding(here, arrived, change, np.float32(LEAST + USUAL * _median(of_known[:count])), np.float32(SLACK), changed)
+    change = _largest_change(here, arrived, medians, cv2.resize(light, (width, height), interpolation=cv2.INTER_LINEAR))
+    usual = _median(change[np.isfinite(change)])
+    _exceeding(here, arrived, change, np.float32(LEAST + USUAL * usual), np.float32(SLACK), changed)
     return changed
 
 
@@ -82,19 +82,17 @@ def _limited(here, arrived, medians, limit, kept):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _changes(here, arrived, medians, light, change, of_known):
-    """The largest | r_c − r̄_c |, float32 [H, W], NaN where it is not known, and those that are known one after the other. The smooth part
-    of the ratio is `light` over its last channel."""
-    count = 0
+def _largest_change(here, arrived, medians, light):
+    """max_c | r_c − r̄_c |, float32 [H, W], NaN where it is not known; the smooth part of the ratio is `light` over its last channel."""
+    change = np.full(here.shape[:2], np.nan, np.float32)
     for i in range(here.shape[0]):
         for j in range(here.shape[1]):
-            change[i, j] = np.nan
             if np.isfinite(arrived[i, j, 0]):
                 weight, largest = max(light[i, j, 3], np.float32(1e-3)), np.float32(0)
                 for c in range(3):
                     largest = max(largest, abs(here[i, j, c] - arrived[i, j, c] - medians[c] - light[i, j, c] / weight))
-                change[i, j] = of_known[count] = largest
-                count += 1
+                change[i, j] = largest
+    return change
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
