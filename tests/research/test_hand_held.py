@@ -78,10 +78,6 @@ def test_a_scene_of_one_labelled_frame_leaves_unlabelled_what_entered(folder, cl
     scene = trained(folder, config, silent)
     found = {name: scored(clip, answer).cells() for name, answer in answers(clip, scene).items()}
     assert scene.run.load_label_support(len(scene.model)).frames == [0]
-    by_what_is_shown, by_names_alone = (
-        found[f"scene, {answer}"]["entered"] for answer in ("what the first frame shows", "every pixel may be named")
-    )
-    assert by_what_is_shown > 50
-    assert by_names_alone < by_what_is_shown / 3
+    assert found["scene, what the first frame shows"]["entered"] > 50 > 10 > found["scene, every pixel may be named"]["entered"]
     assert found["scene"]["misnamed"] < 10
     assert found["scene"]["last"] > found["copied"]["last"] - 0.05
