@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from degense.engine.field.model import CANONICAL, SceneModel
+from degense.engine.training.adam import Adam
 
 PRUNE_OPACITY = 0.005
 GRADIENT_THRESHOLD = 2e-4  # of the screen position, in half-widths of the image, as in 3DGS
@@ -49,7 +50,7 @@ class Density:
         torch.maximum(self.radius, radii.to(self.radius.dtype), out=self.radius)
 
     @torch.no_grad()
-    def step(self, optimizer: torch.optim.Optimizer, generator: torch.Generator, *, prune: bool = True) -> dict[str, int]:
+    def step(self, optimizer: Adam, generator: torch.Generator, *, prune: bool = True) -> dict[str, int]:
         """Prune what was never visible enough since the last pruning, then clone and split where the gradient is largest.
 
         `prune` only when every training frame was observed since the last pruning: what lives or is in view for a few frames of a long clip
@@ -81,7 +82,7 @@ class Density:
             self.opacity = remembered
         return {"pruned": int((~keep).sum()), "cloned": len(clone), "split": len(split)}
 
-    def _replace(self, optimizer: torch.optim.Optimizer, keep: Tensor, children: dict[str, Tensor]) -> None:
+    def _replace(self, optimizer: Adam, keep: Tensor, children: dict[str, Tensor]) -> None:
         """Swap every canonical parameter for its kept rows and the children; Adam's moments follow, those of children start at zero."""
         for name in CANONICAL:
             old = self.model.canonical[name]

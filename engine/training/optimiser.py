@@ -1,4 +1,4 @@
-"""Adam with one group a kind of parameter, how the rates fall, and the state of a model with its optimiser."""
+"""The groups of Adam, one a kind of parameter, how the rates fall, and the state of a model with its optimiser."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import torch
 from torch import Tensor
 
 from degense.engine.field import SceneModel
+from degense.engine.training.adam import MOMENTS, Adam
 from degense.engine.training.config import TrainConfig
 
 MOTION = {"field", "planes"}
 DECAYING = {"means", "semantic"} | MOTION
-MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 COOLDOWN = 0.3  # last part of a training, in which all learning rates fall
 SETTLED = 0.05  # of its rate is left of everything at the end
 
 
-def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
+def make_optimiser(model: SceneModel, config: TrainConfig) -> Adam:
     """Groups: each canonical parameter that is learned (so that densification can swap it), planes, networks, semantic networks."""
     rates = {
         "means": config.rate_means,
@@ -40,10 +40,10 @@ def make_optimiser(model: SceneModel, config: TrainConfig) -> torch.optim.Adam:
         groups.append({"name": "semantic", "params": semantic, "lr": config.rate_field})
     for group in groups:
         group["base"] = group["lr"]
-    return torch.optim.Adam(groups, eps=1e-15, fused=True)
+    return Adam(groups)
 
 
-def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, progress: float, scale: float) -> None:
+def set_rates(optimizer: Adam, config: TrainConfig, progress: float, scale: float) -> None:
     """Rates at `progress` (0 … 1), everything times `scale`.
 
     Positions and field fall exponentially to `rate_final` of their start. In the cool-down all rates fall to `SETTLED` as well, in a
@@ -57,7 +57,7 @@ def set_rates(optimizer: torch.optim.Optimizer, config: TrainConfig, progress: f
         group["lr"] = group["base"] * scale * settle * decay if done <= 1 else 0.0
 
 
-def learned_state(model: SceneModel, optimizer: torch.optim.Optimizer) -> dict[str, dict[str, Tensor]]:
+def learned_state(model: SceneModel, optimizer: Adam) -> dict[str, dict[str, Tensor]]:
     """Copies of the parameters of a model ("model") and of Adam's moments by parameter ("moments")."""
     moments: dict[str, Tensor] = {}
     for name, parameter in model.named_parameters():
@@ -66,7 +66,7 @@ def learned_state(model: SceneModel, optimizer: torch.optim.Optimizer) -> dict[s
     return {"model": {name: value.detach().clone() for name, value in model.state_dict().items()}, "moments": moments}
 
 
-def restore_learned(model: SceneModel, config: TrainConfig, state: Mapping[str, Mapping[str, Tensor]]) -> torch.optim.Adam:
+def restore_learned(model: SceneModel, config: TrainConfig, state: Mapping[str, Mapping[str, Tensor]]) -> Adam:
     """Give a model the parameters that `learned_state` copied, however many Gaussians it has; a new optimiser with their moments."""
     device = model.bounds.device
     for name, old in model.canonical.items():

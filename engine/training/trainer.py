@@ -158,7 +158,7 @@ class Trainer:
         with part("losses"):
             losses, squared_error = self._losses(index, pair, field, render, rows, semantic=semantic)
             loss = reduce(add, (found.total for found in losses.values()))
-        self.optimizer.zero_grad(set_to_none=True)
+        self.optimizer.zero_grad()
         with part("losses backward"):
             loss.backward()
         with part("optimiser"):
@@ -203,7 +203,8 @@ class Trainer:
     def _make_passes(self, asked: tuple[Tensor, ...]) -> None:
         """Make what reads the model, when the Gaussians or the stage have changed: before any gradient of this step is on its way."""
         if not self.passes.ready:
-            self.optimizer.zero_grad(set_to_none=True)  # gradients lie in the memory of the old CUDA graphs, which is given back now
+            self.optimizer.zero_grad()
+            self.optimizer.forget()  # gradients lie in the memory of the old CUDA graphs, which is given back now
             self.passes.make(asked, self._smoothness_weight, deform=self.deforms)
 
     def _pair(self, frame: int) -> Pair | None:

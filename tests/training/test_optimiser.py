@@ -3,6 +3,7 @@
 import pytest
 import torch
 
+from degense.engine.training.adam import Adam
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.optimiser import COOLDOWN, DECAYING, SETTLED, set_rates
 
@@ -12,7 +13,7 @@ def rates(progress, caution=1.0, names=("means", "colors"), **changes):
     assert "means" in DECAYING
     assert "colors" not in DECAYING
     groups = [{"name": name, "params": [torch.nn.Parameter(torch.zeros(1))], "lr": 1.0} for name in names]
-    optimizer = torch.optim.Adam(groups)
+    optimizer = Adam(groups)
     for group in optimizer.param_groups:
         group["base"] = 1.0
     set_rates(optimizer, TrainConfig(**changes), progress, caution)

@@ -24,6 +24,7 @@ from degense.engine.scene.labelled import LabelledPlaces
 from degense.engine.semantics.novelty import Novelty, surroundings, surroundings_by_class
 from degense.engine.store.run import LabelSupport
 from degense.engine.threads import one_torch_thread
+from degense.engine.training.adam import Adam
 from degense.engine.training.semantic.label_support import shown_by
 
 #: Weight of a label that was warped where forward and backward flow disagree.
@@ -160,7 +161,7 @@ class FieldVotes:
 
 
 SAMPLES = 1500  # pixels of each class and corrected frame to learn from
-WIDTH, STEPS, BATCH, RATE, SMOOTHING = 32, 300, 2048, 1e-2, 0.1
+WIDTH, STEPS, BATCH, RATE, DECAY, SMOOTHING = 32, 300, 2048, 1e-2, 1e-3, 0.1
 
 #: Logistic weights of `unknown_evidence`, the constant first; fitted to 24 surgeries of the family, seeds 0 to 31.
 UNKNOWN = (-8.3, 1.7, 2.3, 1.6)
@@ -225,12 +226,12 @@ def _fitted(x: Tensor, targets: np.ndarray, count: int, seed: int) -> nn.Module:
     with torch.random.fork_rng(devices=[]), torch.enable_grad():
         torch.manual_seed(seed)
         network = nn.Sequential(nn.Linear(x.shape[1], WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH), nn.ReLU(), nn.Linear(WIDTH, count))
-        optimizer = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=1e-3)
+        optimizer = Adam([{"params": network.parameters(), "lr": RATE}], decay=DECAY)
         for step in range(STEPS):
             for group in optimizer.param_groups:
                 group["lr"] = RATE * (1 - step / STEPS) + RATE / 100
             batch = torch.randint(len(x), (BATCH,))
-            optimizer.zero_grad(set_to_none=True)
+            optimizer.zero_grad()
             loss(network(x[batch]), y[batch]).backward()
             optimizer.step()
     return network.requires_grad_(False)

@@ -14,9 +14,11 @@ import torch
 from jaxtyping import Float, Float32, UInt8
 from torch import Tensor, nn
 
+from degense.engine.training.adam import Adam
+
 SCALES = (1, 2, 4, 8)  # pixels: σ of the neighbourhoods that are looked at
 WIDTH = 64  # units of a hidden layer
-STEPS, BATCH, RATE = 400, 4096, 3e-3
+STEPS, BATCH, RATE, DECAY = 400, 4096, 3e-3, 1e-4
 EPOCHS = 20  # at most
 ROWS = 8192  # asked at once: what lies between the layers stays in the processor's cache
 SMOOTH, DIFFERENCE = np.array([1, 2, 1], np.float32), np.array([-1, 0, 1], np.float32)  # Sobel's
@@ -90,13 +92,13 @@ class Appearance:
                     parameter.copy_((torch.rand(parameter.shape, generator=random) * 2 - 1) / inputs**0.5)
             layers += [layer, nn.SiLU()]
         self._network = nn.Sequential(*layers[:-1]).to(features.device)
-        optimizer = torch.optim.AdamW(self._network.parameters(), RATE, weight_decay=1e-4)
+        optimizer = Adam([{"params": self._network.parameters(), "lr": RATE}], decay=DECAY)
         steps = min(STEPS, EPOCHS * len(features) // BATCH + 1)
         for step in range(steps):
             optimizer.param_groups[0]["lr"] = RATE * (1 - step / steps)
             rows = torch.randint(len(features), (BATCH,), generator=random).to(features.device)
             loss = nn.functional.cross_entropy(self._network(self._scaled(features[rows])), shares[rows])
-            optimizer.zero_grad(set_to_none=True)
+            optimizer.zero_grad()
             loss.backward()
             optimizer.step()
 

@@ -20,6 +20,7 @@ from degense.engine.profile import part, renamed_at_gradient
 from degense.engine.progress import Progress, silent
 from degense.engine.raster import backproject
 from degense.engine.splats import Splats
+from degense.engine.training.adam import Adam
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.loss_terms import Loss, LossSums
@@ -141,7 +142,7 @@ def distill(
             with part("losses"):
                 terms = {**targets.loss(latent, frame, distance, config.region), "delta_semantics": regularizer / config.semantic}
                 loss = Loss.of("semantic", terms, zero)
-            optimizer.zero_grad(set_to_none=True)
+            optimizer.zero_grad()
             with part("losses backward"):
                 loss.total.backward()
             with part("optimiser"):
@@ -174,7 +175,7 @@ def _scene_of(
 
 
 @contextmanager
-def _semantic_optimizer(model: SceneModel, config: TrainConfig) -> Iterator[torch.optim.Adam]:
+def _semantic_optimizer(model: SceneModel, config: TrainConfig) -> Iterator[Adam]:
     """An optimiser of the semantic parameters; all others need no gradient meanwhile."""
     planes, networks = ([] if part is None else list(part.parameters()) for part in (model.semantic_planes, model.semantic))
     rates = (config.rate_semantics, config.rate_planes, config.rate_field)
@@ -185,7 +186,7 @@ def _semantic_optimizer(model: SceneModel, config: TrainConfig) -> Iterator[torc
     for parameter in others:
         parameter.requires_grad_(False)
     try:
-        yield torch.optim.Adam(groups, eps=1e-15, fused=True)
+        yield Adam(groups)
     finally:
         for parameter in others:
             parameter.requires_grad_(True)
