@@ -114,6 +114,7 @@ class CurveView(pg.GraphicsView):
             axis.setTextPen(colours.placeholderText().color())
         self._cursor.setPen(colours.accent().color(), width=1.4)
         self._pointer.setPen(colours.text().color(), style=Qt.PenStyle.DotLine)
+        self._legend.setText(self._legend.text, color=colours.text().color())
 
     def changeEvent(self, event: QEvent) -> None:
         super().changeEvent(event)

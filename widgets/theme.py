@@ -63,6 +63,11 @@ QTabBar::tab:selected { background: palette(mid); border-bottom: 3px solid palet
 QTabBar::tab:selected:focus { background: palette(highlight); color: palette(highlighted-text); }
 QDialogButtonBox { dialogbuttonbox-buttons-have-icons: 0; }
 QMainWindow > QTabBar { qproperty-elideMode: ElideNone; }
+QDockWidget::close-button, QDockWidget::float-button {
+    subcontrol-origin: padding; subcontrol-position: top right; position: absolute; right: 3px;
+    width: 1.3em; height: 1.3em; icon-size: 1.2em;
+}
+QDockWidget::float-button { right: 1.6em; }
 QFrame#tour { background: palette(button); border: 1px solid palette(accent); border-radius: 8px; }
 QFrame#tourFrame { border: 2px solid palette(accent); border-radius: 4px; }
 QFrame#chip { background: palette(button); border: 1px solid palette(mid); border-radius: 6px; }

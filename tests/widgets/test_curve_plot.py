@@ -18,6 +18,7 @@ from PySide6.QtWidgets import QApplication
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.numbers import short
 from degense.widgets.qt_images import to_array
+from degense.widgets.theme import apply_theme
 from tests.house.source import ROOT
 
 RED = QColor(255, 0, 0)
@@ -53,6 +54,14 @@ def test_a_rising_curve_rises(plot):
     assert columns.max() - columns.min() > 250
     left, right = rows[columns < columns.min() + 20].mean(), rows[columns > columns.max() - 20].mean()
     assert left - right > 100
+
+
+def test_the_legend_can_be_read_after_the_theme_has_changed(plot, qapp):
+    plot.set_series("displacement", np.arange(50), np.arange(50) * 2.0, RED)
+    for name in ("light", "dark"):
+        apply_theme(qapp, name)
+        QApplication.processEvents()
+        assert plot._view._legend.opts["color"] == plot.palette().text().color()
 
 
 def test_log_scale_bends_exponentials_straight(show):

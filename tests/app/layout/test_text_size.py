@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QSize, Qt
+from PySide6.QtCore import QRect, QSize, Qt
 from PySide6.QtGui import QScreen
 from PySide6.QtWidgets import QAbstractButton, QDialog, QLabel, QScrollArea, QTableWidget, QTabWidget, QWidget
 
@@ -43,8 +43,15 @@ def height_of_title(window: QWidget) -> int:
     return int((np.ptp(image[..., 0], axis=1) > 60).sum())
 
 
+def title_buttons(window: QWidget) -> list[QRect]:
+    """Where the buttons in the title of a panel are, from the left."""
+    dock = on.dock(window, "Layers")
+    found = [dock.findChild(QAbstractButton, f"qt_dockwidget_{name}button") for name in ("float", "close")]
+    return [button.geometry() for button in found]
+
+
 def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
-    before, title = opened.fontMetrics().height(), height_of_title(opened)
+    before, title, buttons = opened.fontMetrics().height(), height_of_title(opened), title_buttons(opened)
     opened.session.view.add_prompt("liver")
     opened.session.view.set_layer("displacement")
     idle()
@@ -57,6 +64,10 @@ def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
     qtbot.wait(50)
     screenshot(opened, "text-200")
     assert height_of_title(opened) >= 1.6 * title
+    large = title_buttons(opened)
+    assert all(after.height() >= 1.6 * usual.height() for usual, after in zip(buttons, large, strict=True))
+    assert large[0].right() < large[1].left()
+    assert max(button.bottom() for button in large) < on.dock(opened, "Layers").widget().y()
     assert not cut(opened)
     opened.docks.bring(on.dock(opened, "Curves"))
     qtbot.wait(50)
@@ -66,6 +77,7 @@ def test_larger_text_by_keys(qtbot, opened, qapp, usual_size, idle, screenshot):
     opened.registry.run("text.usual")
     assert opened.settings.value.text_size == 1.0
     qtbot.waitUntil(lambda: opened.fontMetrics().height() == before)
+    qtbot.waitUntil(lambda: title_buttons(opened) == buttons)
 
 
 DIALOGS = (
