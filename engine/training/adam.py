@@ -7,6 +7,7 @@ starts one kernel after the other that each leave most of a GPU idle.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -14,9 +15,20 @@ from torch import Tensor
 from torch.optim.adam import adam
 
 from degense.engine.field.cuda_graphs import capture
+from degense.engine.latest import Latest
 
 MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 BETAS, EPSILON = (0.9, 0.999), 1e-15
+GRAPHS = 4  # kept: not all steps have the same regularizers
+
+
+@dataclass
+class _Recorded:
+    """A step that may come again."""
+
+    held: list[Tensor]  # its parameters and gradients, so that no others get their identity
+    seen: int = 0
+    graph: torch.cuda.CUDAGraph | None = None
 
 
 class Adam:
@@ -25,8 +37,8 @@ class Adam:
     With `decay` parameters also shrink by so much of their rate a step (AdamW; Loshchilov & Hutter, ICLR 2019). Parameters of a group lie
     on one device; those without a gradient stay as they are. `state` holds the `MOMENTS` of each parameter that has made a step.
 
-    On a GPU two steps in a row with the same gradients, in the same memory, make the graph that later ones replay: the owner of CUDA
-    graphs that hand out such gradients calls `forget` before it gives their memory back.
+    On a GPU the second step with the same gradients, in the same memory, makes the graph that later ones replay: the owner of CUDA graphs
+    that hand out such gradients calls `forget` before it gives their memory back.
     """
 
     def __init__(self, groups: Iterable[dict[str, Any]], *, decay: float = 0.0):
@@ -34,8 +46,7 @@ class Adam:
         self.state: dict[Tensor, dict[str, Tensor]] = {}
         self.decay = decay
         self._rates: Tensor | None = None  # float [groups] on the GPU, which the graph reads
-        self._last: list[Tensor] = []  # parameters and gradients of the step before
-        self._graph: torch.cuda.CUDAGraph | None = None
+        self._recorded = Latest(GRAPHS)  # by the parameters and gradients of a step, which it holds
 
     def zero_grad(self) -> None:
         """Forget all gradients."""
@@ -44,8 +55,8 @@ class Adam:
                 parameter.grad = None
 
     def forget(self) -> None:
-        """Make the graph anew when it is next worth it."""
-        self._last, self._graph = [], None
+        """Make graphs anew."""
+        self._recorded = Latest(GRAPHS)
 
     @torch.no_grad()
     def step(self) -> None:
@@ -63,14 +74,15 @@ class Adam:
             self._rates = torch.zeros(len(rates), device=first.device)
         self._rates.copy_(torch.tensor(rates))
         held = [tensor for group in learning for parameter in group for tensor in (parameter, parameter.grad)]
-        if len(held) != len(self._last) or any(now is not before for now, before in zip(held, self._last, strict=True)):
-            self._last, self._graph = held, None
+        step = self._recorded.get(tuple(map(id, held)), lambda: _Recorded(held))
+        step.seen += 1
+        if step.seen == 1:
             for group, rate in zip(learning, self._rates, strict=True):
                 self._update(group, rate)
             return
-        if self._graph is None:
-            self._graph, _ = capture(lambda: self._side_by_side(learning))
-        self._graph.replay()
+        if step.graph is None:
+            step.graph, _ = capture(lambda: self._side_by_side(learning))
+        step.graph.replay()
 
     def _side_by_side(self, learning: Sequence[Sequence[Tensor]]) -> None:
         """The update of all groups at once, a stream each: one group alone is too little work for a GPU."""

@@ -73,11 +73,10 @@ def test_a_graph_does_the_same(decay):
     ours, theirs = both("cuda", decay)
     for a, b in steps(ours, theirs, 6):
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
-    assert ours[0]._graph is not None
 
 
 @pytest.mark.cuda
-def test_a_graph_is_made_anew_when_other_parameters_learn():
+def test_graphs_know_which_parameters_learn():
     ours, theirs = both("cuda")
-    for a, b in steps(ours, theirs, 7, leave_out={(3, 0)}):
+    for a, b in steps(ours, theirs, 12, leave_out={(k, 0) for k in (3, 5, 6, 9)}):
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
