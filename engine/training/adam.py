@@ -1,6 +1,6 @@
 """Adam (Kingma & Ba, ICLR 2015), on a GPU all of it as one CUDA graph.
 
-`torch.optim.Adam` does the same arithmetic. Making one imports torch's compiler, which takes longer than the rest of torch, and its step
+`torch.optim.Adam` does the same arithmetic. Making one imports torch's compiler, which takes about as long as torch itself, and its step
 starts one kernel after the other that each leave most of a GPU idle.
 """
 
