@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication
 from degense.app.features.viewer.view_rendering import draw_snapshot
 from degense.widgets.splats import snapshot_surface
 from degense.widgets.splats.gaussians import tamed
-from degense.widgets.splats.guides import Guide, projection_matrix
+from degense.widgets.splats.guides import Guide, lay_over, projection_matrix
 from degense.widgets.splats.splat_view import SplatView
 from tests.widgets.splatting import psnr, splatted
 
@@ -256,3 +256,17 @@ def test_colours_become_bytes():
     one = np.zeros((1, 3)), np.ones((1, 4)), np.ones((1, 3)), np.ones(1)
     assert tamed(*one, np.array([[-1.0, 0.5, 2.0]])).colours.tolist() == [[0, 128, 255]]
     assert tamed(*one, np.array([[1, 2, 3]], np.uint8)).colours.tolist() == [[1, 2, 3]]
+
+
+def test_lines_and_names_are_no_larger_in_a_picture_that_is_stretched(qapp, camera):
+    """A picture of half the size has lines of half the width, so that they keep theirs on the screen."""
+    ends = camera.unproject(np.array([[0.2, 0.5], [0.6, 0.5]]) * [camera.width, camera.height], np.full(2, 4.0))
+    small, ink = camera.letterboxed(camera.width // 2, camera.height // 2), []
+    for seen, stretch in ((camera, 1.0), (small, 2.0)):
+        black, nothing = np.zeros((seen.height, seen.width, 3), np.uint8), np.full((seen.height, seen.width), np.inf)
+        plain, named = (lay_over(black, nothing, [Guide(ends, (255, 255, 255), text)], seen, stretch) for text in ("", "name"))
+        ink.append((plain[:, seen.width // 3, 0].sum() / 255, named.sum() / 255 - plain.sum() / 255))
+    (line, name), (small_line, small_name) = ink
+    assert line == pytest.approx(2, abs=0.5)
+    assert small_line == pytest.approx(line / 2, abs=0.5)
+    assert small_name == pytest.approx(name / 4, rel=0.4)

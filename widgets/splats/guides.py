@@ -31,9 +31,12 @@ class Guide(NamedTuple):
 _of_thread = threading.local()  # a plotter belongs to the thread that made it
 
 
-def lay_over(image: np.ndarray, depth: np.ndarray, guides: Sequence[Guide], camera: Camera) -> np.ndarray:
-    """The image uint8 [H, W, 3] with the guides: plain before the splats, whose camera z is depth [H, W] (inf: none), faint behind them."""
-    pixels, guide_depth = _drawn(guides, camera)
+def lay_over(image: np.ndarray, depth: np.ndarray, guides: Sequence[Guide], camera: Camera, stretch: float = 1.0) -> np.ndarray:
+    """The image uint8 [H, W, 3] with the guides: plain before the splats, whose camera z is depth [H, W] (inf: none), faint behind them.
+
+    They are as much finer as the image will be stretched.
+    """
+    pixels, guide_depth = _drawn(guides, camera, WIDTH / stretch)
     share = np.where(guide_depth < depth * SLACK, np.float32(1), np.float32(HIDDEN)) * np.isfinite(guide_depth)
     image = (image + share[..., None] * (pixels.astype(np.float32) - image) + 0.5).astype(np.uint8)
     named = [guide for guide in guides if guide.text and camera.project(guide.points[-1])[1] > 0]
@@ -41,14 +44,15 @@ def lay_over(image: np.ndarray, depth: np.ndarray, guides: Sequence[Guide], came
         return image
     canvas = to_qimage(image)
     with QPainter(canvas) as painter:
+        painter.scale(1 / stretch, 1 / stretch)
         for guide in named:
             painter.setPen(QColor(*guide.colour))
-            painter.drawText(QPointF(*(camera.project(guide.points[-1])[0] + [4, -4])), guide.text)
+            painter.drawText(QPointF(*(camera.project(guide.points[-1])[0] * stretch + [4, -4])), guide.text)
     return to_array(canvas)
 
 
-def _drawn(guides: Sequence[Guide], camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Guides through a camera: uint8 [H, W, 3] and camera z [H, W], inf where there are none."""
+def _drawn(guides: Sequence[Guide], camera: Camera, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """Guides through a camera, so many pixels wide: uint8 [H, W, 3] and camera z [H, W], inf where there are none."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkFloatArray, vtkUnsignedCharArray
 
@@ -60,7 +64,7 @@ def _drawn(guides: Sequence[Guide], camera: Camera) -> tuple[np.ndarray, np.ndar
     plotter = _of_thread.plotter
     plotter.clear_actors()
     for guide in guides:
-        _add(plotter, guide)
+        _add(plotter, guide, width)
     _aim(plotter.camera, camera, near, far)
     window = plotter.render_window
     window.SetSize(*size)
@@ -83,11 +87,11 @@ def _plotter() -> Any:
     return plotter
 
 
-def _add(plotter: Any, guide: Guide) -> None:
+def _add(plotter: Any, guide: Guide, width: float) -> None:
     import pyvista
 
     line = pyvista.lines_from_points(guide.points)
-    plotter.add_mesh(line, color=guide.colour, line_width=WIDTH, lighting=False, render=False, reset_camera=False)
+    plotter.add_mesh(line, color=guide.colour, line_width=width, lighting=False, render=False, reset_camera=False)
 
 
 def _aim(view: Any, camera: Camera, near: float, far: float) -> None:

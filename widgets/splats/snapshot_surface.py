@@ -30,6 +30,7 @@ class SnapshotRequest(NamedTuple):
     camera: Camera
     background: tuple[int, int, int]
     guides: Sequence[Guide] = ()
+    stretch: float = 1.0  # how many times larger the picture will be shown
 
 
 SnapshotDrawer = Callable[[SnapshotRequest], np.ndarray]
@@ -72,7 +73,8 @@ class SnapshotSurface(QLabel):
         if self._wanted is None or not self._coarse:
             return self._wanted
         camera = self._wanted.camera
-        return self._wanted._replace(camera=camera.letterboxed(max(1, camera.width // COARSE), max(1, camera.height // COARSE)))
+        smaller = camera.letterboxed(max(1, camera.width // COARSE), max(1, camera.height // COARSE))
+        return self._wanted._replace(camera=smaller, stretch=COARSE)
 
     def take(self, rgb: np.ndarray) -> None:
         """Show a snapshot of `request`, uint8 [H, W, 3]."""

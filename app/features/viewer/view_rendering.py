@@ -249,4 +249,4 @@ def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
     from degense.widgets.splats.guides import lay_over
 
     depth = torch.where(drawn.alpha > HIDES, drawn.image[..., 3] / drawn.alpha, torch.inf)
-    return lay_over(image, depth.cpu().numpy(), request.guides, request.camera)
+    return lay_over(image, depth.cpu().numpy(), request.guides, request.camera, request.stretch)
