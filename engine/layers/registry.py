@@ -201,8 +201,8 @@ LAYERS: dict[str, Layer] = {
             "scalar",
             "How far the motion since the reference frame, projected to pixels, is from what the recording shows; some tenths of a pixel "
             "are its own error. Hatched where the recording does not show how a place moved, because it is plain, hidden or looks "
-            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, and the more that varies "
-            "the nearer is the value to a pixel or so, unless the model is far from all of it.",
+            "otherwise than before, as burnt tissue does: there the motion of what is around it is the measure, as much of that as the "
+            "place had before, and the more that varies the nearer is the value to a pixel or so, unless the model is far from all of it.",
             _warp,
             _warp_splats,
             lambda scene: "px",

@@ -14,6 +14,7 @@ from torch import Tensor
 from degense.engine.clip import Clip
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.motion.flow import confidence, consistent, flow_error, follow, sample
+from degense.engine.motion.surroundings import Shares, from_around
 
 
 def displacement(means_t: Float[Tensor, "n 3"], means_ref: Float[Tensor, "n 3"]) -> Float[Tensor, " n"]:
@@ -26,20 +27,19 @@ EXPLAINED = 2.0  # spreads of the motion around that a place may be from its mea
 LEAST = 0.1  # pixels: error that any flow has
 PIXELS = 80_000  # flow is measured at about this size: a frame of it takes 0.4 MB, and a tenth of a second
 TEXTURE = 0.3  # `confidence` below which flow is a guess
-REACHES = (0.02, 0.06, 0.18)  # of the width: σ within which neighbours speak for a place whose own motion is not seen,
-ENOUGH = 0.1  # where so much of what is within it is seen
 
 
 class Observed(NamedTuple):
     """How the pixels of a frame went to the reference frame."""
 
-    #: float32 [H, W, 2]; pixels; where motion is not seen, the mean of what is seen around, or of that and of flow on plain tissue.
+    #: float32 [H, W, 2]; pixels; where motion is not seen, a place's share of the mean of what is seen around (`Shares`), or the mean of
+    #: that and of flow on plain tissue.
     flow: np.ndarray
     #: bool [H, W]; flow is consistent forwards and backwards, valid at both ends, on texture that pins motion down, and the place looks as
     #: it did.
     seen: np.ndarray
-    #: float32 [H, W]; pixels: 0 where motion is seen; else the standard deviation of what is seen around, less where flow on plain tissue
-    #: tells more; NaN where nothing is seen, nor the frame valid.
+    #: float32 [H, W]; pixels: 0 where motion is seen; else the standard deviation of what is seen around, less where a place kept nearer to
+    #: its share of that before, or flow on plain tissue tells more; NaN where nothing is seen, nor the frame valid.
     spread: np.ndarray
 
 
@@ -78,6 +78,7 @@ class ObservedMotion:
         self._start = log_intensity(self._frame(reference)), self._valid(reference)
         no_motion = np.zeros((self.size[1], self.size[0], 2), np.float16)
         self._measured = [(no_motion, self._start[1], no_motion[..., 0])]  # flow to the reference, where it is seen, and its error
+        self._shares = Shares()
         self._followed: Iterator[tuple[np.ndarray, np.ndarray]] = follow(self._frame(i) for i in range(reference, len(clip)))
 
     def at(self, frame: int) -> Observed:
@@ -89,6 +90,8 @@ class ObservedMotion:
         flow = flow.astype(np.float32)
         whole, spread = from_around(flow, seen)
         if frame >= self.reference:
+            share, part = self._shares.of(frame - self.reference, whole)
+            whole, spread = np.where(seen[..., None], whole, share[..., None] * whole), part * spread
             whole, spread = with_own(whole, spread, flow, np.where(seen, np.nan, error.astype(np.float32)))
         spread[~self._valid(frame)] = np.nan
         width, height = self.clip.size
@@ -102,38 +105,17 @@ class ObservedMotion:
         frame, (look, valid) = self._frame(here), self._start
         same = self._valid(here) & (sample(valid.astype(np.float32), back) > 0.99) & consistent(back, out)
         same &= ~around(looks_changed(log_intensity(frame), look, back))
-        error = np.where(same, flow_error(frame), np.nan).astype(np.float16)
-        return back.astype(np.float16), same & (confidence(frame) > TEXTURE), error
+        error, seen = np.where(same, flow_error(frame), np.nan).astype(np.float16), same & (confidence(frame) > TEXTURE)
+        known, textured = (sample(values.astype(np.float32), out) > least for values, least in ((same, 0.99), (seen, 0.5)))
+        there_too = consistent(out, back)
+        self._shares.add(out, there_too & known, there_too & textured)
+        return back.astype(np.float16), seen, error
 
     def _frame(self, index: int) -> np.ndarray:
         return cv2.resize(self.clip.frame(index), self.size, interpolation=cv2.INTER_AREA)
 
     def _valid(self, index: int) -> np.ndarray:
         return cv2.resize(self.clip.valid(index).astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST) > 0
-
-
-def from_around(flow: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Flow [H, W, 2] completed where it is not `seen`, and its spread, float32 [H, W]: see `Observed`.
-
-    The mean and the standard deviation of what is seen in a Gaussian window, the smallest of `REACHES` in which enough is.
-    """
-    height, width = seen.shape
-    found = np.where(seen[..., None], flow, 0).astype(np.float32)
-    spread = np.where(seen, 0, np.nan).astype(np.float32)
-    stacked = np.dstack([found, (found**2).sum(-1), seen.astype(np.float32)])
-    for reach in REACHES:
-        missing = np.isnan(spread)
-        if not missing.any():
-            break
-        shrink = max(1, int(reach * width / 4))  # the window is wide: a coarser grid holds it as well
-        coarse = cv2.resize(stacked, (max(1, width // shrink), max(1, height // shrink)), interpolation=cv2.INTER_AREA)
-        blurred = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach * coarse.shape[1]), (width, height), interpolation=cv2.INTER_LINEAR)
-        weight = np.maximum(blurred[..., 3], 1e-6)
-        mean, square = blurred[..., :2] / weight[..., None], blurred[..., 2] / weight
-        fill = missing & (weight > ENOUGH)
-        found[fill] = mean[fill]
-        spread[fill] = np.sqrt(np.maximum(square - (mean**2).sum(-1), 0))[fill]
-    return found, spread
 
 
 def with_own(around: np.ndarray, spread: np.ndarray, flow: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,8 @@ import pytest
 
 from degense.engine.motion import flow_between
 from degense.engine.motion import observed as module
-from degense.engine.motion.observed import ObservedMotion, from_around, with_own
+from degense.engine.motion.observed import ObservedMotion, with_own
+from degense.engine.motion.surroundings import Shares, from_around
 from tests.fakes import CharringWall, MovingWall
 
 
@@ -139,6 +140,83 @@ def test_what_is_not_seen_has_the_mean_and_the_spread_of_what_is_seen_around():
     assert np.isnan(spread[:, 60:]).all()
     assert np.isfinite(spread[:, :8]).all()
     assert np.isnan(from_around(flow, np.zeros_like(seen))[1]).all()
+
+
+PATCH, INSIDE = np.s_[16:44, 28:52], np.s_[24:36, 34:46]
+
+
+def breathing(phases, still, own=lambda number: 0.0, before=None):
+    """`Shares` of tissue that breathes by phases in pixels, more to the right; a patch has the share `still` of that, and an own motion.
+
+    In the last frame it is hidden.
+    """
+    shares, slope = before or Shares(), np.linspace(0.7, 1.3, 80)
+    for number, phase in enumerate(phases, start=1):
+        out, seen = np.zeros((60, 80, 2), np.float32), np.ones((60, 80), bool)
+        out[..., 0] = phase * slope
+        out[PATCH] = still * np.array([phase, 0]) + np.array([0, own(number)])
+        if number == len(phases):
+            seen[PATCH] = False
+            out[PATCH] = 50  # what flow makes of blood
+        shares.add(out, seen, seen)
+    return shares
+
+
+AT_REST = np.zeros((60, 80, 2), np.float32)
+
+
+@pytest.mark.parametrize("still", [0.0, 0.5, 1.0, 1.4])
+def test_a_hidden_place_keeps_the_share_of_the_motion_around_that_it_had(still):
+    share, _ = breathing((3, 5, -4, 6, 4, 5, -6, 5), still).of(8, AT_REST)
+    np.testing.assert_allclose(share[INSIDE], still, rtol=0.1, atol=0.02)  # the mean around grows to the right, the patch's motion does not
+
+
+def test_what_was_never_shown_moves_as_what_is_around_and_little_motion_tells_little():
+    for phases in ((5,), (0.02, 0.03, 5)):
+        share, part = breathing(phases, 0.0).of(len(phases), AT_REST)
+        np.testing.assert_allclose(share[INSIDE], 1, atol=0.01)
+        np.testing.assert_allclose(part[INSIDE], 1, atol=0.01)
+
+
+def test_a_place_that_kept_to_its_share_has_less_of_the_spread_than_one_with_a_motion_of_its_own():
+    phases = (9, 15, -12, 18, 12, 15, -18, 15)
+    kept = breathing(phases, 0.5).of(8, AT_REST)[1][INSIDE]
+    wandered = breathing(phases, 0.5, own=lambda number: 6 * (-1) ** number).of(8, AT_REST)[1][INSIDE]
+    assert kept.max() < 0.6
+    assert wandered.min() > 0.9
+
+
+def test_shares_are_of_the_frames_before_and_looked_up_where_a_place_was():
+    shares = breathing((3, 5, -4, 6), 0.0)
+    before = shares.of(4, AT_REST)
+    shifted = shares.of(4, np.full_like(AT_REST, (20, 0)))
+    np.testing.assert_allclose(shifted[0][:, :60], before[0][:, 20:], atol=1e-5)
+    assert (shifted[0][:, 61:] == 1).all()  # outside
+    breathing((4, 5, 6, 7), 1.0, before=shares)
+    for earlier, now in zip(before, shares.of(4, AT_REST), strict=True):
+        np.testing.assert_array_equal(earlier, now)
+
+
+def test_what_stood_still_stands_still_under_blood():
+    class Bleeding(MovingWall):
+        """The wall slides behind a round window through which tissue is seen that stands still, and bleeds in the last frame."""
+
+        def frame(self, index):
+            y, x = np.mgrid[:144, :192]
+            inside = np.hypot(x - 96, y - 72) < 26
+            image = np.where(inside[..., None], super().frame(0), super().frame(index))
+            if index == len(self) - 1:
+                blood = np.random.default_rng(index).normal((150, 10, 10), 6, image.shape).clip(0, 255)
+                image = np.where(inside[..., None], blood, image)
+            return image.astype(np.uint8)
+
+    clip = Bleeding(8, 192, 144, velocity=(0.03, 0.0, 0.0))
+    flow, seen, _ = ObservedMotion(clip, 0).at(7)
+    middle = np.s_[62:82, 86:106]
+    around = np.linalg.norm(clip.flow(7, 0), axis=-1)[middle]
+    assert around.min() > 8
+    assert seen[middle].mean() < 0.1
+    assert np.linalg.norm(flow[middle], axis=-1).mean() < 0.1 * around.min()
 
 
 def test_a_burn_has_the_motion_of_what_is_around_it():

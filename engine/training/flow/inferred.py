@@ -13,7 +13,7 @@ import torch
 
 from degense.engine.motion import sample
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
-from degense.engine.motion.observed import from_around
+from degense.engine.motion.surroundings import from_around
 from degense.engine.progress import Progress, silent
 from degense.engine.threads import made_ahead
 from degense.engine.training.flow.supervision import HALF, FlowSupervision, Pair, from_nearest

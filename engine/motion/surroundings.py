@@ -1,0 +1,99 @@
+"""What the motion around a place says of the place: its mean, how much it varies, and which share of it the place had before."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from degense.engine.motion.flow import sample
+
+REACHES = (0.02, 0.06, 0.18)  # of the width: σ within which neighbours speak for a place whose own motion is not seen,
+ENOUGH = 0.1  # where so much of what is within it is seen
+CELL = 4  # pixels: side of the cells that former motion is kept in
+ALIKE = 0.03  # of the width: σ of the window in which tissue has one share
+AS_AROUND = 1.0  # pixels², summed over frames: what a place did counts as much as that it moves as what is around with so much of it
+FORMER = 32  # frames, evenly spread, that are asked at most
+
+
+def from_around(flow: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Flow [H, W, 2] completed where it is not `seen`, and its spread, float32 [H, W]: see `Observed`.
+
+    The mean and the standard deviation of what is seen in a Gaussian window, the smallest of `REACHES` in which enough is.
+    """
+    height, width = seen.shape
+    found = np.where(seen[..., None], flow, 0).astype(np.float32)
+    spread = np.where(seen, 0, np.nan).astype(np.float32)
+    stacked = np.dstack([found, (found**2).sum(-1), seen.astype(np.float32)])
+    for reach in REACHES:
+        missing = np.isnan(spread)
+        if not missing.any():
+            break
+        shrink = max(1, int(reach * width / 4))  # the window is wide: a coarser grid holds it as well
+        coarse = cv2.resize(stacked, (max(1, width // shrink), max(1, height // shrink)), interpolation=cv2.INTER_AREA)
+        blurred = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach * coarse.shape[1]), (width, height), interpolation=cv2.INTER_LINEAR)
+        weight = np.maximum(blurred[..., 3], 1e-6)
+        mean, square = blurred[..., :2] / weight[..., None], blurred[..., 2] / weight
+        fill = missing & (weight > ENOUGH)
+        found[fill] = mean[fill]
+        spread[fill] = np.sqrt(np.maximum(square - (mean**2).sum(-1), 0))[fill]
+    return found, spread
+
+
+class _Shown(NamedTuple):
+    """What a frame showed of motion from the reference frame on, in cells of that."""
+
+    flow: np.ndarray  # float32 [h, w, 2], reference → frame; pixels
+    known: np.ndarray  # bool [h, w]; flow is of the same tissue
+    seen: np.ndarray  # bool [h, w]; it is, on texture that pins it down
+
+
+class Shares:
+    """Which share of the motion around it a place had in the frames before, in which it showed its own.
+
+    Tissue that stood still while all around it breathed goes on so when blood or a burn hides how it moves; the mean of the motion around
+    would not know. Frames come in the order of time, from the one after the reference on, and each is told of by those before it only:
+    what is said of it does not depend on which frames were asked for.
+    """
+
+    def __init__(self) -> None:
+        self._shown: list[_Shown] = []
+
+    def add(self, out: np.ndarray, known: np.ndarray, seen: np.ndarray) -> None:
+        """The next frame: flow reference → frame [H, W, 2] in pixels; where it is of the same tissue, and on texture, bool [H, W] both."""
+        height, width = known.shape
+        cells = max(1, width // CELL), max(1, height // CELL)
+        found = np.dstack([np.where(known[..., None], out, 0), known, seen]).astype(np.float32)
+        mean = cv2.resize(found, cells, interpolation=cv2.INTER_AREA)
+        self._shown.append(_Shown(mean[..., :2] / np.maximum(mean[..., 2:3], 1e-3), mean[..., 2] > 0.5, mean[..., 3] > 0.5))
+
+    def of(self, number: int, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """α, the share, and κ, the part of the spread around that was left beside it, of a frame's pixels, float32 [H, W] both.
+
+        `number` counts frames from the reference, which is 0; `way` [H, W, 2] is where its pixels were then, as far as is known. With r a
+        place's motion in a former frame, and s and v mean and spread of what was seen around it both then and now (`from_around`),
+
+            α = (G(Σ r·s) + c) / (G(Σ s·s) + c),    κ² = min(1, (G(Σ ‖r − α s‖²) + c) / (G(Σ v²) + c)),    c = `AS_AROUND`,
+
+        sums over the former frames in which the place was known, of places that are not seen now; G a Gaussian window. Both are 1, the
+        motion around as it is, where nothing was known before.
+        """
+        height, width = way.shape[:2]
+        if number < 2:
+            return np.ones((2, height, width), np.float32)
+        now = self._shown[number - 1].seen
+        former = np.unique(np.linspace(0, number - 2, min(FORMER, number - 1)).round().astype(int))
+        total = np.zeros((*now.shape, 4), np.float32)
+        for shown in (self._shown[i] for i in former):
+            near, spread = from_around(shown.flow, shown.seen & now)
+            counts = shown.known & ~now & np.isfinite(spread)
+            sums = [(a * b).sum(-1) for a, b in ((shown.flow, near), (near, near), (shown.flow, shown.flow))]
+            total += np.where(counts[..., None], np.dstack([*sums, np.square(spread)]), 0)
+        together, alone, own, varied = np.moveaxis(cv2.GaussianBlur(total, (0, 0), ALIKE * now.shape[1]), -1, 0)
+        share = (together + AS_AROUND) / (alone + AS_AROUND)
+        left = np.maximum(own - 2 * share * together + share**2 * alone, 0)  # Σ ‖r − α s‖²
+        part = np.sqrt(np.minimum((left + AS_AROUND) / (varied + AS_AROUND), 1))
+        there = sample(cv2.resize(np.dstack([share, part]), (width, height), interpolation=cv2.INTER_LINEAR), way)
+        found = np.where(np.isfinite(there), there, 1).astype(np.float32)
+        return found[..., 0], found[..., 1]
