@@ -59,6 +59,7 @@ class Shares:
 
     def __init__(self) -> None:
         self._shown: list[_Shown] = []
+        self._found: dict[int, np.ndarray] = {}  # α and κ of a frame, in cells of the reference
 
     def add(self, out: np.ndarray, known: np.ndarray, seen: np.ndarray) -> None:
         """The next frame: flow reference → frame [H, W, 2] in pixels; where it is of the same tissue, and on texture, bool [H, W] both."""
@@ -81,7 +82,15 @@ class Shares:
         """
         height, width = way.shape[:2]
         if number < 2:
-            return np.ones((2, height, width), np.float32)
+            return np.ones((height, width), np.float32), np.ones((height, width), np.float32)
+        if number not in self._found:
+            self._found[number] = self._learnt(number)
+        there = sample(cv2.resize(self._found[number], (width, height), interpolation=cv2.INTER_LINEAR), way)
+        found = np.where(np.isfinite(there), there, 1).astype(np.float32)
+        return found[..., 0], found[..., 1]
+
+    def _learnt(self, number: int) -> np.ndarray:
+        """α and κ of `of`, in cells of the reference, float32 [h, w, 2]."""
         now = self._shown[number - 1].seen
         former = np.unique(np.linspace(0, number - 2, min(FORMER, number - 1)).round().astype(int))
         total = np.zeros((*now.shape, 4), np.float32)
@@ -93,7 +102,4 @@ class Shares:
         together, alone, own, varied = np.moveaxis(cv2.GaussianBlur(total, (0, 0), ALIKE * now.shape[1]), -1, 0)
         share = (together + AS_AROUND) / (alone + AS_AROUND)
         left = np.maximum(own - 2 * share * together + share**2 * alone, 0)  # Σ ‖r − α s‖²
-        part = np.sqrt(np.minimum((left + AS_AROUND) / (varied + AS_AROUND), 1))
-        there = sample(cv2.resize(np.dstack([share, part]), (width, height), interpolation=cv2.INTER_LINEAR), way)
-        found = np.where(np.isfinite(there), there, 1).astype(np.float32)
-        return found[..., 0], found[..., 1]
+        return np.dstack([share, np.sqrt(np.minimum((left + AS_AROUND) / (varied + AS_AROUND), 1))])
