@@ -101,10 +101,11 @@ class Adam:
         if not parameters:
             return
         if self.decay:
-            torch._foreach_mul_(parameters, 1 - rate * self.decay)
+            for parameter in parameters:
+                parameter.mul_(1 - rate * self.decay)
         moments = zip(*(self._moments(parameter).values() for parameter in parameters), strict=True)
         steps, means, squares = (list(values) for values in moments)
-        gradients = [parameter.grad for parameter in parameters]
+        gradients = [parameter.grad for parameter in parameters if parameter.grad is not None]
         adam(
             list(parameters),
             gradients,
