@@ -7,6 +7,7 @@ A case passes when what was there can be read again, or one sentence says what i
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
 from typing import Any
 
 from degense.app.research.reliability import faults, kills, mutations
@@ -90,7 +91,8 @@ def _soak(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Ta
     from degense.app.research.reliability import soak
 
     minutes = float(told.get("minutes") or (QUICK_MINUTES if options.quick else MINUTES))
-    rows = soak.rows(options.scratch / "soak", minutes, progress)
+    log = None if options.out is None else options.out / f"soak-{datetime.now():%Y%m%d-%H%M%S}.jsonl"
+    rows = soak.rows(options.scratch / "soak", minutes, progress, log)
     columns = [
         Column("what", "what"),
         Column("first", "first tenth", 2),

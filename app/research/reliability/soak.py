@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import os
 import shutil
 import time
@@ -32,6 +33,7 @@ MEASURED = {
     "handles": ("open handles", "", 1.0),
     "objects": ("Python objects", "thousands", 5.0),
     "seconds": ("time of a round", "s", 0.5),
+    "processor": ("processor time of a round", "s", 0.5),
 }
 
 
@@ -59,8 +61,13 @@ class Slope:
         return cls(growth, float(t.ppf(0.975, max(1, parts - 2)) * error))
 
 
-def soak(window: Shell, folder: Path, minutes: float, progress: Progress = silent, rounds: int = 0) -> dict[str, np.ndarray]:
-    """Work in a window for so many minutes, or at least so many rounds; what was measured after each round, and "hours" since the start."""
+def soak(
+    window: Shell, folder: Path, minutes: float, progress: Progress = silent, rounds: int = 0, log: Path | None = None
+) -> dict[str, np.ndarray]:
+    """Work in a window for so many minutes, or at least so many rounds; what was measured after each round, and "hours" since the start.
+
+    Each round's numbers are also added to the file `log`, so that hours of work that end before their time still tell something.
+    """
     runs = []
     for name in ("one", "two"):
         shutil.copytree(demo_run(), folder / name, dirs_exist_ok=True)
@@ -69,15 +76,18 @@ def soak(window: Shell, folder: Path, minutes: float, progress: Progress = silen
     begin = time.perf_counter()
     done = 0
     while time.perf_counter() - begin < 60 * minutes or done < rounds + WARM:
-        started = time.perf_counter()
+        started, processor = time.perf_counter(), time.process_time()
         work(window, runs[done % 2], done)
-        seconds = time.perf_counter() - started
+        spent = {"seconds": time.perf_counter() - started, "processor": time.process_time() - processor}
         done += 1
         progress(min(1.0, (time.perf_counter() - begin) / max(1e-9, 60 * minutes)), f"round {done}")
         if done > WARM:
-            now = {"hours": (time.perf_counter() - begin) / 3600, "seconds": seconds, **state_of_process()}
+            now = {"hours": (time.perf_counter() - begin) / 3600, **spent, **state_of_process()}
             for name, value in now.items():
                 measured[name].append(value)
+            if log is not None:
+                with log.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(now) + "\n")
     return {name: np.array(values) for name, values in measured.items()}
 
 
@@ -153,8 +163,8 @@ def state_of_process() -> dict[str, float]:
     return {"memory": memory, "handles": float(len(os.listdir("/proc/self/fd"))), "objects": len(gc.get_objects()) / 1000}
 
 
-def rows(folder: Path, minutes: float, progress: Progress = silent) -> list[dict[str, Cell]]:
-    """The lines of the table: what was measured at the beginning and the end, and whether it grows."""
+def rows(folder: Path, minutes: float, progress: Progress = silent, log: Path | None = None) -> list[dict[str, Cell]]:
+    """The lines of the table: what was measured at the beginning and the end, and whether it grows. See `soak`."""
     from degense.app.research.window_start import window_on
 
     os.environ["XDG_STATE_HOME"] = str(folder / "state")
@@ -162,7 +172,7 @@ def rows(folder: Path, minutes: float, progress: Progress = silent) -> list[dict
     with window_on(folder / "first") as window:
         wait(lambda: window.session.scene is not None)
         rest(window)
-        found = soak(window, folder, minutes, progress, ROUNDS)
+        found = soak(window, folder, minutes, progress, ROUNDS, log)
     lines: list[dict[str, Cell]] = []
     for name, (title, unit, flat) in MEASURED.items():
         values, slope = found[name], Slope.of(found["hours"], found[name])
