@@ -10,7 +10,6 @@ import hashlib
 import os
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import platformdirs
@@ -18,6 +17,8 @@ import platformdirs
 
 def _done() -> Path:
     """The file that says that these versions of numba and of the program have compiled here: numba keeps kernels beside their sources."""
+    from importlib.metadata import version
+
     folder = Path(os.environ.get("NUMBA_CACHE_DIR") or platformdirs.user_cache_dir("degense", appauthor=False))
     place = hashlib.sha256(os.fsencode(Path(__file__).resolve().parent)).hexdigest()[:12]
     return folder / f"kernels-{version('degense')}-{version('numba')}-{sys.version_info.major}.{sys.version_info.minor}-{place}"

@@ -17,7 +17,7 @@ from degense.app.session.state_folder import held, saved_in
 from degense.engine.annotation.edits import LabelClass, check_classes, merged, named_classes
 from degense.engine.annotation.folder import NAME, save
 from degense.engine.annotation.formats import MapSet
-from degense.engine.annotation.formats.pictures import read_label_png
+from degense.engine.annotation.label_png import read_label_png
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text

@@ -19,16 +19,22 @@ PROMPT = "gallbladder"
 def window(options: argparse.Namespace) -> int:
     if options.path is not None and not options.path.exists():
         raise DegenseError(f"{options.path} is neither a command nor a file or folder; see degense --help.")
+    return _show(options.path)
+
+
+def _show(path: Path | None) -> int:
+    from degense.app.start_up import import_for_good, load_libraries_ahead
+
+    load_libraries_ahead()
+    import_for_good("degense.app.application")
     from degense.app.application import run_window
 
-    return run_window(options.path)
+    return run_window(path)
 
 
 def view(options: argparse.Namespace) -> int:
     if not options.rerun:
-        from degense.app.application import run_window
-
-        return run_window(options.run_folder)
+        return _show(options.run_folder)
     from degense.app.interop.rerun_recording import send_run
     from degense.engine.scene import Scene
 
@@ -40,9 +46,7 @@ def demo(options: argparse.Namespace) -> int:
     from degense.app.session.sample import demo_run
 
     if options.headless is None:
-        from degense.app.application import run_window
-
-        return run_window(demo_run())
+        return _show(demo_run())
     from degense.engine.scene import Scene
 
     scene = Scene.open(demo_run())

@@ -1,4 +1,4 @@
-"""One start of the window, measured in a program of its own, which imports nothing but what the window does."""
+"""One start of the window, measured in a program of its own, which imports what the window does."""
 
 from __future__ import annotations
 
@@ -22,13 +22,23 @@ if TYPE_CHECKING:
     from degense.app.shell.shell import Shell
 
 
+#: What `degense RUN` does until it has the window's parts (`app/cli`), and then what is measured.
+PROGRAM = """
+import sys
+from degense.app.cli.main import build_parser
+build_parser()
+from degense.app.start_up import import_for_good, load_libraries_ahead
+load_libraries_ahead()
+import_for_good("degense.app.application")
+from degense.app.research.window_start import show_and_tell
+show_and_tell(sys.argv[1], float(sys.argv[2]))
+"""
+
+
 def first_frame(folder: Path) -> tuple[float, float, float]:
     """Milliseconds from the start of a program of its own to its window and to its first painted frame, and of processor time till then."""
-    module = "degense.app.research.window_start"
-    code = f"import sys; from {module} import show_and_tell; show_and_tell(sys.argv[1], float(sys.argv[2]))"
-    result = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code, str(folder), repr(time.time())], capture_output=True, text=True, timeout=120
-    )
+    words = [sys.executable, "-W", "ignore", "-c", PROGRAM, str(folder), repr(time.time())]
+    result = subprocess.run(words, capture_output=True, text=True, timeout=120)
     if result.returncode != 0:
         raise DegenseError(
             f"The window could not be started: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else 'no word'}"

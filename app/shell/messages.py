@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QFontDatabase
@@ -74,6 +73,8 @@ def ask(parent: QWidget, name: str, text: str, choices: Sequence[Choice], detail
 
 
 def show_about(parent: QWidget) -> None:
+    from importlib.metadata import version
+
     box = QMessageBox(
         QMessageBox.Icon.NoIcon, "About DeGense", ABOUT.format(version=version("degense")), QMessageBox.StandardButton.Ok, parent
     )

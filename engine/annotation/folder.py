@@ -17,7 +17,7 @@ import numpy as np
 
 from degense.engine.annotation.annotations import Annotations, Record
 from degense.engine.annotation.edits import STATUSES, LabelClass, Proposal, check_classes, pack, unpack
-from degense.engine.annotation.formats.pictures import label_png, read_label_png
+from degense.engine.annotation.label_png import label_png, read_label_png
 from degense.engine.clip import UNLABELLED
 from degense.engine.errors import DegenseError, RunError
 from degense.engine.files import replacing, write_text

@@ -15,7 +15,6 @@ from degense.engine.annotation.annotations import Annotations
 from degense.engine.annotation.edits import named_classes
 from degense.engine.annotation.folder import NAME, load
 from degense.engine.annotation.formats import LABEL_FORMATS, LabelFormat, MapSet
-from degense.engine.data.readers import frame_names
 from degense.engine.errors import DegenseError, PromptError
 from degense.engine.files import replacing_folder
 from degense.engine.progress import Steps
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
 
 def names_of(clip: Clip | None, count: int) -> tuple[str, ...]:
     """What files of the frames are called; numbers where the recording is missing."""
+    from degense.engine.data.readers import frame_names
+
     return frame_names(clip) if clip is not None else tuple(f"{index:06d}" for index in range(count))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from degense.app.session.sample import demo_run, is_demo
 from degense.app.session.session_file import DamagedSession
 from degense.app.shell.logs import hide_names
 from degense.app.shell.shell import Shell
+from degense.app.start_up import import_for_good
 from degense.engine.gpu import lacking_kernels
 
 if TYPE_CHECKING:
@@ -134,16 +134,10 @@ class Documents(QObject):
         return True
 
 
-def _spare_collector() -> None:
-    """Leave what is imported out of the garbage collector, before the first scene is made: a collection of all stops every thread."""
-    if not gc.get_freeze_count():
-        gc.freeze()
-
-
 def _open_run(path: Path) -> Scene:
+    import_for_good("degense.engine.scene")
     from degense.engine.scene import Scene
 
-    _spare_collector()
     return Scene.open(path)
 
 

@@ -6,7 +6,6 @@ sets, whose colours a published table names.
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,33 +16,14 @@ from PIL import Image
 
 from degense.engine.annotation.edits import LabelClass, named_classes
 from degense.engine.annotation.formats.map_set import MapSet, frame_of
+from degense.engine.annotation.label_png import label_png
 from degense.engine.clip import UNLABELLED
-from degense.engine.data.files.images import check_sizes, checked, picture_size, read_index
+from degense.engine.data.files.images import check_sizes
 from degense.engine.data.files.labels import ColourCodes, ColourMaps, index_maps
 from degense.engine.data.files.numbered import list_files, shown
 from degense.engine.data.readers import cholecseg8k, endovis18
 from degense.engine.errors import ClipError, DegenseError
 from degense.engine.files import replacing, write_text
-
-
-def label_png(labels: np.ndarray, classes: Sequence[LabelClass]) -> bytes:
-    """The bytes of a PNG file of a label map, uint8 [H, W]; unlabelled pixels look black."""
-    palette = np.zeros((UNLABELLED + 1, 3), np.uint8)
-    for index, kind in enumerate(classes):
-        palette[index] = kind.colour
-    image = Image.fromarray(labels).convert("L")
-    image.putpalette(palette.tobytes())
-    out = io.BytesIO()
-    image.save(out, "PNG", compress_level=1)
-    return out.getvalue()
-
-
-def read_label_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """A label map uint8 [H, W] of that shape, from an indexed or grey PNG. ClipError otherwise; the size is checked before decoding."""
-    size, found = (shape[1], shape[0]), picture_size(path)
-    if found != size:
-        raise ClipError(f"{shown(path)} is {found[0]} × {found[1]} pixels, but the frames are {size[0]} × {size[1]}; scale it first.")
-    return checked(read_index(path), path, size)
 
 
 def write(maps: MapSet, out: Path) -> Iterator[int]:
