@@ -12,6 +12,12 @@ from pathlib import Path
 from types import ModuleType
 
 
+def load_window() -> None:
+    """Import what the window is made of, and let torch's libraries be loaded meanwhile."""
+    load_libraries_ahead()
+    import_for_good("degense.app.application")
+
+
 def import_for_good(name: str) -> ModuleType:
     """Import a module that stays, without looking for garbage meanwhile: there is none, and each search goes through all that is there.
 
@@ -35,8 +41,8 @@ def load_libraries_ahead() -> threading.Thread:
 
 
 def _load_libraries() -> None:
-    torch = importlib.util.find_spec("torch")  # without importing it
-    if sys.platform != "linux" or torch is None or torch.origin is None:
+    torch = importlib.util.find_spec("torch") if sys.platform == "linux" else None  # without importing it
+    if torch is None or torch.origin is None:
         return
     try:
         ctypes.CDLL(str(Path(torch.origin).parent / "lib" / "libtorch_python.so"))

@@ -23,10 +23,9 @@ def window(options: argparse.Namespace) -> int:
 
 
 def _show(path: Path | None) -> int:
-    from degense.app.start_up import import_for_good, load_libraries_ahead
+    from degense.app.start_up import load_window
 
-    load_libraries_ahead()
-    import_for_good("degense.app.application")
+    load_window()
     from degense.app.application import run_window
 
     return run_window(path)

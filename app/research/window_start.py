@@ -27,9 +27,8 @@ PROGRAM = """
 import sys
 from degense.app.cli.main import build_parser
 build_parser()
-from degense.app.start_up import import_for_good, load_libraries_ahead
-load_libraries_ahead()
-import_for_good("degense.app.application")
+from degense.app.start_up import load_window
+load_window()
 from degense.app.research.window_start import show_and_tell
 show_and_tell(sys.argv[1], float(sys.argv[2]))
 """
