@@ -66,7 +66,7 @@ def _channel(name: str) -> Callable[[Scene, LayerRequest], np.ndarray]:
 
 
 def _rgb_splats(scene: Scene, request: LayerRequest) -> np.ndarray:
-    return scene.splats(request.frame).colors.clamp(0, 1).cpu().numpy()
+    return scene.splats(request.frame).colors.cpu().numpy()
 
 
 def _depth_splats(scene: Scene, request: LayerRequest) -> np.ndarray:

@@ -53,6 +53,18 @@ def test_locked_view_is_the_2d_picture_enlarged(view, splats, camera):
     assert psnr(picture, truth) > 45
 
 
+def test_what_is_brighter_than_white_is_clipped_in_the_picture_only(view, splats, camera):
+    """As in 2D: what lies behind a bright translucent Gaussian adds to it before the pixel is clipped."""
+    *shapes, colours = splats
+    colours = colours * 2.0 - 0.5
+    view.set_splats(*shapes, colours)
+    picture = view.screenshot_image()
+    truth, clipped = (splatted((*shapes, c), camera.letterboxed(192, 160)).clip(0, 1) for c in (colours, colours.clip(0, 1)))
+    tag = np.s_[:40, :150]
+    truth[tag] = clipped[tag] = picture[tag] / 255
+    assert psnr(picture, truth) > 45 > psnr(picture, clipped) + 10
+
+
 def test_a_drag_leaves_the_lock(view, camera):
     moved: list = []
     locked: list = []
@@ -252,10 +264,13 @@ def test_letterbox_keeps_the_picture_whole_and_centred(camera, size, rng):
     np.testing.assert_allclose(camera.letterboxed(*size).project(points)[0], camera.project(points)[0] * scale + margin, atol=1e-9)
 
 
-def test_colours_become_bytes():
+def test_colours_become_floats_and_are_not_clipped():
     one = np.zeros((1, 3)), np.ones((1, 4)), np.ones((1, 3)), np.ones(1)
-    assert tamed(*one, np.array([[-1.0, 0.5, 2.0]])).colours.tolist() == [[0, 128, 255]]
-    assert tamed(*one, np.array([[1, 2, 3]], np.uint8)).colours.tolist() == [[1, 2, 3]]
+    assert tamed(*one, np.array([[-1.0, 0.5, 2.0]])).colours.tolist() == [[-1.0, 0.5, 2.0]]
+    assert tamed(*one, np.array([[0, 51, 255]], np.uint8)).colours.tolist() == [[0.0, np.float32(0.2), 1.0]]
+    strange = tamed(*one, np.array([[0.1, np.nan, 0.3]]))
+    assert strange.colours.tolist() == [[0.0, 0.0, 0.0]]
+    assert strange.opacities.tolist() == [0.0]
 
 
 def test_lines_and_names_are_no_larger_in_a_picture_that_is_stretched(qapp, camera):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QObject, QPointF, QRect, QRectF, Qt
+from PySide6.QtCore import QObject, QPointF, QRect, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
@@ -54,7 +54,8 @@ class PanelMarks(QObject):
         if self._marker is not None:
             paint_cross(painter, zoom.to_widget(self._marker))
         if self._legend:
-            paint_legend(painter, QPointF(8, self._panel.height() - 8), self._legend, self._panel.width() - 16)
+            taken = [child.geometry() for child in self._panel.findChildren(QWidget) if child.parent() is self._panel and child.isVisible()]
+            paint_legend(painter, QPointF(8, self._panel.height() - 8), self._legend, self._panel.width() - 16, taken)
         if text := "  ·  ".join(filter(None, (self._title, note))):
             paint_tag(painter, QPointF(8, 8), text)
 
@@ -84,23 +85,39 @@ def paint_tag(painter: QPainter, corner: QPointF, text: str, right_aligned: bool
     painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
 
 
-def paint_legend(painter: QPainter, corner: QPointF, entries: Sequence[tuple[str, QColor]], widest: float) -> None:
-    """Names with their colours; `corner` is the lower left one. Names that need more room than `widest` go on in another line."""
+def paint_legend(
+    painter: QPainter, corner: QPointF, entries: Sequence[tuple[str, QColor]], widest: float, taken: Sequence[QRect] = ()
+) -> None:
+    """Names with their colours; `corner` is the lower left one. Names that need more room than `widest` go on in another line.
+
+    What would reach into the places that are `taken`, or above the picture, is left out, and its number said.
+    """
     metrics = painter.fontMetrics()
     row, swatch = metrics.height() + 4, metrics.ascent()
-    flags = Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignLeft | Qt.TextFlag.TextWordWrap
+    flags = int(Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignLeft | Qt.TextFlag.TextWordWrap)
     room = QRect(0, 0, max(round(widest) - swatch - 22, 20), round(corner.y()))
-    sizes = [metrics.boundingRect(room, int(flags), name).size() for name, _ in entries]
-    height = sum(size.height() + 4 for size in sizes) + 6
-    box = QRectF(corner.x(), corner.y() - height, max(size.width() for size in sizes) + swatch + 22, height)
+
+    def sized(name: str) -> QSize:
+        return metrics.boundingRect(room, flags, name).size()
+
+    for count in range(len(entries), -1, -1):
+        names = [name for name, _ in entries[:count]] + ([f"and {len(entries) - count} more"] if count < len(entries) else [])
+        sizes = [sized(name) for name in names]
+        height = sum(size.height() + 4 for size in sizes) + 6
+        box = QRectF(corner.x(), corner.y() - height, max(size.width() for size in sizes) + swatch + 22, height)
+        if box.top() >= 0 and not any(box.intersects(QRectF(place)) for place in taken):
+            break
+    else:
+        return
     _veil(painter, box)
     y = box.top() + 3
-    for (name, colour), size in zip(entries, sizes, strict=True):
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(colour)
-        painter.drawRoundedRect(QRectF(box.left() + 7, y + (row - swatch) / 2, swatch, swatch), 2, 2)
+    for index, (name, size) in enumerate(zip(names, sizes, strict=True)):
+        if index < count:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(entries[index][1])
+            painter.drawRoundedRect(QRectF(box.left() + 7, y + (row - swatch) / 2, swatch, swatch), 2, 2)
         painter.setPen(_INK)
-        painter.drawText(QRectF(box.left() + swatch + 14, y + 2, size.width() + 1, size.height()), int(flags), name)
+        painter.drawText(QRectF(box.left() + swatch + 14, y + 2, size.width() + 1, size.height()), flags, name)
         y += size.height() + 4
     painter.setBrush(Qt.BrushStyle.NoBrush)
 

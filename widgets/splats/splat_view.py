@@ -61,7 +61,7 @@ class SplatView(QWidget):
         self._cut = 0.0  # share of the distance to the middle of the scene that is cut away
 
     def set_splats(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
-        """Show other splats (arrays as in `tamed`; colours [N, 3], uint8 or float in [0, 1]).
+        """Show other splats (arrays as in `tamed`; colours [N, 3], uint8 or float where 1 is full).
 
         The camera stays; the highlight stays as long as the number of splats does.
         """

@@ -79,9 +79,12 @@ def reach(way: np.ndarray, frame: int) -> float:
 
 def tracks_json(unit: str, queries: np.ndarray, found: Tracks, scores: dict[str, Any]) -> str:
     """For each point its query (frame, x, y) and, by frame, its pixels, its position in the clip's unit (null where it is unknown) and
-    whether it is visible."""
+    whether it is visible. Pixels are rounded to a thousandth, positions to the sixth digit of the farthest, which halves the text.
+    """
     points = []
-    for query, pixels, positions, visible in zip(queries, *found[1::-1], found.visible, strict=True):
+    farthest = np.abs(found.positions[np.isfinite(found.positions)]).max(initial=1e-9)
+    rounded = found.pixels.round(3), found.positions.round(5 - int(np.floor(np.log10(farthest))))
+    for query, pixels, positions, visible in zip(queries, *rounded, found.visible, strict=True):
         places, space = (values.tolist() if np.isfinite(values).all() else None for values in (pixels, positions))
         points.append({"query": query.tolist(), "pixels": places, "positions": space, "visible": visible.tolist()})
     return json.dumps({"unit": unit, "points": points, "scores": scores})

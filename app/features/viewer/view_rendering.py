@@ -139,7 +139,7 @@ def numbers_of(layers: list[tuple[Layer, float]], view_state: ViewState) -> int:
 
 
 def blended(images: list[np.ndarray], opacities: list[float]) -> np.ndarray:
-    """Images laid over each other from the bottom up, uint8 of one shape; the lowest covers everything."""
+    """Images laid over each other from the bottom up, uint8 or float32 of one shape; the lowest covers everything."""
     below = images[0]
     for image, opacity in zip(images[1:], opacities[1:], strict=True):
         below = cv2.addWeighted(image, opacity, below, 1 - opacity, 0)
@@ -187,21 +187,21 @@ def splat_arrays(
 
 
 def _splat_colours(scene: Scene, layer: Layer, query: LayerRequest, view_state: ViewState, span: tuple[float, float] | None) -> np.ndarray:
-    """A layer's colours of the Gaussians, uint8 [N, 3]."""
+    """A layer's colours of the Gaussians, float32 [N, 3] (1 is full): the model's own unclipped, since only pixels are clipped."""
     values = layer.splats(scene, query)
     if layer.kind == "mask":
-        return mask_colours(view_state)[values]
+        return mask_colours(view_state)[values].astype(np.float32) / 255
     if layer.kind == "scalar":
         colours = colourise(values, view_state.range(layer.name).cmap or layer.cmap, *(span or (0.0, 1.0)))
         uncertain = layer.uncertain_splats(scene, query)
-        return colours if uncertain is None else greyed(colours, uncertain)
+        return (colours if uncertain is None else greyed(colours, uncertain)).astype(np.float32) / 255
     if query.prompt_set.prompts and view_state.masks_shown:
         values = tinted(values, get_layer("mask").splats(scene, query), view_state)
-    return (values.clip(0, 1) * 255 + 0.5).astype(np.uint8)
+    return values.astype(np.float32)
 
 
 def tinted(colours: np.ndarray, found: np.ndarray, view_state: ViewState) -> np.ndarray:
-    """Colours [N, 3] in [0, 1] mixed with those of the prompts that found each Gaussian (`found` [N]: 0 none, k the k-th)."""
+    """Colours [N, 3] (1 is full) mixed with those of the prompts that found each Gaussian (`found` [N]: 0 none, k the k-th)."""
     share = np.where(found > 0, MASK_FILL * view_state.overlay_opacity, 0.0)[:, None]
     return colours * (1 - share) + mask_colours(view_state)[found] / 255 * share
 
@@ -234,8 +234,7 @@ def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
     from degense.engine.raster import camera_depths, rasterize
     from degense.engine.splats import Splats
 
-    *shapes, colours = request.gaussians
-    values = (*shapes, colours.astype(np.float32) / 255, np.empty((len(colours), 0), np.float32))
+    values = (*request.gaussians, np.empty((len(request.gaussians.means), 0), np.float32))
     device = _device()
     splats = Splats(*(torch.from_numpy(np.ascontiguousarray(array)) for array in values)).to(device)
     features, background = splats.colors, torch.tensor(request.background, dtype=torch.float32, device=device) / 255

@@ -44,7 +44,7 @@ def test_a_prompt_is_typed_and_its_mask_shown(qtbot, opened, idle, screenshot):
     changed = np.abs(shown - scene.render_rgb(3)).max(-1) > 0
     assert np.array_equal(changed, mask)
     before = scene.splats(3).colors.numpy()
-    tinted = np.abs(on.viewer(opened).view.splats.colours / 255 - before.clip(0, 1)).max(1) > 0.01
+    tinted = np.abs(on.viewer(opened).view.splats.colours - before).max(1) > 0.01
     cosine = scene.splats(3, semantics=True).semantics.numpy() @ scene.basis.project(scene.included("gallbladder")).T
     found = (cosine / np.linalg.norm(scene.splats(3, semantics=True).semantics.numpy(), axis=1, keepdims=True)).max(1) >= 0.5
     # The 3D view highlights what the picture does, less what is more like another class.

@@ -21,8 +21,8 @@ def test_points_are_followed_written_and_scored(scene, tmp_path, capsys):
     assert written["unit"] == scene.unit
     assert written["scores"] == {"pairs": 0}
     for k, point in enumerate(written["points"]):
-        np.testing.assert_allclose(point["pixels"], found.pixels[k])
-        np.testing.assert_allclose(point["positions"], found.positions[k])
+        np.testing.assert_allclose(point["pixels"], found.pixels[k], rtol=0, atol=5.001e-4)  # a thousandth of a pixel
+        np.testing.assert_allclose(point["positions"], found.positions[k], rtol=0, atol=5.001e-6 * np.abs(found.positions).max())
         assert point["visible"] == found.visible[k].tolist()
     labels = {str(t): found.pixels[:, t].tolist() for t in range(scene.frames)}
     (tmp_path / "known.json").write_text(json.dumps(labels))
