@@ -52,7 +52,7 @@ class Layer:
     kind: Kind
     description: str  # formula and units, shown to the user
     pixels: Callable[[Scene, LayerRequest], np.ndarray]  # as `LayerImage.values`
-    splats: Callable[[Scene, LayerRequest], np.ndarray]  # of every Gaussian: [N, 3] colours, or [N] scalars (NaN unknown) or mask values
+    splats: Callable[[Scene, LayerRequest], np.ndarray]  # [N, 3] unclipped colours, or [N] scalars (NaN unknown) or mask values
     unit: Callable[[Scene], str] = lambda scene: ""
     cmap: str = "viridis"  # of `COLOUR_MAPS`
     signed: bool = False  # its range is symmetric about zero
