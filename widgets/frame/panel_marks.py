@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QObject, QPointF, QRect, QRectF, QSize, Qt
+from PySide6.QtCore import QObject, QPointF, QRect, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
@@ -54,7 +54,8 @@ class PanelMarks(QObject):
         if self._marker is not None:
             paint_cross(painter, zoom.to_widget(self._marker))
         if self._legend:
-            taken = [child.geometry() for child in self._panel.findChildren(QWidget) if child.parent() is self._panel and child.isVisible()]
+            children = self._panel.findChildren(QWidget, options=Qt.FindChildOption.FindDirectChildrenOnly)
+            taken = [child.geometry() for child in children if child.isVisible()]
             paint_legend(painter, QPointF(8, self._panel.height() - 8), self._legend, self._panel.width() - 16, taken)
         if text := "  ·  ".join(filter(None, (self._title, note))):
             paint_tag(painter, QPointF(8, 8), text)
@@ -96,13 +97,9 @@ def paint_legend(
     row, swatch = metrics.height() + 4, metrics.ascent()
     flags = int(Qt.AlignmentFlag.AlignTop | Qt.AlignmentFlag.AlignLeft | Qt.TextFlag.TextWordWrap)
     room = QRect(0, 0, max(round(widest) - swatch - 22, 20), round(corner.y()))
-
-    def sized(name: str) -> QSize:
-        return metrics.boundingRect(room, flags, name).size()
-
     for count in range(len(entries), -1, -1):
         names = [name for name, _ in entries[:count]] + ([f"and {len(entries) - count} more"] if count < len(entries) else [])
-        sizes = [sized(name) for name in names]
+        sizes = [metrics.boundingRect(room, flags, name).size() for name in names]
         height = sum(size.height() + 4 for size in sizes) + 6
         box = QRectF(corner.x(), corner.y() - height, max(size.width() for size in sizes) + swatch + 22, height)
         if box.top() >= 0 and not any(box.intersects(QRectF(place)) for place in taken):
