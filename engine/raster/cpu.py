@@ -5,6 +5,8 @@ Between the two, each tile gets its list of the Gaussians that it must look at, 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from numba import njit
@@ -73,6 +75,18 @@ def bin_by_tile(order, tiles, columns, rows):
 SLOT_BYTES = 256 << 20  # the backward pass works through the picture in bands of tile rows that need no more than this
 
 
+class PlacedOnCpu(NamedTuple):
+    """Gaussians on the screen of a camera, and by tile the list of those that it must look at (`bin_by_tile`)."""
+
+    width: int
+    height: int
+    starts: np.ndarray
+    members: np.ndarray
+    splats: np.ndarray  # float32 [N, FIELDS]
+    tiles: np.ndarray  # int32 [N, 4]
+    radii: Tensor  # int32 [N]
+
+
 def rasterize_cpu(
     splats: Splats, features: Tensor, camera: Camera, background: Tensor | None, screen_offsets: Tensor | None
 ) -> tuple[Tensor, Tensor, Tensor]:
@@ -83,34 +97,61 @@ def rasterize_cpu(
     return _Rasterize.apply(camera, *(tensor.float().contiguous() for tensor in tensors))
 
 
+def project_cpu(splats: Splats, camera: Camera) -> PlacedOnCpu:
+    """The Gaussians on the screen of a camera, without a gradient."""
+    tensors = (splats.means, splats.quats, splats.scales, splats.opacities)
+    arrays = [tensor.detach().float().contiguous().numpy() for tensor in tensors]
+    none = np.zeros((len(splats), 0), np.float32)
+    return _place(*arrays, none, none[:0], _view(camera), _lens(camera))
+
+
+def blend_cpu(placed: PlacedOnCpu, features: Tensor) -> Tensor:
+    """Image float32 [H, W, C] of the features [N, C] of placed Gaussians, which alone get a gradient."""
+    return _Blend.apply(placed, features.float().contiguous())
+
+
+def _view(camera: Camera) -> np.ndarray:
+    return np.ascontiguousarray(camera.viewmat, np.float64)
+
+
+def _lens(camera: Camera) -> np.ndarray:
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height], np.float64)
+
+
+def _place(means, quats, scales, opacities, features, offsets, view, lens) -> PlacedOnCpu:
+    """Arguments as for the kernel `project`."""
+    count, width, height = len(means), int(lens[4]), int(lens[5])
+    splats, tiles, depths = np.empty((count, FIELDS), np.float32), np.empty((count, 4), np.int32), np.empty(count, np.float32)
+    radii = torch.empty(count, dtype=torch.int32)
+    run_kernel(project, means, quats, scales, opacities, features, offsets, view, lens, splats, tiles, depths, radii.numpy())
+    starts, members = bin_by_tile(sort_by_depth(tiles, depths), tiles, -(-width // TILE_WIDTH), -(-height // TILE_HEIGHT))
+    return PlacedOnCpu(width, height, starts, members, splats, tiles, radii)
+
+
+def _blend(placed: PlacedOnCpu, features: Tensor, background: Tensor) -> tuple[Tensor, Tensor]:
+    """Image [H, W, C] and what is left of the light [H, W]."""
+    image, transmittance = torch.empty(placed.height, placed.width, features.shape[1]), torch.empty(placed.height, placed.width)
+    arrays = (features.detach().numpy(), background.detach().numpy(), image.numpy(), transmittance.numpy())
+    run_kernel(blend, placed.starts, placed.members, placed.splats, *arrays)
+    return image, transmittance
+
+
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx, camera, means, quats, scales, opacities, features, background, offsets):
         arrays = [tensor.detach().numpy() for tensor in (means, quats, scales, opacities, features, offsets)]
-        count, channels = features.shape
-        view = np.ascontiguousarray(camera.viewmat, np.float64)
-        lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height], np.float64)
-        columns, rows = -(-camera.width // TILE_WIDTH), -(-camera.height // TILE_HEIGHT)
-        splats = np.empty((count, FIELDS), np.float32)
-        tiles = np.empty((count, 4), np.int32)
-        depths = np.empty(count, np.float32)
-        radii = torch.empty(count, dtype=torch.int32)
-        image = torch.empty(camera.height, camera.width, channels)
-        transmittance = torch.empty(camera.height, camera.width)
-        run_kernel(project, *arrays, view, lens, splats, tiles, depths, radii.numpy())
-        starts, members = bin_by_tile(sort_by_depth(tiles, depths), tiles, columns, rows)
-        run_kernel(blend, starts, members, splats, arrays[4], background.detach().numpy(), image.numpy(), transmittance.numpy())
-        ctx.save_for_backward(means, quats, scales, opacities, features, image, transmittance, radii)
-        ctx.geometry = (view, lens)
-        ctx.lists = (starts, members, splats, tiles)
-        ctx.mark_non_differentiable(radii)
+        ctx.geometry = (_view(camera), _lens(camera))
+        ctx.placed = _place(*arrays, *ctx.geometry)
+        image, transmittance = _blend(ctx.placed, features, background)
+        ctx.save_for_backward(means, quats, scales, opacities, features, image, transmittance)
+        ctx.mark_non_differentiable(ctx.placed.radii)
         ctx.set_materialize_grads(False)
-        return image, 1.0 - transmittance, radii
+        return image, 1.0 - transmittance, ctx.placed.radii
 
     @staticmethod
     @once_differentiable
     def backward(ctx, grad_image, grad_alpha, _):
-        means, quats, scales, opacities, features, image, transmittance, radii = ctx.saved_tensors
+        means, quats, scales, opacities, features, image, transmittance = ctx.saved_tensors
         grad_image = torch.zeros_like(image) if grad_image is None else grad_image.contiguous()
         grad_alpha = torch.zeros_like(transmittance) if grad_alpha is None else grad_alpha.contiguous()
         _, *needs = ctx.needs_input_grad
@@ -119,20 +160,36 @@ class _Rasterize(torch.autograd.Function):
         if needs[5]:
             grads[5] = transmittance.reshape(1, -1).mm(grad_image.reshape(transmittance.numel(), -1))[0]
         if needs_geometry or needs[4]:
-            sums = _sum_over_pixels(ctx.lists, features, image, transmittance, grad_image, grad_alpha, needs_geometry)
+            sums = _sum_over_pixels(ctx.placed, features, image, transmittance, grad_image, grad_alpha, needs_geometry)
             if needs_geometry:
                 inputs = (means, quats, scales, opacities)
                 outputs = [torch.empty_like(tensor) for tensor in inputs] + [torch.empty(means.shape[0], 2)]
                 arrays = [tensor.detach().numpy() for tensor in inputs]
                 results = [tensor.numpy() for tensor in outputs]
-                run_kernel(project_backward, *arrays, *ctx.geometry, radii.numpy(), sums.numpy(), *results)
+                run_kernel(project_backward, *arrays, *ctx.geometry, ctx.placed.radii.numpy(), sums.numpy(), *results)
                 grads[:4], grads[6] = outputs[:4], outputs[4]
             grads[4] = sums[:, MOMENTS:]
         return None, *(grad if needed else None for grad, needed in zip(grads, needs, strict=True))
 
 
+class _Blend(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, placed, features):
+        ctx.placed = placed
+        image, transmittance = _blend(placed, features, features.new_zeros(features.shape[1]))
+        ctx.save_for_backward(features, image, transmittance)
+        return image
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, grad_image):
+        features, image, transmittance = ctx.saved_tensors
+        grads = (grad_image.contiguous(), torch.zeros_like(transmittance))
+        return None, _sum_over_pixels(ctx.placed, features, image, transmittance, *grads, geometry=False)[:, MOMENTS:]
+
+
 def _sum_over_pixels(
-    lists: tuple[np.ndarray, ...],
+    placed: PlacedOnCpu,
     features: Tensor,
     image: Tensor,
     transmittance: Tensor,
@@ -141,7 +198,7 @@ def _sum_over_pixels(
     geometry: bool,
 ) -> Tensor:
     """What blending's backward pass sums for each Gaussian, float32 [N, MOMENTS + C]."""
-    starts, members, splats, tiles = lists
+    _, _, starts, members, splats, tiles, _ = placed
     columns, numbers = -(-image.shape[1] // TILE_WIDTH), MOMENTS + image.shape[2]
     sums = torch.zeros(features.shape[0], numbers)
     pixels = [tensor.detach().numpy() for tensor in (image, transmittance, grad_image, grad_alpha)]

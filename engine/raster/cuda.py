@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 from types import ModuleType
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -22,20 +23,38 @@ TILE = 16
 CHANNELS_AT_ONCE = 64  # more would need more shared memory than common GPUs have
 
 
+class PlacedOnCuda(NamedTuple):
+    """Gaussians on the screen of a camera, and by tile the list of those that it must look at, nearest first."""
+
+    camera: Camera
+    centers: Tensor  # float [1, N, 2], pixels
+    conics: Tensor  # float [1, N, 3]; of the inverse of Σ'
+    opacities: Tensor  # float [1, N]
+    starts: Tensor  # int32 [1, rows, columns]; where the list of each tile begins in `members`
+    members: Tensor  # int32 [M]
+    radii: Tensor  # int32 [1, N, 2]
+
+
 def rasterize_cuda(
     splats: Splats, features: Tensor, camera: Camera, background: Tensor | None, screen_offsets: Tensor | None, *, clean: bool = False
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Image float32 [H, W, C], alpha float32 [H, W], radii int32 [N]; arguments as for `engine.raster.rasterize`."""
     if not clean:
         splats = cleaned(splats, features, screen_offsets)
-    width, height, device = camera.width, camera.height, features.device
-    means, quats, scales, opacities = (tensor.float() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
-    features = features.float()
-    background = None if background is None else background.float()
-    if means.shape[0] == 0:  # gsplat divides by the number of Gaussians
-        return _empty(features, camera, background)
-    gsplat = _gsplat()
+    placed = project_cuda(splats, camera, screen_offsets)
+    image, alpha = blend_cuda(placed, features, background)
+    return image, alpha, placed.radii[0].amax(1)
 
+
+def project_cuda(splats: Splats, camera: Camera, screen_offsets: Tensor | None = None) -> PlacedOnCuda:
+    """The Gaussians, `cleaned` as gsplat needs them, on the screen of a camera."""
+    width, height, device = camera.width, camera.height, splats.means.device
+    means, quats, scales, opacities = (tensor.float() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    if means.shape[0] == 0:  # gsplat divides by the number of Gaussians
+        none, nobody = means.new_zeros(1, 0, 3), torch.zeros(1, 0, 2, dtype=torch.int32, device=device)
+        return PlacedOnCuda(camera, none[..., :2], none, opacities[None], nobody[0, 0], nobody[0, 0], nobody)
+    gsplat = _gsplat()
     radii, centers, depths, conics, _ = gsplat.fully_fused_projection(
         means,
         None,
@@ -53,39 +72,44 @@ def rasterize_cuda(
     )
     if screen_offsets is not None:
         centers = centers + screen_offsets.float()[None]
-    columns, rows = -(-width // TILE), -(-height // TILE)
     _, keys, members = gsplat.isect_tiles(centers, radii, depths, TILE, columns, rows, packed=False)
     starts = gsplat.isect_offset_encode(keys, 1, columns, rows)
+    return PlacedOnCuda(camera, centers, conics, opacities[None], starts, members, radii)
 
+
+def blend_cuda(placed: PlacedOnCuda, features: Tensor, background: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Image float32 [H, W, C] of the features [N, C] of placed Gaussians, and alpha float32 [H, W]."""
+    features, background = features.float(), None if background is None else background.float()
+    if features.shape[0] == 0:
+        return _empty(features, placed.camera, background)
     images, alphas = [], []
     for first in range(0, features.shape[1], CHANNELS_AT_ONCE):
         channels = slice(first, first + CHANNELS_AT_ONCE)
-        image, alpha = gsplat.rasterize_to_pixels(
-            centers,
-            conics,
+        image, alpha = _gsplat().rasterize_to_pixels(
+            placed.centers,
+            placed.conics,
             features[None, :, channels],
-            opacities[None],
-            width,
-            height,
+            placed.opacities,
+            placed.camera.width,
+            placed.camera.height,
             TILE,
-            starts,
-            members,
+            placed.starts,
+            placed.members,
             backgrounds=None if background is None else background[None, channels],
         )
         images.append(image[0])
         alphas.append(alpha[0, :, :, 0])
-    return (images[0] if len(images) == 1 else torch.cat(images, 2)), alphas[0], radii[0].amax(1)
+    return (images[0] if len(images) == 1 else torch.cat(images, 2)), alphas[0]
 
 
-def cleaned(splats: Splats, features: Tensor, screen_offsets: Tensor | None = None) -> Splats:
+def cleaned(splats: Splats, features: Tensor | None = None, screen_offsets: Tensor | None = None) -> Splats:
     """The splats with quaternions, scales and opacities that gsplat can take.
 
     Zero quaternions become the identity, scales are bounded, opacities clamped to [0, 1], and 0 for a Gaussian with anything not finite:
     gsplat then never looks at it, forward or backward.
     """
-    parts = [splats.means, splats.quats, splats.scales, splats.opacities[:, None], features]
-    if screen_offsets is not None:
-        parts.append(screen_offsets)
+    parts = [splats.means, splats.quats, splats.scales, splats.opacities[:, None]]
+    parts += [part for part in (features, screen_offsets) if part is not None]
     length = torch.linalg.vector_norm(torch.cat([part.detach().float() for part in parts], 1), dim=1)
     opacities = torch.where(length <= MAX_SQUARE**0.5, splats.opacities.float().clamp(0, 1), 0.0)
     quats = splats.quats.float()
@@ -93,12 +117,10 @@ def cleaned(splats: Splats, features: Tensor, screen_offsets: Tensor | None = No
     return replace(splats, quats=quats, scales=splats.scales.float().clamp(-MAX_SCALE, MAX_SCALE), opacities=opacities)
 
 
-def _empty(features: Tensor, camera: Camera, background: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+def _empty(features: Tensor, camera: Camera, background: Tensor | None) -> tuple[Tensor, Tensor]:
     """The picture of no Gaussians, tied to its inputs for autograd."""
     image = features.sum(0) + features.new_zeros(camera.height, camera.width, 1)
-    if background is not None:
-        image = image + background
-    return image, features.new_zeros(camera.height, camera.width), torch.zeros(0, dtype=torch.int32, device=features.device)
+    return (image if background is None else image + background), features.new_zeros(camera.height, camera.width)
 
 
 @lru_cache

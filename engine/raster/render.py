@@ -153,11 +153,21 @@ def backproject(
     ⟨rasterize(x), v⟩ = ⟨x, backproject(v).total⟩. The weights are one more channel.
     `backend` and `clean` are as for `rasterize`.
     """
+    still = splats.detach()
+    return transposed(
+        lambda features: rasterize(still, features, camera, backend=backend, clean=clean).image, values, confidence, splats.means
+    )
+
+
+def transposed(
+    draw: Callable[[Tensor], Tensor], values: Float[Tensor, "height width c"], confidence: Tensor | None, means: Tensor
+) -> BackProjection:
+    """`backproject` by the transpose of `draw`, which blends features [N, C] of the Gaussians at `means` [N, 3]."""
     wanted = pad(values, (0, 1), value=1.0)
     if confidence is not None:
         wanted = wanted * confidence[..., None]
-    features = splats.means.new_zeros(len(splats), wanted.shape[2])
+    features = means.new_zeros(len(means), wanted.shape[2])
     with torch.enable_grad():
-        image = rasterize(splats.detach(), features.requires_grad_(), camera, backend=backend, clean=clean).image
+        image = draw(features.requires_grad_())
     (sums,) = torch.autograd.grad(image, features, wanted.to(image))
     return BackProjection(sums[:, :-1], sums[:, -1])

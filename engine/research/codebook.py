@@ -16,12 +16,12 @@ from torch import Tensor
 
 from degense.engine.field import SceneModel
 from degense.engine.progress import Progress, silent
-from degense.engine.raster import rasterize
 from degense.engine.semantics.masks.superpixels import superpixels
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.losses import rows_of
 from degense.engine.training.semantic.distillation import Report, backprojected_targets
+from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.targets import SemanticTargets
 
 INSTANCE = 6  # length of an instance feature
@@ -42,13 +42,14 @@ def fit_codebook(
     report: Report = lambda *_: None,
 ) -> bool:
     """Give every Gaussian of a finished geometry the latent of its cluster, in place; False when `stop()` asked to leave."""
-    features = instance_features(model, targets, frames, config, stop, lambda f, text: progress(0.8 * f, text), report)
+    geometry = FinishedGeometry(model, frames)
+    features = instance_features(geometry, targets, config, stop, lambda f, text: progress(0.8 * f, text), report)
     if features is None:
         return False
     clusters = two_levels(features.cpu().numpy(), model.canonical["means"].detach().cpu().numpy(), CODES, config.seed)
     of = torch.from_numpy(clusters).to(features.device)
     totals = features.new_zeros(len(model), targets.basis.rank)
-    for back in backprojected_targets(model, targets, frames, lambda f, text: progress(0.8 + 0.2 * f, text)):
+    for back in backprojected_targets(geometry, targets, lambda f, text: progress(0.8 + 0.2 * f, text)):
         totals += back.total
     vectors = totals.new_zeros(int(of.max()) + 1, totals.shape[1]).index_add(0, of, totals)
     model.canonical["semantics"].data.copy_(torch.nn.functional.normalize(vectors, dim=1)[of])
@@ -56,29 +57,26 @@ def fit_codebook(
 
 
 def instance_features(
-    model: SceneModel,
+    geometry: FinishedGeometry,
     targets: SemanticTargets,
-    frames: TrainingFrames,
     config: TrainConfig,
     stop: Callable[[], bool],
     progress: Progress,
     report: Report = lambda *_: None,
 ) -> Tensor | None:
     """A unit vector [N, `INSTANCE`] for each Gaussian, alike within segments of the frames and unlike between them; None when stopped."""
-    random = np.random.default_rng(config.seed)
+    random, model = np.random.default_rng(config.seed), geometry.model
     start = random.normal(0, 1, (len(model), INSTANCE))
     raw = torch.from_numpy(start).float().to(model.bounds.device).requires_grad_()
     optimizer = torch.optim.Adam([raw], lr=config.rate_semantics)
-    segments_of = lru_cache(KEPT_FRAMES)(lambda frame: segments(targets, frames, frame))
+    segments_of = lru_cache(KEPT_FRAMES)(lambda frame: segments(targets, geometry.frames, frame))
     total = raw.new_zeros(())
     for step in range(config.semantic_steps):
         if stop():
             return None
         frame = int(random.choice(targets.frames))
-        with torch.no_grad():
-            splats = model.at(frames.clip.time(frame), semantics=False).splats
         unit = torch.nn.functional.normalize(raw, dim=1)
-        image = rasterize(splats, unit, frames.cameras[frame]).image
+        image = geometry.placed(frame).draw(unit)
         optimizer.zero_grad(set_to_none=True)
         loss = separation(image.reshape(-1, INSTANCE), segments_of(frame))
         loss.backward()
@@ -96,10 +94,7 @@ def instance_features(
 def segments(targets: SemanticTargets, frames: TrainingFrames, frame: int) -> Tensor:
     """Segment of each pixel, int32 [H × W], −1 for none: the regions of a pixelwise teacher, else large superpixels of the frame."""
     if targets.pixelwise:
-        target = targets.target(frame)
-        found = torch.full((frames.size[0] * frames.size[1],), -1, dtype=torch.int32, device=frames.device)
-        found[target.pixels.long()] = target.index.int()
-        return found
+        return targets.target(frame).index
     regions = superpixels(frames.image(frame), max(1, max(frames.size) // SEGMENTS))
     return torch.from_numpy(np.where(frames.valid(frame), regions, -1).astype(np.int32).ravel()).to(frames.device)
 

@@ -25,6 +25,7 @@ from degense.engine.training.losses import angular, l1
 from degense.engine.training.optimiser import learned_state, make_optimiser, restore_learned, set_rates
 from degense.engine.training.passes import FieldState, Passes, draw_latents
 from degense.engine.training.semantic.consensus import Consensus, agreed_answers, answers_of
+from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.targets import SemanticTargets
 
 GUARD_EVERY = 100  # steps between tests of whether all is finite
@@ -138,7 +139,7 @@ class Trainer:
         """One frame, one update."""
         told = self._told
         if told is not None and self.config.consensus and not (told.sparse or self.densifies or self._consensus):
-            self._agree(agreed_answers(Consensus(self.model, told, self.frames, self.config.seed), told))
+            self._agree(agreed_answers(Consensus(FinishedGeometry(self.model, self.frames), told, self.config.seed), told))
         semantic = self.semantics is not None and self.iteration % self.config.semantic_every == 0
         index = self._next_frame(semantic)
         set_rates(self.optimizer, self.config, self.progress, self.rate_scale)

@@ -37,7 +37,7 @@ def superpixels(rgb: np.ndarray, region_size: int = REGION_SIZE, compactness: fl
         raise ValueError(f"region_size must be at least 1, not {region_size}")
     height, width = rgb.shape[:2]
     smooth = cv2.GaussianBlur(np.ascontiguousarray(rgb), (3, 3), 0)
-    rows, columns = max(1, round(height / region_size)), max(1, round(width / region_size))
+    rows, columns = centre_grid(width, height, region_size)
     lab = np.empty((3, height, width), np.float32)
     run_kernel(_lab, smooth.reshape(height, width, 3), LINEAR, lab)
     centres, labels = _initial_centres(lab, rows, columns), np.zeros((height, width), np.int32)
@@ -48,6 +48,11 @@ def superpixels(rgb: np.ndarray, region_size: int = REGION_SIZE, compactness: fl
         if step > 1:
             _move(lab, labels, step, centres)
     return dense(labels, rows * columns)
+
+
+def centre_grid(width: int, height: int, region_size: int = REGION_SIZE) -> tuple[int, int]:
+    """Rows and columns of centres: a picture has at most as many superpixels as there are."""
+    return max(1, round(height / region_size)), max(1, round(width / region_size))
 
 
 def _initial_centres(lab: np.ndarray, rows: int, columns: int) -> np.ndarray:

@@ -20,15 +20,15 @@ class Labels(NamedTuple):
     """What the pixels of a frame are compared with."""
 
     latents: Tensor  # float [k, d]
-    latent_of: Tensor  # int32 [L]; the row of the latent of each labelled pixel
-    pixels: Tensor  # int32 [L]; flat positions of these
-    weight: Tensor  # float [L]
+    latent_of: Tensor  # int32 [P]; the row of the latent of each pixel, −1 for none
+    weight: Tensor  # float [P]
+    labelled: Tensor  # float []; what the sum is divided by
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _align(drawn, latents, index, pixels, weight, grad):
+def _align(drawn, latents, index, weight, labelled, grad):
     """Mean weighted 1 − ⟨u, v⟩ of unit vectors, and its gradient: with u = f / s, s² = ‖f‖² + ε, that is −(v − ⟨u, v⟩ u) / s."""
-    total, count, wide = 0.0, max(len(pixels), 1), drawn.shape[1]
+    total, wide = 0.0, drawn.shape[1]
     targets = np.empty(latents.shape)
     for k in range(len(latents)):
         square = EPSILON
@@ -36,19 +36,21 @@ def _align(drawn, latents, index, pixels, weight, grad):
             square += np.float64(latents[k, c]) * np.float64(latents[k, c])
         for c in range(wide):
             targets[k, c] = latents[k, c] / math.sqrt(square)
-    for i in range(len(pixels)):
-        own, target = drawn[pixels[i]], targets[index[i]]
+    for p in range(len(index)):
+        if index[p] < 0:
+            continue
+        own, target = drawn[p], targets[index[p]]
         square, product = EPSILON, 0.0
         for c in range(wide):
             square += np.float64(own[c]) * np.float64(own[c])
             product += own[c] * target[c]
         inverse = 1.0 / math.sqrt(square)
         cosine = product * inverse
-        total += weight[i] * (1.0 - cosine)
-        share = weight[i] / count * inverse
+        total += weight[p] * (1.0 - cosine)
+        share = weight[p] / labelled * inverse
         for c in range(wide):
-            grad[pixels[i], c] = share * (cosine * inverse * own[c] - target[c])
-    return total / count
+            grad[p, c] = share * (cosine * inverse * own[c] - target[c])
+    return total / labelled
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -83,7 +85,9 @@ class _Align(torch.autograd.Function):
     @staticmethod
     def forward(ctx, drawn, labels):
         grad = torch.zeros(drawn.shape)
-        value = _align(drawn.detach().contiguous().numpy(), *(tensor.numpy() for tensor in labels), grad.numpy())
+        latents, latent_of, weight, labelled = labels
+        arrays = (tensor.numpy() for tensor in (latents, latent_of, weight))
+        value = _align(drawn.detach().contiguous().numpy(), *arrays, labelled.item(), grad.numpy())
         ctx.save_for_backward(grad)
         return drawn.new_tensor(value)
 

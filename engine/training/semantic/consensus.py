@@ -14,11 +14,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from degense.engine.field import SceneModel
 from degense.engine.latest import Latest
 from degense.engine.progress import Progress, silent
-from degense.engine.raster import backproject, rasterize
-from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.semantic.appearance import Appearance, Looks
 from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.regions import Regions
@@ -41,17 +38,17 @@ class Votes:
     """What each frame calls the Gaussians."""
 
     def __init__(self, geometry: FinishedGeometry):
-        self._geometry, self._frames = geometry, geometry.frames
+        self._geometry = geometry
         self._sums: dict[int, Tensor] = {}  # by frame, Σ_p w_ip shares_p beside Σ_p w_ip, float [N, K + 1]
         self._colors: dict[int, Tensor] = {}
 
     @torch.no_grad()
     def add(self, frame: int, shares: Float[Tensor, "pixels words"]) -> None:
         """Let a frame vote: onto each Gaussian by its share in each pixel, so as far as it is visible there and then."""
-        camera, splats = self._frames.cameras[frame], self._geometry.splats(frame)
-        shape, known = (camera.height, camera.width), (shares.sum(1) > 0).to(shares)
-        found = backproject(splats, shares.reshape(*shape, -1), camera, confidence=known.reshape(shape))
-        self._sums[frame], self._colors[frame] = torch.cat([found.total, found.weight[:, None]], 1), splats.colors
+        width, height = self._geometry.frames.size
+        known = (shares.sum(1) > 0).to(shares).reshape(height, width)
+        found = self._geometry.placed(frame).backproject(shares.reshape(height, width, -1), known)
+        self._sums[frame], self._colors[frame] = torch.cat([found.total, found.weight[:, None]], 1), self._geometry.splats(frame).colors
 
     @torch.no_grad()
     def read(self, frame: int) -> Float[Tensor, "pixels words"]:
@@ -60,15 +57,15 @@ class Votes:
         A Gaussian i has Σ_s k_is Σ_p w_ip shares_p, with k_is = exp(−‖c_i − c_is‖² / 2 h²) of its colours now and in the voting frame:
         tissue that was charred since is asked what it is called now. Its shares are blended as colours are.
         """
-        camera, splats = self._frames.cameras[frame], self._geometry.splats(frame)
+        colors = self._geometry.splats(frame).colors
         total = torch.zeros_like(next(iter(self._sums.values())))
         for voter, sums in self._sums.items():
             if voter != frame or len(self._sums) == 1:
-                far = (splats.colors - self._colors[voter]).square().sum(1, keepdim=True)
+                far = (colors - self._colors[voter]).square().sum(1, keepdim=True)
                 total.addcmul_(torch.exp(far / (-2 * COLOR_SCALE**2)), sums)
         votes, count = total[:, :-1], total[:, -1:]
         usual = votes.sum(0) / count.sum().clamp_min(1e-9)
-        image = rasterize(splats, (votes + PRIOR_PIXELS * usual) / (count + PRIOR_PIXELS), camera).image
+        image = self._geometry.placed(frame).draw((votes + PRIOR_PIXELS * usual) / (count + PRIOR_PIXELS))
         flat = image.reshape(-1, image.shape[2]) + LEAST * usual
         return flat / flat.sum(1, keepdim=True).clamp_min(1e-9)
 
@@ -88,14 +85,14 @@ class Consensus:
     A teacher that the first round contradicts in hardly a pixel (`SETTLED`) is taken at its word, and no other round follows: what would be
     changed are pixels at edges, which the scene blurs.
 
-    The model's geometry is finished. The targets, which are the teacher's answers, are told their `disagreement` and `accuracy`.
+    The targets, which are the teacher's answers, are told their `disagreement` and `accuracy`.
     """
 
-    def __init__(self, model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, seed: int, progress: Progress = silent):
-        self._frames, self._targets, self._words = frames, targets, words_of(targets.sample, targets.classes)
+    def __init__(self, geometry: FinishedGeometry, targets: SemanticTargets, seed: int, progress: Progress = silent):
+        self._frames = frames = geometry.frames
+        self._targets, self._words = targets, words_of(targets.sample, targets.classes)
         width, height = frames.size
         self._scores = Latest(max(2, SCORE_BYTES // (2 * width * height * len(self._words))))
-        geometry = FinishedGeometry(model, frames)
         self._regions, self._looks = Regions(geometry), Looks(frames.size, frames.device)
         asked = targets.labelled_frames
         voters = [asked[i] for i in np.unique(np.linspace(0, len(asked) - 1, min(len(asked), MOST_VOTERS)).round().astype(int))]

@@ -18,16 +18,14 @@ from degense.engine.field import SceneModel
 from degense.engine.field.cuda_graphs import graphed
 from degense.engine.profile import part, renamed_at_gradient
 from degense.engine.progress import Progress, silent
-from degense.engine.raster import backproject
-from degense.engine.splats import Splats
 from degense.engine.training.adam import Adam
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.losses import angular, l1
-from degense.engine.training.passes import SemanticPass, draw_latents
+from degense.engine.training.passes import SemanticPass
 from degense.engine.training.semantic.consensus import Consensus
-from degense.engine.training.semantic.finished import FinishedScene
+from degense.engine.training.semantic.finished import FinishedGeometry, FinishedScene
 from degense.engine.training.semantic.targets import SemanticTargets
 
 REPORT_EVERY = 25  # steps
@@ -45,25 +43,19 @@ class BackProjectedTarget(NamedTuple):
 
 
 def backprojected_targets(
-    model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent
+    geometry: FinishedGeometry, targets: SemanticTargets, progress: Progress = silent
 ) -> Iterator[BackProjectedTarget]:
     """The targets of all frames, one after the other, on the Gaussians."""
+    canonical = geometry.model.canonical["colors"].detach()
     for done, i in enumerate(targets.frames):
         progress(done / len(targets.frames), "back-projecting labels")
-        with torch.no_grad():
-            splats = model.at(frames.clip.time(i), semantics=False).splats
-        target, camera = targets.target(i), frames.cameras[i]
-        values = splats.means.new_zeros(camera.height * camera.width, target.latents.shape[1])
-        weights = splats.means.new_zeros(len(values))
-        values[target.pixels], weights[target.pixels] = target.latents[target.index], target.weight
+        target, camera = targets.target(i), geometry.frames.cameras[i]
         shape = (camera.height, camera.width)
-        total, weight = backproject(splats, values.reshape(*shape, -1), camera, confidence=weights.reshape(shape))
-        yield BackProjectedTarget(total, weight, splats.colors - model.canonical["colors"].detach())
+        total, weight = geometry.placed(i).backproject(target.wanted.reshape(*shape, -1), target.weight.reshape(shape))
+        yield BackProjectedTarget(total, weight, geometry.splats(i).colors - canonical)
 
 
-def backproject_features(
-    model: SceneModel, targets: SemanticTargets, frames: TrainingFrames, progress: Progress = silent
-) -> tuple[Tensor, Tensor]:
+def backproject_features(geometry: FinishedGeometry, targets: SemanticTargets, progress: Progress = silent) -> tuple[Tensor, Tensor]:
     """Canonical latents and how they follow colour, from all labels of the pixels that a Gaussian shows.
 
     A Gaussian of constant colour gets the mean of all frames. One whose colour changes (charred, bled over, covered by an instrument) gets
@@ -75,9 +67,9 @@ def backproject_features(
 
     Returns f [N, d], zero for Gaussians never seen at a labelled pixel, and R [N, 3, d].
     """
-    count, rank = model.canonical["semantics"].shape
-    moments = model.bounds.new_zeros(count, 4, rank + 4)  # Σ weight (1, c)ᵀ (v, 1, c): all sums of the line at once
-    for total, weight, color_change in backprojected_targets(model, targets, frames, progress):
+    count, rank = geometry.model.canonical["semantics"].shape
+    moments = geometry.model.bounds.new_zeros(count, 4, rank + 4)  # Σ weight (1, c)ᵀ (v, 1, c): all sums of the line at once
+    for total, weight, color_change in backprojected_targets(geometry, targets, progress):
         regressors = torch.nn.functional.pad(color_change, (1, 0), value=1.0)
         moments += regressors[:, :, None] * torch.cat([total, weight[:, None] * regressors], 1)[:, None]
     moments = moments / moments[:, :1, rank : rank + 1].clamp_min(1e-12)
@@ -109,22 +101,22 @@ def distill(
     Of the config it reads `consensus`, `lift`, `semantic_steps`, `angular`, `region`, `delta_semantics` and the learning rates. `report` is
     called every `REPORT_EVERY` steps and at the end.
     """
-    random = np.random.default_rng(config.seed)
+    random, geometry = np.random.default_rng(config.seed), FinishedGeometry(model, frames)
     if config.consensus and not targets.sparse:
         with part("consensus"):
-            consensus = Consensus(model, targets, frames, config.seed, lambda f, text: progress(0.3 * f, text))
+            consensus = Consensus(geometry, targets, config.seed, lambda f, text: progress(0.3 * f, text))
         targets.rightness = consensus.rightness
         targets = targets.replaced(consensus.answer)
     if config.lift:
         with part("back-projection"):
-            latents, coefficients = backproject_features(model, targets, frames, lambda f, text: progress(0.3 + 0.1 * f, text))
+            latents, coefficients = backproject_features(geometry, targets, lambda f, text: progress(0.3 + 0.1 * f, text))
         model.canonical["semantics"].data.copy_(latents)
         model.set_semantic_coefficients(coefficients)
     distance, labelled = angular if config.angular else l1, targets.frames
     steps, order = steps_of(config), list[int]()
     with _semantic_optimizer(model, config) as optimizer:
         sums, zero = LossSums(model.bounds.device), torch.zeros((), device=model.bounds.device)
-        scene = _scene_of(model, frames, config, labelled)
+        latents_of = _latents_of(geometry, config, labelled)
         for step in range(steps):
             if stop():
                 model.semantic_coefficients = None  # a resumed training back-projects again
@@ -134,10 +126,10 @@ def distill(
             order = order or [labelled[k] for k in random.permutation(len(labelled))]
             frame = order.pop()
             with part("field"):
-                splats, regularizer = scene(frame)
+                latents, regularizer = latents_of(frame)
             with part("raster"):
-                latent = draw_latents(splats, frames.cameras[frame], detached=True)
-            renamed_at_gradient(splats.semantics, "field backward")
+                latent = geometry.placed(frame).draw(latents)
+            renamed_at_gradient(latents, "field backward")
             renamed_at_gradient(latent, "raster backward")
             with part("losses"):
                 terms = {**targets.loss(latent, frame, distance, config.region), "delta_semantics": regularizer / config.semantic}
@@ -156,22 +148,20 @@ def distill(
     return True
 
 
-def _scene_of(
-    model: SceneModel, frames: TrainingFrames, config: TrainConfig, labelled: Sequence[int]
-) -> Callable[[int], tuple[Splats, Tensor]]:
-    """The Gaussians with their latents at a frame, and the regularizer of how these change: what need not be computed again is kept where
+def _latents_of(geometry: FinishedGeometry, config: TrainConfig, labelled: Sequence[int]) -> Callable[[int], tuple[Tensor, Tensor]]:
+    """The latents of the Gaussians at a frame, and the regularizer of how these change: what need not be computed again is kept where
     that is quicker than the graph of a GPU."""
-    device = model.bounds.device
+    model, times, device = geometry.model, geometry.frames.clip.time, geometry.model.bounds.device
     if device.type == "cpu" and model.config.routing == "isolated" and model.moving is None:
-        return FinishedScene(model, frames, config)
-    moments = {frame: torch.full((), frames.clip.time(frame), device=device) for frame in labelled}
+        return FinishedScene(geometry, config)
+    moments = {frame: torch.full((), times(frame), device=device) for frame in labelled}
     graph = graphed(SemanticPass(model, config, deform=True), (moments[labelled[0]],), list(model.parameters()))
 
-    def scene(frame: int) -> tuple[Splats, Tensor]:
-        means, quats, scales, opacities, latents, regularizer = graph(moments[frame])
-        return Splats(means, quats, scales, opacities, means.new_zeros(len(means), 3), latents), regularizer
+    def latents_of(frame: int) -> tuple[Tensor, Tensor]:
+        *_, latents, regularizer = graph(moments[frame])
+        return latents, regularizer
 
-    return scene
+    return latents_of
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from degense.engine.field import SceneModel
 from degense.engine.latest import Latest
+from degense.engine.raster import Placed
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
@@ -21,11 +22,15 @@ class FinishedGeometry:
 
     def __init__(self, model: SceneModel, frames: TrainingFrames):
         self.model, self.frames = model, frames
-        self._kept = Latest(KEPT_BYTES)
+        self._kept, self._placed = Latest(KEPT_BYTES), Latest(KEPT_BYTES)
 
     def splats(self, frame: int) -> Splats:
         """The Gaussians at the time of a frame, without a gradient."""
         return self._kept.get(frame, lambda: self._found(frame), lambda splats: _bytes(*vars(splats).values()))
+
+    def placed(self, frame: int) -> Placed:
+        """The same on the screen of the frame's camera."""
+        return self._placed.get(frame, lambda: Placed(self.splats(frame), self.frames.cameras[frame]), lambda placed: placed.nbytes)
 
     @torch.no_grad()
     def _found(self, frame: int) -> Splats:
@@ -45,20 +50,19 @@ class FinishedScene:
     Call it when `semantic_coefficients` are known: they are part of what is kept.
     """
 
-    def __init__(self, model: SceneModel, frames: TrainingFrames, config: TrainConfig):
-        self._model, self._frames, self._config = model, frames, config
-        self._geometry, self._moments = FinishedGeometry(model, frames), Latest(KEPT_BYTES)
-        self._points = model.normalised(model.canonical["means"].detach())
+    def __init__(self, geometry: FinishedGeometry, config: TrainConfig):
+        self._geometry, self._model, self._frames, self._config = geometry, geometry.model, geometry.frames, config
+        self._moments = Latest(KEPT_BYTES)
+        self._points = self._model.normalised(self._model.canonical["means"].detach())
 
-    def __call__(self, frame: int) -> tuple[Splats, Tensor]:
-        """The Gaussians with their latents, and the regularizer of the change of these."""
-        model, splats = self._model, self._geometry.splats(frame)
-        moment = self._moments.get(frame, lambda: self._moment(frame, splats), lambda kept: _bytes(*kept))
+    def __call__(self, frame: int) -> tuple[Tensor, Tensor]:
+        """The latents of the Gaussians, and the regularizer of their change."""
+        model = self._model
+        moment = self._moments.get(frame, lambda: self._moment(frame), lambda kept: _bytes(*kept))
         latents, change = model.canonical["semantics"], self._change(frame, moment.kinematic)
         regularizer = latents.new_zeros(()) if change is None else self._config.delta_semantics * change.abs().mean()
         latents = latents if change is None else latents + change
-        latents = latents if moment.by_color is None else latents + moment.by_color
-        return Splats(splats.means, splats.quats, splats.scales, splats.opacities, splats.colors, latents), regularizer
+        return latents if moment.by_color is None else latents + moment.by_color, regularizer
 
     def _change(self, frame: int, kinematic: Tensor) -> Tensor | None:
         """Δf_sem of Z_kin and the semantic planes; what depends on Z_kin alone gets no gradient to it."""
@@ -72,10 +76,10 @@ class FinishedScene:
         return last(rectified(torch.addmm(hidden.bias, kinematic, weight[:, :latent].T) + by_planes))
 
     @torch.no_grad()
-    def _moment(self, frame: int, splats: Splats) -> Moment:
+    def _moment(self, frame: int) -> Moment:
         model, by_color = self._model, None
         if model.semantic_coefficients is not None:
-            change = splats.colors - model.canonical["colors"]
+            change = self._geometry.splats(frame).colors - model.canonical["colors"]
             by_color = (change[:, :, None] * model.semantic_coefficients).sum(1)
         return Moment(model.kinematics(model.planes(self._points, self._frames.clip.time(frame))), by_color)
 

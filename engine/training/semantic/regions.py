@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn.functional import pad
 
 from degense.engine.latest import Latest
-from degense.engine.raster import rasterize
 from degense.engine.semantics.masks.superpixels import REGION_SIZE, superpixels
 from degense.engine.training.fused.region_votes_cpu import region_votes
 from degense.engine.training.semantic.finished import FinishedGeometry
@@ -86,8 +86,9 @@ class Regions:
         image, device = self._frames.image(frame), self._frames.device
         of_pixel = torch.from_numpy(superpixels(image, self._side).ravel().astype(np.int64)).to(device)
         colors = torch.from_numpy(cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2LAB).reshape(-1, 3)).to(device)
-        drawn = rasterize(self._geometry.splats(frame), self._geometry.model.canonical["means"].detach(), self._frames.cameras[frame])
-        places = drawn.image.reshape(-1, 3) / drawn.alpha.reshape(-1, 1).clamp_min(1e-3)
+        means = self._geometry.model.canonical["means"].detach()
+        drawn = self._geometry.placed(frame).draw(pad(means, (0, 1), value=1.0)).reshape(-1, 4)  # beside the means, how much they cover
+        places = drawn[:, :3] / drawn[:, 3:].clamp_min(1e-3)
         size = torch.bincount(of_pixel).to(colors)
         traits = torch.cat([places / self._width, colors / COLOR_SCALE], 1)
         return FrameRegions(of_pixel, size, _means(of_pixel, traits, size))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
+from functools import partial
+from math import prod
 
 import cv2
 import numpy as np
@@ -12,10 +14,11 @@ import torch
 from torch import Tensor
 
 from degense.engine.errors import DegenseError
+from degense.engine.field.cuda_graphs import graphed
 from degense.engine.latest import Latest
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics import Basis, fit_basis
-from degense.engine.semantics.masks.superpixels import superpixels
+from degense.engine.semantics.masks.superpixels import centre_grid, superpixels
 from degense.engine.semantics.teachers import Teacher
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
@@ -28,7 +31,7 @@ from degense.engine.vocabulary import instruments
 SPARSE = 0.25  # a teacher that labels a smaller share of the training frames has its labels warped to the others
 BASIS_VECTORS = 20_000  # of all frames' vectors, that the basis is fitted to
 TARGET_BYTES = 3 << 28  # of supervision kept
-PIXEL_BYTES = 24  # of one pixel's: its label, and what a target holds
+PIXEL_BYTES = 16  # of one pixel's: its label, and what a target holds
 
 #: A teacher's answer for a frame: unit vectors [k, D], and which of them each pixel has, int32 [H, W], −1 for none.
 Answer = tuple[np.ndarray, np.ndarray]
@@ -45,11 +48,15 @@ class Target:
     """
 
     latents: Tensor  # float [k, d]; the vectors the teacher used here, projected to the basis
-    index: Tensor  # int32 [P]; which of them each labelled pixel has
-    pixels: Tensor  # int32 [P]; flat positions of those pixels
-    weight: Tensor  # float [P]; mean 1
+    index: Tensor  # int32 [H × W]; which of them each pixel has, −1 for none
+    weight: Tensor  # float [H × W]; mean 1 where something is said, else 0
+    labelled: Tensor  # float []; how many pixels that is, at least 1
     regions: Tensor  # int32 [H × W]
-    region_count: int
+
+    @property
+    def wanted(self) -> Tensor:
+        """The vector of each pixel, float [H × W, d]; some vector where nothing is said."""
+        return self.latents.index_select(0, self.index.clamp_min(0))
 
 
 class SemanticTargets:
@@ -82,6 +89,8 @@ class SemanticTargets:
         clip = frames.clip
         capacity = max(2, TARGET_BYTES // (frames.size[0] * frames.size[1] * PIXEL_BYTES))
         self._answers, self._targets = Latest(capacity), Latest(capacity)
+        self._region_count = prod(centre_grid(*frames.size))
+        self._losses: dict[tuple[Distance, float], Callable[..., tuple[Tensor, ...]]] = {}
         self.labelled_frames: list[int] = []  # those that the teacher itself labels
         vectors, counts = [], []
         for done, i in enumerate(teacher.frames):
@@ -197,24 +206,16 @@ class SemanticTargets:
             vectors, index = self._labels(frame, self._source[frame])
         else:
             vectors, index, confidence = self._others(frame)
-        flat = index.ravel()
-        pixels = np.flatnonzero(flat >= 0).astype(np.int32)
-        chosen = flat[pixels]
-        counts = np.bincount(chosen, minlength=len(vectors))
-        weight = (rarity_weights(vectors, counts) if self._rarity else np.ones(len(vectors)))[chosen]
-        weight /= max(weight.mean(), 1e-12) if len(weight) else 1
+        index, known = index.ravel(), index.ravel() >= 0
+        counts = np.bincount(index[known], minlength=len(vectors))
+        weight = np.where(known, (rarity_weights(vectors, counts) if self._rarity else np.ones(len(vectors)))[index], 0.0)
+        labelled = max(np.count_nonzero(known), 1)
+        weight *= labelled / max(weight.sum(), 1e-12)
         if self._others is not None:
-            weight = weight * confidence.ravel()[pixels]
-        regions = superpixels(self._working.image(frame))
-        device = self._working.device
-        return Target(
-            torch.from_numpy(self.basis.project(vectors)).float().to(device),
-            torch.from_numpy(chosen).to(device),
-            torch.from_numpy(pixels).to(device),
-            torch.from_numpy(weight).float().to(device),
-            torch.from_numpy(regions.ravel()).to(device),
-            int(regions.max()) + 1,
-        )
+            weight = weight * confidence.ravel()
+        latents, of_pixel = self.basis.project(vectors).astype(np.float32), superpixels(self._working.image(frame)).ravel()
+        parts = (latents, index.astype(np.int32), weight.astype(np.float32), np.array(labelled, np.float32), of_pixel)
+        return Target(*(torch.from_numpy(part).to(self._working.device) for part in parts))
 
     def loss(self, latent: Tensor, frame: int, distance: Distance, region_weight: float) -> dict[str, Tensor]:
         """Terms of the loss of a drawn latent map [H, W, d].
@@ -224,13 +225,31 @@ class SemanticTargets:
         target = self.target(frame)
         flat = latent.reshape(-1, latent.shape[-1])
         if distance is angular and flat.device.type == "cpu" and flat.dtype == torch.float32:
-            labels = semantic_cpu.Labels(target.latents, target.index, target.pixels, target.weight)
+            labels = semantic_cpu.Labels(target.latents, target.index, target.weight, target.labelled)
             found = {"align": semantic_cpu.align(flat, labels)}
             if region_weight > 0:
-                found["region"] = region_weight * semantic_cpu.region_smoothness(flat, target.regions, target.region_count)
+                found["region"] = region_weight * semantic_cpu.region_smoothness(flat, target.regions, self._region_count)
             return found
-        error = distance(flat[target.pixels], target.latents[target.index])
-        terms = {"align": (error * target.weight).sum() / max(len(target.pixels), 1)}
-        if region_weight > 0:
-            terms["region"] = region_weight * region_smoothness(flat, target.regions, target.region_count)
-        return terms
+        arguments = flat, target.wanted, target.weight, target.labelled, target.regions
+        key = distance, region_weight
+        if key not in self._losses:
+            terms = partial(_terms, distance=distance, region_weight=region_weight, region_count=self._region_count)
+            self._losses[key] = graphed(terms, [argument.detach().requires_grad_(argument is flat) for argument in arguments])
+        names = ("align", "region") if region_weight > 0 else ("align",)
+        return dict(zip(names, self._losses[key](*arguments), strict=True))
+
+
+def _terms(
+    latent: Tensor,
+    wanted: Tensor,
+    weight: Tensor,
+    labelled: Tensor,
+    regions: Tensor,
+    *,
+    distance: Distance,
+    region_weight: float,
+    region_count: int,
+) -> tuple[Tensor, ...]:
+    """`SemanticTargets.loss` of rows of latents, float [H × W, d]."""
+    align = (distance(latent, wanted) * weight).sum() / labelled
+    return (align, region_weight * region_smoothness(latent, regions, region_count)) if region_weight > 0 else (align,)

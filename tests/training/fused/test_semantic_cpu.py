@@ -11,10 +11,9 @@ def example(pixels=700, words=5, length=6):
     torch.manual_seed(4)
     drawn = torch.randn(pixels, length)
     drawn[:3] = 0.0  # nothing is drawn there
-    labelled = torch.randperm(pixels)[: pixels // 2].int()
-    labels = semantic_cpu.Labels(
-        torch.randn(words, length), torch.randint(words, (len(labelled),)).int(), labelled, torch.rand(len(labelled))
-    )
+    known = torch.rand(pixels) < 0.5
+    said = torch.where(known, torch.randint(words, (pixels,)), -1).int()
+    labels = semantic_cpu.Labels(torch.randn(words, length), said, torch.rand(pixels) * known, known.sum().float())
     regions = torch.randint(40, (pixels,)).int()
     regions[regions == 7] = 8  # a number that no pixel has
     return drawn, labels, regions
@@ -35,8 +34,9 @@ def test_alignment():
     drawn, labels, _ = example()
 
     def plain(values):
-        target = labels.latents.to(values)[labels.latent_of]
-        return (angular(values[labels.pixels], target) * labels.weight).sum() / len(labels.pixels)
+        known = labels.latent_of >= 0
+        target = labels.latents.to(values)[labels.latent_of[known]]
+        return (angular(values[known], target) * labels.weight[known]).sum() / known.sum()
 
     check(lambda values: semantic_cpu.align(values, labels), plain, drawn)
 
@@ -53,7 +53,9 @@ def test_smoothness_of_regions():
 @pytest.mark.parametrize("count", [0, 1])
 def test_frames_of_few_labels(count):
     drawn, labels, _ = example()
-    few = semantic_cpu.Labels(labels.latents, labels.latent_of[:count], labels.pixels[:count], labels.weight[:count])
+    kept = torch.cumsum(labels.latent_of >= 0, 0) <= count
+    said, weight = torch.where(kept, labels.latent_of, -1), torch.where(kept, labels.weight, 0.0)
+    few = semantic_cpu.Labels(labels.latents, said, weight, torch.tensor(1.0))
     value, grad = gradient(lambda values: semantic_cpu.align(values, few), drawn)
     assert torch.isfinite(value)
     assert grad.any(1).sum() == count

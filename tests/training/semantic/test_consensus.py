@@ -78,7 +78,7 @@ def stage():
 def test_a_teacher_is_corrected_by_itself_and_one_that_is_right_is_left_alone(stage, share):
     clip, frames, model, exact = stage
     targets = SemanticTargets(Erring(exact, share), frames)
-    consensus = Consensus(model, targets, frames, 0)
+    consensus = Consensus(FinishedGeometry(model, frames), targets, 0)
     right, told, counted = 0, 0, 0
     for frame in clip.train_frames:
         _, index, confidence = consensus.answer(frame)
@@ -96,13 +96,15 @@ def test_a_teacher_is_corrected_by_itself_and_one_that_is_right_is_left_alone(st
 def test_a_teacher_that_nothing_contradicts_is_taken_at_its_word_and_asked_once(stage):
     clip, frames, model, exact = stage
     targets, told = SemanticTargets(exact, frames), []
-    consensus = Consensus(model, targets, frames, 0, lambda fraction, words: told.append(fraction))
+    consensus = Consensus(FinishedGeometry(model, frames), targets, 0, lambda fraction, words: told.append(fraction))
     assert max(told) < 0.5
     for frame in clip.train_frames:
         _, index, confidence = consensus.answer(frame)
         assert np.array_equal(index, targets.answer(frame)[1])
         assert (confidence[index >= 0] == 1).all()
-    Consensus(model, SemanticTargets(Erring(exact, 0.05), frames), frames, 0, lambda fraction, words: told.append(fraction))
+    Consensus(
+        FinishedGeometry(model, frames), SemanticTargets(Erring(exact, 0.05), frames), 0, lambda fraction, words: told.append(fraction)
+    )
     assert max(told) > 0.5, "one that errs in a twentieth is asked again"
 
 
@@ -126,7 +128,7 @@ def held_right(consensus, frame, labels, where=...):
 
 def test_true_words_are_held_to_be_right_in_the_mean_and_all_others_seldom(stage):
     clip, frames, model, exact = stage
-    consensus = Consensus(model, SemanticTargets(Erring(exact, 0.3), frames), frames, 0)
+    consensus = Consensus(FinishedGeometry(model, frames), SemanticTargets(Erring(exact, 0.3), frames), 0)
     truths = {frame: exact.targets(frame)[1] for frame in clip.train_frames}
     others = {frame: np.where(truth >= 0, 1 - truth, -1) for frame, truth in truths.items()}
     true, false = (np.concatenate([held_right(consensus, *of_frame) for of_frame in of.items()]) for of in (truths, others))
@@ -137,7 +139,7 @@ def test_true_words_are_held_to_be_right_in_the_mean_and_all_others_seldom(stage
 def test_a_mistake_that_lasts_is_doubted_though_the_teacher_insists(stage):
     clip, frames, model, exact = stage
     targets = SemanticTargets(Lasting(exact, 0.3), frames)
-    consensus = Consensus(model, targets, frames, 0)
+    consensus = Consensus(FinishedGeometry(model, frames), targets, 0)
     insisted = {frame: targets.answer(frame)[1] for frame in clip.train_frames if frame < 8}
     said = np.concatenate([held_right(consensus, frame, labels, Lasting.patch) for frame, labels in insisted.items()])
     assert said.mean() < 0.75 / targets.accuracy, "which its agreement alone would be"
@@ -187,7 +189,7 @@ def test_semantics_trained_with_geometry_learn_the_consensus_once_no_gaussian_co
     def wrong(semantics):
         """Share of a frame's pixels that the targets call otherwise than the exact labels."""
         target, truth = semantics.target(2), torch.from_numpy(exact.targets(2)[1].ravel())
-        return float((target.index != truth[target.pixels]).float().mean())
+        return float((target.index != truth)[target.index >= 0].float().mean())
 
     one = trainer()
     begun = one.state()

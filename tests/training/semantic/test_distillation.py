@@ -13,6 +13,7 @@ from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.losses import angular
 from degense.engine.training.semantic.distillation import COLOR_RIDGE, backproject_features, distill
+from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.targets import SemanticTargets
 from tests.fakes import MemoryClip
 
@@ -39,15 +40,16 @@ def labels_seen(model, targets, frames, frame):
         s = model.at(frames.clip.time(frame), semantics=False).splats
         shares = rasterize(s, torch.eye(len(model)), frames.cameras[frame]).image
     target = targets.target(frame)
-    shares = shares.reshape(-1, len(model))[target.pixels].double() * target.weight[:, None].double()
-    return shares.T @ target.latents[target.index].double(), shares.sum(0), s.colors.double()
+    known = target.index >= 0
+    shares = shares.reshape(-1, len(model))[known].double() * target.weight[known, None].double()
+    return shares.T @ target.latents[target.index[known]].double(), shares.sum(0), s.colors.double()
 
 
 def test_where_nothing_changes_colour_back_projection_is_the_weighted_mean_of_the_labels(stage):
     frames, targets = stage
     model = model_for(frames, targets)
     total = sum(labels_seen(model, targets, frames, frame)[0] for frame in targets.frames)
-    latents, semantic_coefficients = backproject_features(model, targets, frames)
+    latents, semantic_coefficients = backproject_features(FinishedGeometry(model, frames), targets)
     np.testing.assert_allclose(latents, torch.nn.functional.normalize(total, dim=1), atol=2e-3)
     assert not semantic_coefficients.any()
 
@@ -63,7 +65,7 @@ def test_where_colours_change_back_projection_is_a_ridge_regression_on_them(stag
     said, share, colour = (
         torch.stack(parts) for parts in zip(*(labels_seen(model, targets, frames, i) for i in targets.frames), strict=True)
     )
-    latents, semantic_coefficients = backproject_features(model, targets, frames)
+    latents, semantic_coefficients = backproject_features(FinishedGeometry(model, frames), targets)
     canonical = model.canonical["colors"].detach().double()
     checked = 0
     for i in range(0, len(model), 7):
@@ -114,7 +116,7 @@ def test_what_changes_its_look_changes_its_name():
         x, y = frames.cameras[0].project(model.canonical["means"].double().numpy())[0].T
         inside = torch.from_numpy((x > 16) & (x < 28) & (y > 12) & (y < 24))
         model.canonical["color_residuals"][inside, 5:] = wanted
-    latents, semantic_coefficients = backproject_features(model, targets, frames)
+    latents, semantic_coefficients = backproject_features(FinishedGeometry(model, frames), targets)
     model.canonical["semantics"].data.copy_(latents)
     model.set_semantic_coefficients(semantic_coefficients)
     vectors = torch.from_numpy(targets.basis.project(teacher.vectors)).float()

@@ -4,11 +4,12 @@ import numpy as np
 import torch
 
 from degense.engine.field import FieldConfig, SceneModel
+from degense.engine.raster import rasterize
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.passes import SemanticPass
-from degense.engine.training.semantic.finished import FinishedScene
+from degense.engine.training.semantic.finished import FinishedGeometry, FinishedScene
 from tests.fakes import MemoryClip
 
 RANK = 5
@@ -31,22 +32,32 @@ def semantic(model):
     return [model.canonical["semantics"], *(parameter for part in parts for parameter in part.parameters())]
 
 
-def outcome(model, splats, regularizer):
-    weight = torch.randn(splats.semantics.shape, generator=torch.Generator().manual_seed(0))
-    loss = (splats.semantics * weight).sum() + 100 * regularizer
-    shape = splats.means, splats.quats, splats.scales, splats.opacities
-    return [*(values.detach() for values in (*shape, splats.semantics)), *torch.autograd.grad(loss, semantic(model), allow_unused=True)]
+def outcome(model, latents, regularizer):
+    weight = torch.randn(latents.shape, generator=torch.Generator().manual_seed(0))
+    loss = (latents * weight).sum() + 100 * regularizer
+    return [latents.detach(), *torch.autograd.grad(loss, semantic(model), allow_unused=True)]
 
 
 def check(model, frames):
     config = TrainConfig()
-    kept, scene = FinishedScene(model, frames, config), SemanticPass(model, config, deform=True)
+    geometry, scene = FinishedGeometry(model, frames), SemanticPass(model, config, deform=True)
+    kept = FinishedScene(geometry, config)
     for frame in (0, 2, 0):
-        means, quats, scales, opacities, latents, regularizer = scene(torch.tensor(frames.clip.time(frame)))
-        splats, own_regularizer = kept(frame)
-        expected = outcome(model, type(splats)(means, quats, scales, opacities, splats.colors, latents), regularizer)
-        for one, other in zip(outcome(model, splats, own_regularizer), expected, strict=True):
+        *shape, latents, regularizer = scene(torch.tensor(frames.clip.time(frame)))
+        splats = geometry.splats(frame)
+        for one, other in zip((splats.means, splats.quats, splats.scales, splats.opacities), shape, strict=True):
             torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
+        for one, other in zip(outcome(model, *kept(frame)), outcome(model, latents, regularizer), strict=True):
+            torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-4)
+
+
+def test_a_frame_is_drawn_from_where_its_gaussians_are_then():
+    frames = TrainingFrames(MemoryClip(), 1 << 20, torch.device("cpu"))
+    geometry = FinishedGeometry(model_of(frames), frames)
+    for frame in (0, 3, 0):
+        splats = geometry.splats(frame)
+        expected = rasterize(splats, splats.colors, frames.cameras[frame]).image
+        torch.testing.assert_close(geometry.placed(frame).draw(splats.colors), expected)
 
 
 def test_it_is_the_semantic_pass():

@@ -36,10 +36,7 @@ def prepared(clip, max_pixels=1 << 20, motion=False):
 
 def drawn(targets, frame, size):
     """The class of each pixel as a picture, −1 where nothing is said."""
-    target = targets.target(frame)
-    picture = np.full(size[0] * size[1], -1)
-    picture[target.pixels.numpy()] = target.index.numpy()
-    return picture.reshape(size[::-1])
+    return targets.target(frame).index.numpy().reshape(size[::-1])
 
 
 def test_targets_say_what_the_labels_say_at_the_working_size():
@@ -55,7 +52,7 @@ def test_targets_say_what_the_labels_say_at_the_working_size():
         assert np.array_equal(picture, expected)
     target = targets.target(0)
     assert target.regions.shape == (48 * 40,)
-    assert target.region_count == int(target.regions.max()) + 1 == superpixels(frames.image(0)).max() + 1
+    assert np.array_equal(target.regions.reshape(40, 48), superpixels(frames.image(0)))
     cosine = torch.nn.functional.normalize(target.latents, dim=1) @ torch.nn.functional.normalize(target.latents, dim=1).T
     assert torch.allclose(cosine, torch.from_numpy(teacher.vectors @ teacher.vectors.T), atol=0.02)
 
@@ -81,8 +78,11 @@ def test_rare_classes_weigh_more_and_the_mean_weight_is_one():
     *_, targets = prepared(MemoryClip())
     for frame in targets.frames:
         target = targets.target(frame)
-        assert target.weight.mean() == pytest.approx(1, abs=1e-5)
-        counts = np.bincount(target.index.numpy())
+        known = target.index >= 0
+        assert not target.weight[~known].any()
+        assert target.labelled == known.sum()
+        assert target.weight[known].mean() == pytest.approx(1, abs=1e-5)
+        counts = np.bincount(target.index[known].numpy())
         assert counts[0] > 5 * counts[1]
         weights = [target.weight[target.index == k] for k in (0, 1)]
         assert all(bool((w == w[0]).all()) for w in weights)
@@ -93,18 +93,39 @@ def test_the_loss_is_the_weighted_angle():
     *_, targets = prepared(MemoryClip())
     target = targets.target(3)
     latent = torch.randn((40, 48, targets.basis.rank), generator=torch.Generator().manual_seed(3))
-    flat, total, counts = latent.view(-1, targets.basis.rank).numpy(), 0.0, np.bincount(target.index.numpy())
-    weights = 1 / np.sqrt(counts[target.index.numpy()])
+    flat, total = latent.view(-1, targets.basis.rank).numpy(), 0.0
+    pixels = np.flatnonzero(target.index.numpy() >= 0)
+    said = target.index.numpy()[pixels]
+    weights = 1 / np.sqrt(np.bincount(said)[said])
     weights /= weights.mean()
-    for pixel, index, weight in zip(target.pixels.tolist(), target.index.tolist(), weights, strict=True):
+    for pixel, index, weight in zip(pixels, said, weights, strict=True):
         a, b = flat[pixel], target.latents[index].numpy()
         total += weight * (1 - a @ b / np.linalg.norm(a) / np.linalg.norm(b))
     assert float(targets.loss(latent, 3, angular, 0)["align"]) == pytest.approx(total / len(weights), rel=1e-4)
-    perfect = torch.zeros_like(latent).view(-1, targets.basis.rank)
-    perfect[target.pixels] = 7 * target.latents[target.index]
+    perfect = 7 * target.wanted
     assert targets.loss(perfect.view_as(latent), 3, angular, 0)["align"] < 1e-5
     assert targets.loss(latent, 3, angular, 1.0)["region"] > 0
     assert set(targets.loss(latent, 3, angular, 0)) == {"align"}
+
+
+@pytest.mark.cuda
+@pytest.mark.parametrize("distance", [angular, l1])
+def test_the_loss_on_a_gpu_is_that_on_a_processor(distance):
+    """One frame after the other: a graph keeps nothing of the frame before."""
+    clip = MemoryClip()
+    on = {
+        device: SemanticTargets(LabelTeacher(clip, EmbeddedEncoder()), TrainingFrames(clip, 1 << 20, torch.device(device)))
+        for device in ("cpu", "cuda")
+    }
+    for frame in clip.train_frames[:3]:
+        latent = torch.randn((40, 48, on["cpu"].basis.rank), generator=torch.Generator().manual_seed(frame))
+        results = []
+        for device, targets in on.items():
+            given = latent.to(device, copy=True).requires_grad_()
+            terms = targets.loss(given, frame, distance, 0.3)
+            sum(terms.values()).backward()
+            results.append([*(float(term.detach()) for term in terms.values()), given.grad.cpu()])
+        torch.testing.assert_close(*results, rtol=1e-4, atol=1e-6)
 
 
 def test_sparse_labels_are_carried_with_the_tissue_and_the_run_says_so():
