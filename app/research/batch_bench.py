@@ -9,22 +9,33 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
 from degense.engine.errors import DegenseError
-from degense.engine.processes.capacity import NUMERIC, cores, thread_environment, trainings_at_once
+from degense.engine.processes.capacity import NUMERIC, cores, gpus, thread_environment, trainings_at_once
 from degense.engine.progress import Progress
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Column, Table
 from degense.engine.research.surgeries import DEVELOP
 
-#: Clips, their frames and size, and further options of the trainings.
-FULL = (20, 17, (96, 80), ("--preset", "quick"))
-QUICK = (20, 5, (48, 40), ("--preset", "quick", "--iterations", "75", "--max-gaussians", "200", "--set", "semantic_steps=10"))
-#: Clips that are done by commands; their seconds stand for those of the others too.
-BY_COMMANDS = 5
+
+class Plan(NamedTuple):
+    """What is done, at full size on a kind of device or quickly."""
+
+    clips: int
+    some: int  # of them are done one after the other; their seconds stand for those of the others too
+    frames: int
+    size: tuple[int, int]  # width and height, pixels
+    settings: tuple[str, ...]  # of the trainings
+
+
+FULL = {"cpu": Plan(20, 5, 17, (96, 80), ("--preset", "quick")), "cuda": Plan(20, 3, 48, (320, 256), ("--preset", "balanced"))}
+SHORT = ("--preset", "quick", "--iterations", "75", "--max-gaussians", "200", "--set", "semantic_steps=10")
+QUICK = Plan(20, 5, 5, (48, 40), SHORT)
 ASKED = ("--prompt", "liver", "--export", "ply")
 #: Often enough for a killed training to have one.
 CHECKPOINTS = ("--set", "checkpoint_seconds=1")
@@ -32,22 +43,61 @@ CHECKPOINTS = ("--set", "checkpoint_seconds=1")
 
 def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     """The table of batches. DegenseError when one of the commands fails."""
-    count, frames, (width, height), settings = QUICK if options.quick else FULL
-    said = (*settings, *CHECKPOINTS, "--device", options.device)
-    clips = [options.scratch / "clips" / f"{seed:03d}" for seed in DEVELOP[:count]]
-    for done, clip in enumerate(clips):
-        progress(0.05 * done / count, "drawing clips")
-        make_phantom(clip, PhantomOptions(frames, width, height, int(clip.name), kind="family"))
+    plan = QUICK if options.quick else FULL[options.device]
+    said = (*plan.settings, *CHECKPOINTS, "--device", options.device)
+    clips = [options.scratch / "clips" / f"{seed:03d}" for seed in DEVELOP[: plan.clips]]
+    progress(0.0, "drawing clips")
+    with ProcessPoolExecutor(cores(), get_context("spawn")) as pool:
+        list(pool.map(draw, clips, [plan] * len(clips)))
     slots = trainings_at_once(options.device)
-    table = Table(
+    table = described(plan, options.device, slots)
+    words = ["batch", *said, *ASKED, "--json"]
+    place = {name: options.scratch / name for name in ("alone", "one", "slots", "dask")}
+    some, scale = clips[: plan.some], plan.clips / plan.some
+    found = {"four commands each": scale * one_by_one(some, said, place["alone"], lambda f, told: progress(0.05 + 0.4 * f, told))}
+    in_one = [*words, *map(str, some if options.device == "cuda" else clips)]
+    found["batch, 1 slot"] = batch([*in_one, "--out", str(place["one"]), "--slots", "1"], lambda f: progress(0.45 + 0.25 * f, "1 slot"))
+    found["batch, 1 slot"] *= scale if options.device == "cuda" else 1
+    words += map(str, clips)
+    several = f"batch, {slots} slots"
+    found[several] = batch([*words, "--out", str(place["slots"]), "--slots", str(slots)], lambda f: progress(0.7 + 0.15 * f, several))
+    workers = "two Dask workers, one killed"
+    if options.device == "cpu":
+        found[workers] = on_workers(words, place["dask"], lambda f: progress(0.85 + 0.15 * f, workers))
+    alone, alone_in_one = found["four commands each"], found["batch, 1 slot"]
+    table.rows += [
+        {"what": what, "seconds": s, "ratio": s / alone, "of_slot": s / alone_in_one, "equal": None} for what, s in found.items()
+    ]
+    if options.device == "cpu" and cores() == slots:
+        table.rows[-1]["equal"] = equal_models(place["slots"], place["dask"])
+    yield table
+
+
+def draw(clip: Path, plan: Plan) -> None:
+    """Draw the surgery that a clip is named after."""
+    make_phantom(clip, PhantomOptions(plan.frames, *plan.size, int(clip.name), kind="family"))
+
+
+def described(plan: Plan, device: str, slots: int) -> Table:
+    """The table, without rows."""
+    (width, height), on_gpu = plan.size, device == "cuda"
+    scaled = f"(the first {plan.some}, times {plan.clips / plan.some:g})"
+    told = (
+        f"{plan.clips} surgeries of the family (seeds {DEVELOP[0]} to {DEVELOP[plan.clips - 1]}), {plan.frames} frames of "
+        f"{width} × {height}, {' '.join(plan.settings)}. Each is trained, scored, asked one question and exported: by four commands with "
+        f"all {cores()} cores {scaled}; by a batch with one slot, so in one process with all cores{f' {scaled}' if on_gpu else ''}; "
+    )
+    if on_gpu:
+        told += f"and by one with {slots} slots on {len(gpus())} GPU(s). `eval` alone measures speed too."
+    else:
+        told += (
+            f"by one with {slots} slots; and by one on two Dask workers of one thread each, of which one is killed (SIGKILL) in its first "
+            "training. `eval` alone measures speed too. Equal: models with the bits that slots of one thread give."
+        )
+    return Table(
         "batch",
         "Many clips",
-        f"{count} surgeries of the family (seeds {DEVELOP[0]} to {DEVELOP[count - 1]}), {frames} frames of {width} × {height}, "
-        f"{' '.join(settings)}. Each is trained, scored, asked one question and exported: by four commands with all {cores()} cores (the "
-        f"first {BY_COMMANDS}, times {count / BY_COMMANDS:g}); "
-        f"by a batch with one slot, so in one process with all cores; by one with {slots} slots; and by one on two Dask workers of one "
-        "thread each, of which one is killed (SIGKILL) in its first training. `eval` alone measures speed too. Equal: models with the bits "
-        "that slots of one thread give.",
+        told,
         [
             Column("what", "what"),
             Column("seconds", "seconds", 1),
@@ -56,21 +106,6 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
             Column("equal", "equal models", 0),
         ],
     )
-    words = ["batch", *map(str, clips), *said, *ASKED, "--json"]
-    place = {name: options.scratch / name for name in ("alone", "one", "slots", "dask")}
-    some = one_by_one(clips[:BY_COMMANDS], said, place["alone"], lambda f, told: progress(0.05 + 0.4 * f, told))
-    found = {"four commands each": some * count / BY_COMMANDS}
-    found["batch, 1 slot"] = batch([*words, "--out", str(place["one"]), "--slots", "1"], lambda f: progress(0.45 + 0.25 * f, "1 slot"))
-    several = f"batch, {slots} slots"
-    found[several] = batch([*words, "--out", str(place["slots"]), "--slots", str(slots)], lambda f: progress(0.7 + 0.15 * f, several))
-    workers = "two Dask workers, one killed"
-    if options.device == "cpu":
-        found[workers] = on_workers(words, place["dask"], lambda f: progress(0.85 + 0.15 * f, workers))
-    alone, in_one = found["four commands each"], found["batch, 1 slot"]
-    table.rows += [{"what": what, "seconds": s, "ratio": s / alone, "of_slot": s / in_one, "equal": None} for what, s in found.items()]
-    if options.device == "cpu" and cores() == slots:
-        table.rows[-1]["equal"] = equal_models(place["slots"], place["dask"])
-    yield table
 
 
 def one_by_one(clips: Sequence[Path], said: Sequence[str], out: Path, progress: Progress) -> float:
