@@ -24,7 +24,7 @@ demo: system-$(DISPLAY_KIND) .venv/installed
 	$(VENV)/degense demo $(if $(filter headless,$(DISPLAY_KIND)),--headless demo-out)
 
 test: system-test .venv/installed
-	env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb xvfb-run -a -s '-screen 0 1600x1000x24' $(VENV)/python -m pytest -n 2 --durations=10 $(TESTS)
+	env -u WAYLAND_DISPLAY QT_QPA_PLATFORM=xcb xvfb-run -a -s '-screen 0 1600x1000x24' $(VENV)/python -m pytest -n 3 --durations=10 $(TESTS)
 
 test-cuda: system-headless .venv/installed
 	$(VENV)/python -c "import torch; torch.cuda.current_device()"

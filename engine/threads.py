@@ -84,22 +84,33 @@ Dispatcher.enable_caching = _cached_where_possible
 _HELPERS = ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="kernel")
 
 
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Let torch's operations in the calling thread run on it alone.
+_OWN = threading.local()
 
-    For many small ones: torch's threads meet after each, spinning, and on a busy machine every such meeting costs a time slice.
+
+def kernel_threads() -> int:
+    """Threads that a kernel uses that is called here: as many as torch, but for `one_torch_thread`."""
+    return getattr(_OWN, "kernel_threads", 0) or torch.get_num_threads()
+
+
+@contextmanager
+def one_torch_thread(kernels: int = 1) -> Iterator[None]:
+    """Let torch's operations in the calling thread run on it alone, and kernels on so many threads.
+
+    For many small operations: torch's threads meet after each, spinning. On a busy machine every such meeting costs a time slice, and the
+    kernels in between have no core for their helpers.
     """
-    before = torch.get_num_threads()
+    torch_threads, before = torch.get_num_threads(), getattr(_OWN, "kernel_threads", 0)
     torch.set_num_threads(1)
+    _OWN.kernel_threads = kernels
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        _OWN.kernel_threads = before
+        torch.set_num_threads(torch_threads)
 
 
 def run_kernel(kernel: Callable[..., None], *arguments) -> None:
-    """Call `kernel(*arguments, counter)` on `torch.get_num_threads()` threads and return when all work is done.
+    """Call `kernel(*arguments, counter)` on `kernel_threads()` threads and return when all work is done.
 
     The caller and a few helper threads run the same nogil kernel, and each takes work by drawing tickets from a shared counter. Nobody
     waits for a helper that has not begun: on a busy machine the caller simply does more itself. Any number of threads may call at once.
@@ -108,7 +119,7 @@ def run_kernel(kernel: Callable[..., None], *arguments) -> None:
     """
     counter = np.zeros(1, np.int64)
     with part(f"kernel {kernel.__module__.rpartition('.')[2]}.{kernel.__name__.strip('_')}"):
-        helpers = [_HELPERS.submit(kernel, *arguments, counter) for _ in range(torch.get_num_threads() - 1)]
+        helpers = [_HELPERS.submit(kernel, *arguments, counter) for _ in range(kernel_threads() - 1)]
         kernel(*arguments, counter)
         for helper in helpers:
             if not helper.cancel():

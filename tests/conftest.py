@@ -118,8 +118,7 @@ def _has_gpu() -> bool:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log):
-    """With `-n 2` two processes share the suite: one begins with every window, the other with the folders that need no screen, and who is
-    done first takes what is left."""
+    """One process takes every test with a window, the others the folders that need no screen, and who is done first takes what is left."""
     from xdist.scheduler import LoadScopeScheduling
 
     class ByScreen(LoadScopeScheduling):

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
+from degense.engine.raster.vjp import vjp
+
 Result = TypeVar("Result")
 
 
@@ -71,7 +73,7 @@ class CudaGraphFunction:
             differentiable = [result for result in results if result.requires_grad]
             # contiguous, as Adam's fused kernel needs them
             self.backward_graph, gradients = capture(
-                lambda: [gradient.contiguous() for gradient in torch.autograd.grad(differentiable, wanted, self.incoming)],
+                lambda: [gradient.contiguous() for gradient in vjp(differentiable, wanted, self.incoming) if gradient is not None],
                 self.forward_graph.pool(),
             )
         finally:
@@ -88,7 +90,7 @@ class CudaGraphFunction:
         """Those of `wanted` that get a gradient, by running forward and backward once; makes the memory of incoming gradients."""
         outputs = [output for output in function(*self.inputs) if output.requires_grad]
         self.incoming = [torch.zeros_like(output) for output in outputs]
-        gradients = torch.autograd.grad(outputs, wanted, self.incoming, allow_unused=True)
+        gradients = vjp(outputs, wanted, self.incoming)
         return [tensor for tensor, gradient in zip(wanted, gradients, strict=True) if gradient is not None]
 
     def __call__(self, *arguments: Tensor) -> tuple[Tensor, ...]:

@@ -5,6 +5,7 @@ Between the two, each tile gets its list of the Gaussians that it must look at, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -102,7 +103,7 @@ def project_cpu(splats: Splats, camera: Camera) -> PlacedOnCpu:
     tensors = (splats.means, splats.quats, splats.scales, splats.opacities)
     arrays = [tensor.detach().float().contiguous().numpy() for tensor in tensors]
     none = np.zeros((len(splats), 0), np.float32)
-    return _place(*arrays, none, none[:0], _view(camera), _lens(camera))
+    return _place([*arrays, none, none[:0]], _view(camera), _lens(camera))
 
 
 def blend_cpu(placed: PlacedOnCpu, features: Tensor) -> Tensor:
@@ -118,12 +119,12 @@ def _lens(camera: Camera) -> np.ndarray:
     return np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height], np.float64)
 
 
-def _place(means, quats, scales, opacities, features, offsets, view, lens) -> PlacedOnCpu:
-    """Arguments as for the kernel `project`."""
-    count, width, height = len(means), int(lens[4]), int(lens[5])
+def _place(gaussians: Sequence[np.ndarray], view: np.ndarray, lens: np.ndarray) -> PlacedOnCpu:
+    """Arguments as for the kernel `project`; `gaussians` are its first six."""
+    count, width, height = len(gaussians[0]), int(lens[4]), int(lens[5])
     splats, tiles, depths = np.empty((count, FIELDS), np.float32), np.empty((count, 4), np.int32), np.empty(count, np.float32)
     radii = torch.empty(count, dtype=torch.int32)
-    run_kernel(project, means, quats, scales, opacities, features, offsets, view, lens, splats, tiles, depths, radii.numpy())
+    run_kernel(project, *gaussians, view, lens, splats, tiles, depths, radii.numpy())
     starts, members = bin_by_tile(sort_by_depth(tiles, depths), tiles, -(-width // TILE_WIDTH), -(-height // TILE_HEIGHT))
     return PlacedOnCpu(width, height, starts, members, splats, tiles, radii)
 
@@ -141,7 +142,7 @@ class _Rasterize(torch.autograd.Function):
     def forward(ctx, camera, means, quats, scales, opacities, features, background, offsets):
         arrays = [tensor.detach().numpy() for tensor in (means, quats, scales, opacities, features, offsets)]
         ctx.geometry = (_view(camera), _lens(camera))
-        ctx.placed = _place(*arrays, *ctx.geometry)
+        ctx.placed = _place(arrays, *ctx.geometry)
         image, transmittance = _blend(ctx.placed, features, background)
         ctx.save_for_backward(means, quats, scales, opacities, features, image, transmittance)
         ctx.mark_non_differentiable(ctx.placed.radii)

@@ -52,8 +52,8 @@ def project_cuda(splats: Splats, camera: Camera, screen_offsets: Tensor | None =
     means, quats, scales, opacities = (tensor.float() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
     columns, rows = -(-width // TILE), -(-height // TILE)
     if means.shape[0] == 0:  # gsplat divides by the number of Gaussians
-        none, nobody = means.new_zeros(1, 0, 3), torch.zeros(1, 0, 2, dtype=torch.int32, device=device)
-        return PlacedOnCuda(camera, none[..., :2], none, opacities[None], nobody[0, 0], nobody[0, 0], nobody)
+        none = torch.zeros(0, dtype=torch.int32, device=device)
+        return PlacedOnCuda(camera, means[None, :, :2], means[None], opacities[None], none, none, none.reshape(1, 0, 2))
     gsplat = _gsplat()
     radii, centers, depths, conics, _ = gsplat.fully_fused_projection(
         means,

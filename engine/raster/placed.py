@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from jaxtyping import Float
 from torch import Tensor
 
 from degense.engine.camera import Camera
-from degense.engine.raster.cuda import blend_cuda, cleaned, project_cuda
+from degense.engine.raster.cuda import PlacedOnCuda, blend_cuda, cleaned, project_cuda
 from degense.engine.raster.render import BackProjection, transposed
 from degense.engine.splats import Splats
+
+if TYPE_CHECKING:
+    from degense.engine.raster.cpu import PlacedOnCpu
 
 
 class Placed:
@@ -22,15 +26,15 @@ class Placed:
 
     def __init__(self, splats: Splats, camera: Camera):
         self._means = splats.means.detach()
-        self._blend: Callable[[Tensor], Tensor]
+        placed: PlacedOnCpu | PlacedOnCuda
         if self._means.is_cuda:
-            placed = project_cuda(cleaned(splats.detach()), camera)
-            self._blend = lambda features: blend_cuda(placed, features)[0]
+            placed = on_cuda = project_cuda(cleaned(splats.detach()), camera)
+            self._blend: Callable[[Tensor], Tensor] = lambda features: blend_cuda(on_cuda, features)[0]
         else:
             from degense.engine.raster.cpu import blend_cpu, project_cpu
 
-            placed = project_cpu(splats, camera)
-            self._blend = lambda features: blend_cpu(placed, features)
+            placed = on_cpu = project_cpu(splats, camera)
+            self._blend = lambda features: blend_cpu(on_cpu, features)
         self.nbytes = sum(part.nbytes for part in placed if hasattr(part, "nbytes"))
 
     def draw(self, features: Float[Tensor, "n c"]) -> Float[Tensor, "height width c"]:

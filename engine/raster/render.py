@@ -24,6 +24,7 @@ from torch.nn.functional import pad
 
 from degense.engine.camera import Camera
 from degense.engine.raster.cuda import rasterize_cuda
+from degense.engine.raster.vjp import vjp
 from degense.engine.splats import Splats
 
 
@@ -169,5 +170,6 @@ def transposed(
     features = means.new_zeros(len(means), wanted.shape[2])
     with torch.enable_grad():
         image = draw(features.requires_grad_())
-    (sums,) = torch.autograd.grad(image, features, wanted.to(image))
+        (sums,) = vjp([image], [features], [wanted.to(image)])
+    assert sums is not None
     return BackProjection(sums[:, :-1], sums[:, -1])

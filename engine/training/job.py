@@ -24,6 +24,7 @@ from degense.engine.semantics import TextEncoder, open_encoder, save_encoder
 from degense.engine.store import Run
 from degense.engine.store.migrations import current_settings
 from degense.engine.store.run import hardware
+from degense.engine.threads import kernel_threads, one_torch_thread
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from degense.engine.training.config import TrainConfig, choose_device
 from degense.engine.training.flow.observability import motion_observability
@@ -186,7 +187,7 @@ class TrainingRun:
             while trainer.iteration < total:
                 if self.stop():
                     return False
-                with part("joint" if trainer.deforms else "coarse"):
+                with part("joint" if trainer.deforms else "coarse"), one_torch_thread(kernel_threads()):
                     trainer.step()
                 now = trainer.iteration
                 if now - last >= REPORT_EVERY or now == total:
@@ -286,8 +287,7 @@ def write_preview(run: Run, trainer: Trainer) -> Preview:
     clip = trainer.frames.clip
     frame = (clip.test_frames or [0])[0]
     splats = trainer.model.at(clip.time(frame), deform=trainer.deforms, semantics=False).splats
-    image = draw(splats, trainer.frames.cameras[frame]).image[..., :3]
-    pixels = (image.clamp(0, 1) * 255).byte().cpu().numpy()
+    pixels = (draw(splats, trainer.frames.cameras[frame]).image[..., :3].clamp(0, 1) * 255).byte().cpu().numpy()
     path = run.path / "previews" / "last.png"
     with replacing(path) as temporary:
         temporary.write_bytes(cv2.imencode(".png", pixels[..., ::-1])[1].tobytes())

@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float, Float32, UInt8
 from torch import Tensor, nn
 
+from degense.engine.field.cuda_graphs import graphed
 from degense.engine.training.adam import Adam
 
 SCALES = (1, 2, 4, 8)  # pixels: σ of the neighbourhoods that are looked at
@@ -92,15 +93,18 @@ class Appearance:
                     parameter.copy_((torch.rand(parameter.shape, generator=random) * 2 - 1) / inputs**0.5)
             layers += [layer, nn.SiLU()]
         self._network = nn.Sequential(*layers[:-1]).to(features.device)
-        optimizer = Adam([{"params": self._network.parameters(), "lr": RATE}], decay=DECAY)
+        parameters, asked = list(self._network.parameters()), [values.new_zeros(BATCH, values.shape[1]) for values in (features, shares)]
+        loss, optimizer = graphed(self._loss, asked, parameters), Adam([{"params": parameters, "lr": RATE}], decay=DECAY)
         steps = min(STEPS, EPOCHS * len(features) // BATCH + 1)
         for step in range(steps):
             optimizer.param_groups[0]["lr"] = RATE * (1 - step / steps)
             rows = torch.randint(len(features), (BATCH,), generator=random).to(features.device)
-            loss = nn.functional.cross_entropy(self._network(self._scaled(features[rows])), shares[rows])
             optimizer.zero_grad()
-            loss.backward()
+            loss(features[rows], shares[rows])[0].backward()
             optimizer.step()
+
+    def _loss(self, features: Float[Tensor, "pixels features"], shares: Float[Tensor, "pixels words"]) -> tuple[Tensor]:
+        return (nn.functional.cross_entropy(self._network(self._scaled(features)), shares),)
 
     @torch.no_grad()
     def __call__(self, features: Float[Tensor, "pixels features"]) -> Float[Tensor, "pixels words"]:

@@ -18,6 +18,7 @@ from degense.engine.field import SceneModel
 from degense.engine.field.cuda_graphs import graphed
 from degense.engine.profile import part, renamed_at_gradient
 from degense.engine.progress import Progress, silent
+from degense.engine.threads import kernel_threads, one_torch_thread
 from degense.engine.training.adam import Adam
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
@@ -114,7 +115,7 @@ def distill(
         model.set_semantic_coefficients(coefficients)
     distance, labelled = angular if config.angular else l1, targets.frames
     steps, order = steps_of(config), list[int]()
-    with _semantic_optimizer(model, config) as optimizer:
+    with _semantic_optimizer(model, config) as optimizer, one_torch_thread(kernel_threads()):
         sums, zero = LossSums(model.bounds.device), torch.zeros((), device=model.bounds.device)
         latents_of = _latents_of(geometry, config, labelled)
         for step in range(steps):
