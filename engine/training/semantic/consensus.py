@@ -16,6 +16,7 @@ from torch import Tensor
 
 from degense.engine.latest import Latest
 from degense.engine.progress import Progress, silent
+from degense.engine.threads import made_ahead
 from degense.engine.training.semantic.appearance import Appearance, Looks
 from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.regions import Regions
@@ -121,7 +122,7 @@ class Consensus:
     ) -> tuple[Tensor, int]:
         """Let frames vote with their `shares`, fit the look of words to them and let regions vote with both; returns `_contested`."""
         votes, seen, called = Votes(geometry), [], []
-        for i, frame in enumerate(voters):
+        for i, (frame, _) in enumerate(zip(voters, made_ahead(self._regions.of, voters), strict=True)):  # regions are found meanwhile
             progress(i / len(voters))
             known = self._told(frame).sum(1) > 0
             found = shares(frame) * known[:, None]

@@ -18,7 +18,7 @@ from degense.engine.field import SceneModel
 from degense.engine.field.cuda_graphs import graphed
 from degense.engine.profile import part, renamed_at_gradient
 from degense.engine.progress import Progress, silent
-from degense.engine.threads import kernel_threads, one_torch_thread
+from degense.engine.threads import kernel_threads, made_ahead, one_torch_thread
 from degense.engine.training.adam import Adam
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
@@ -48,10 +48,9 @@ def backprojected_targets(
 ) -> Iterator[BackProjectedTarget]:
     """The targets of all frames, one after the other, on the Gaussians."""
     canonical = geometry.model.canonical["colors"].detach()
-    for done, i in enumerate(targets.frames):
+    for done, (i, target) in enumerate(zip(targets.frames, made_ahead(targets.target, targets.frames), strict=True)):
         progress(done / len(targets.frames), "back-projecting labels")
-        target, camera = targets.target(i), geometry.frames.cameras[i]
-        shape = (camera.height, camera.width)
+        shape = geometry.frames.size[::-1]
         total, weight = geometry.placed(i).backproject(target.wanted.reshape(*shape, -1), target.weight.reshape(shape))
         yield BackProjectedTarget(total, weight, geometry.splats(i).colors - canonical)
 

@@ -57,7 +57,7 @@ class Regions:
     def add(self, frame: int, shares: Float[Tensor, "pixels words"]) -> None:
         """Let the regions of a frame vote, by size; rows of zeros say nothing."""
         self._read.clear()
-        regions = self._of(frame)
+        regions = self.of(frame)
         self._traits.append(regions.traits)
         self._sums.append(shares.new_zeros(len(regions.size), shares.shape[1]).index_add_(0, regions.of_pixel, shares))
 
@@ -66,19 +66,20 @@ class Regions:
         places divided by `reach`, the distance in widths of the picture at which a region counts e^(−½)."""
         if (frame, reach) not in self._read:
             self._read[frame, reach] = self._shares(frame, reach)
-        return self._read[frame, reach].index_select(0, self._of(frame).of_pixel)
+        return self._read[frame, reach].index_select(0, self.of(frame).of_pixel)
 
     def _shares(self, frame: int, reach: float) -> Float[Tensor, "regions words"]:
         sums = torch.cat(self._sums)
         scale = sums.new_tensor([1 / reach] * 3 + [1.0] * 3)
-        traits, asked = torch.cat(self._traits) * scale, self._of(frame).traits * scale
+        traits, asked = torch.cat(self._traits) * scale, self.of(frame).traits * scale
         if sums.is_cuda:
             votes = torch.cat([torch.exp(torch.cdist(rows, traits).square() / -2) @ sums for rows in asked.split(ROWS)])
         else:
             votes = region_votes(asked, traits, sums)
         return votes / votes.sum(1, keepdim=True).clamp_min(1e-12)
 
-    def _of(self, frame: int) -> FrameRegions:
+    def of(self, frame: int) -> FrameRegions:
+        """The regions of a frame."""
         return self._made.get(frame, lambda: self._found(frame))
 
     @torch.no_grad()

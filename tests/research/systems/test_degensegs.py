@@ -69,8 +69,9 @@ def test_the_loss_is_equation_3_over_labelled_pixels():
     target = trainer.semantics.target(frame)
     width, height = trainer.frames.size
     latent = torch.from_numpy(np.random.default_rng(0).normal(size=(height, width, target.latents.shape[1]))).float()
-    drawn = latent.double().reshape(-1, latent.shape[2])[target.pixels.long()].numpy()
-    wanted = target.latents[target.index.long()].double().numpy()
+    labelled = target.index >= 0
+    drawn = latent.double().reshape(-1, latent.shape[2])[labelled].numpy()
+    wanted = target.latents[target.index[labelled].long()].double().numpy()
     cosine = (drawn * wanted).sum(1) / np.linalg.norm(drawn, axis=1) / np.linalg.norm(wanted, axis=1)
     assert float(trainer.semantics.loss(latent, frame, angular, 0.0)["align"]) == pytest.approx(float(np.mean(1 - cosine)), abs=1e-5)
 
