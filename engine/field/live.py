@@ -10,6 +10,7 @@ from torch import Tensor
 from degense.engine.field.cuda_graphs import capture, warm_up
 from degense.engine.field.model import SceneModel
 from degense.engine.splats import Splats
+from degense.engine.threads import kernel_threads, one_torch_thread
 
 
 class LiveField:
@@ -37,8 +38,9 @@ class LiveField:
 
     @torch.no_grad()
     def _evaluate(self, t: Tensor, semantics: bool) -> Splats:
-        splats = self.model.at(t, semantics=semantics).splats
-        splats = replace(splats, means=splats.means * self.unit, scales=splats.scales * self.unit)
+        with one_torch_thread(kernel_threads()):
+            splats = self.model.at(t, semantics=semantics).splats
+            splats = replace(splats, means=splats.means * self.unit, scales=splats.scales * self.unit)
         if splats.means.is_cuda:
             from degense.engine.raster.cuda import cleaned
 

@@ -71,7 +71,7 @@ from degense.app.shell.spare_memory import giver
 
 give, numbers = giver(), torch.arange(6.0).reshape(2, 3)
 first = code_pages._resident()
-code_pages.MUCH = first
+code_pages.MUCH = 2 * first
 give()  # not more than much: nothing is looked for
 kept = code_pages._resident()
 code_pages.MUCH = 0
