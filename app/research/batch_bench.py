@@ -9,8 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ from degense.engine.processes.capacity import NUMERIC, cores, gpus, thread_envir
 from degense.engine.progress import Progress
 from degense.engine.research.bench.run import BenchOptions
 from degense.engine.research.bench.table import Column, Table
+from degense.engine.research.bench.workers import run_jobs
 from degense.engine.research.surgeries import DEVELOP
 
 
@@ -27,15 +27,16 @@ class Plan(NamedTuple):
     """What is done, at full size on a kind of device or quickly."""
 
     clips: int
-    some: int  # of them are done one after the other; their seconds stand for those of the others too
+    alone: int  # of them are done by commands; their seconds stand for those of the others too
+    in_one: int  # likewise by one slot
     frames: int
     size: tuple[int, int]  # width and height, pixels
     settings: tuple[str, ...]  # of the trainings
 
 
-FULL = {"cpu": Plan(20, 5, 17, (96, 80), ("--preset", "quick")), "cuda": Plan(20, 3, 48, (320, 256), ("--preset", "balanced"))}
+FULL = {"cpu": Plan(20, 5, 20, 17, (96, 80), ("--preset", "quick")), "cuda": Plan(20, 3, 3, 48, (320, 256), ("--preset", "balanced"))}
 SHORT = ("--preset", "quick", "--iterations", "75", "--max-gaussians", "200", "--set", "semantic_steps=10")
-QUICK = Plan(20, 5, 5, (48, 40), SHORT)
+QUICK = Plan(20, 5, 20, 5, (48, 40), SHORT)
 ASKED = ("--prompt", "liver", "--export", "ply")
 #: Often enough for a killed training to have one.
 CHECKPOINTS = ("--set", "checkpoint_seconds=1")
@@ -46,48 +47,44 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
     plan = QUICK if options.quick else FULL[options.device]
     said = (*plan.settings, *CHECKPOINTS, "--device", options.device)
     clips = [options.scratch / "clips" / f"{seed:03d}" for seed in DEVELOP[: plan.clips]]
-    progress(0.0, "drawing clips")
-    with ProcessPoolExecutor(cores(), get_context("spawn")) as pool:
-        list(pool.map(draw, clips, [plan] * len(clips)))
+    list(run_jobs(partial(draw, plan), clips, cores(), lambda f, told: progress(0.05 * f, told), "drawing clips"))
     slots = trainings_at_once(options.device)
     table = described(plan, options.device, slots)
     words = ["batch", *said, *ASKED, "--json"]
     place = {name: options.scratch / name for name in ("alone", "one", "slots", "dask")}
-    some, scale = clips[: plan.some], plan.clips / plan.some
-    found = {"four commands each": scale * one_by_one(some, said, place["alone"], lambda f, told: progress(0.05 + 0.4 * f, told))}
-    in_one = [*words, *map(str, some if options.device == "cuda" else clips)]
-    found["batch, 1 slot"] = batch([*in_one, "--out", str(place["one"]), "--slots", "1"], lambda f: progress(0.45 + 0.25 * f, "1 slot"))
-    found["batch, 1 slot"] *= scale if options.device == "cuda" else 1
+    alone = one_by_one(clips[: plan.alone], said, place["alone"], lambda f, told: progress(0.05 + 0.4 * f, told)) * plan.clips / plan.alone
+    one_slot = [*words, *map(str, clips[: plan.in_one]), "--out", str(place["one"]), "--slots", "1"]
+    in_one = batch(one_slot, lambda f: progress(0.45 + 0.25 * f, "1 slot")) * plan.clips / plan.in_one
+    found = {"four commands each": alone, "batch, 1 slot": in_one}
     words += map(str, clips)
     several = f"batch, {slots} slots"
     found[several] = batch([*words, "--out", str(place["slots"]), "--slots", str(slots)], lambda f: progress(0.7 + 0.15 * f, several))
     workers = "two Dask workers, one killed"
     if options.device == "cpu":
         found[workers] = on_workers(words, place["dask"], lambda f: progress(0.85 + 0.15 * f, workers))
-    alone, alone_in_one = found["four commands each"], found["batch, 1 slot"]
-    table.rows += [
-        {"what": what, "seconds": s, "ratio": s / alone, "of_slot": s / alone_in_one, "equal": None} for what, s in found.items()
-    ]
+    table.rows += [{"what": what, "seconds": s, "ratio": s / alone, "of_slot": s / in_one, "equal": None} for what, s in found.items()]
     if options.device == "cpu" and cores() == slots:
         table.rows[-1]["equal"] = equal_models(place["slots"], place["dask"])
     yield table
 
 
-def draw(clip: Path, plan: Plan) -> None:
+def draw(plan: Plan, clip: Path) -> None:
     """Draw the surgery that a clip is named after."""
     make_phantom(clip, PhantomOptions(plan.frames, *plan.size, int(clip.name), kind="family"))
 
 
 def described(plan: Plan, device: str, slots: int) -> Table:
     """The table, without rows."""
-    (width, height), on_gpu = plan.size, device == "cuda"
-    scaled = f"(the first {plan.some}, times {plan.clips / plan.some:g})"
+    width, height = plan.size
+    by_commands, in_one = (
+        "" if count == plan.clips else f" (the first {count}, times {plan.clips / count:g})" for count in (plan.alone, plan.in_one)
+    )
     told = (
         f"{plan.clips} surgeries of the family (seeds {DEVELOP[0]} to {DEVELOP[plan.clips - 1]}), {plan.frames} frames of "
         f"{width} × {height}, {' '.join(plan.settings)}. Each is trained, scored, asked one question and exported: by four commands with "
-        f"all {cores()} cores {scaled}; by a batch with one slot, so in one process with all cores{f' {scaled}' if on_gpu else ''}; "
+        f"all {cores()} cores{by_commands}; by a batch with one slot, so in one process with all cores{in_one}; "
     )
-    if on_gpu:
+    if device == "cuda":
         told += f"and by one with {slots} slots on {len(gpus())} GPU(s). `eval` alone measures speed too."
     else:
         told += (

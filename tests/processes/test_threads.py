@@ -11,6 +11,7 @@ import torch
 
 import degense.engine
 from degense.engine.motion import flow
+from degense.engine.research.bench.timing import threads
 from degense.engine.threads import kernel_threads, made_ahead, one_torch_thread
 
 ROOT = Path(degense.engine.__file__).parent.parent
@@ -46,27 +47,20 @@ def test_a_generator_that_is_left_waits_for_none_of_its_threads(blocked):
     steps.close()
 
 
-@pytest.fixture
-def three_threads():
-    before = torch.get_num_threads()
-    torch.set_num_threads(3)
-    yield
-    torch.set_num_threads(before)
-
-
-def test_kernels_keep_their_threads_where_torch_has_one(three_threads):
-    assert kernel_threads() == 3
-    with one_torch_thread(kernel_threads()):
-        assert (torch.get_num_threads(), kernel_threads()) == (1, 3)
-        with one_torch_thread():
-            assert (torch.get_num_threads(), kernel_threads()) == (1, 1)
-        assert (torch.get_num_threads(), kernel_threads()) == (1, 3)
-        elsewhere = []
-        thread = threading.Thread(target=lambda: elsewhere.append(kernel_threads()))
-        thread.start()
-        thread.join()
-        assert elsewhere == [torch.get_num_threads()], "only the calling thread is meant"
-    assert (torch.get_num_threads(), kernel_threads()) == (3, 3)
+def test_kernels_keep_their_threads_where_torch_has_one():
+    with threads(3):
+        assert kernel_threads() == 3
+        with one_torch_thread(kernel_threads()):
+            assert (torch.get_num_threads(), kernel_threads()) == (1, 3)
+            with one_torch_thread():
+                assert (torch.get_num_threads(), kernel_threads()) == (1, 1)
+            assert (torch.get_num_threads(), kernel_threads()) == (1, 3)
+            elsewhere = []
+            thread = threading.Thread(target=lambda: elsewhere.append(kernel_threads()))
+            thread.start()
+            thread.join()
+            assert elsewhere == [torch.get_num_threads()], "only the calling thread is meant"
+        assert (torch.get_num_threads(), kernel_threads()) == (3, 3)
 
 
 def test_what_is_made_ahead_comes_in_order():

@@ -10,6 +10,7 @@ import torch
 from degense.engine.raster import cpu, rasterize
 from degense.engine.research.bench.raster_check import Case, cases, compare, draw
 from degense.engine.research.bench.raster_scenes import draw_scene, random_scene
+from degense.engine.research.bench.timing import threads
 
 SEED = 77
 
@@ -54,14 +55,10 @@ def gradients_of(splats, camera, offsets):
 def test_the_same_input_gives_the_same_bits_on_any_number_of_threads():
     splats, camera = random_scene(3000, 200, 150, 5, SEED)
     offsets = torch.zeros(3000, 2)
-    before = torch.get_num_threads()
-    try:
-        results = []
-        for threads in (1, 2, 2, 5):
-            torch.set_num_threads(threads)
+    results = []
+    for count in (1, 2, 2, 5):
+        with threads(count):
             results.append(gradients_of(splats, camera, offsets))
-    finally:
-        torch.set_num_threads(before)
     for result in results[1:]:
         assert all(torch.equal(a, b) for a, b in zip(result, results[0], strict=True))
 

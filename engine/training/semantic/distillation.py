@@ -26,7 +26,7 @@ from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.losses import angular, l1
 from degense.engine.training.passes import SemanticPass
 from degense.engine.training.semantic.consensus import Consensus
-from degense.engine.training.semantic.finished import FinishedGeometry, FinishedScene
+from degense.engine.training.semantic.finished import FinishedGeometry, FinishedLatents
 from degense.engine.training.semantic.targets import SemanticTargets
 
 REPORT_EVERY = 25  # steps
@@ -153,7 +153,7 @@ def _latents_of(geometry: FinishedGeometry, config: TrainConfig, labelled: Seque
     that is quicker than the graph of a GPU."""
     model, times, device = geometry.model, geometry.frames.clip.time, geometry.model.bounds.device
     if device.type == "cpu" and model.config.routing == "isolated" and model.moving is None:
-        return FinishedScene(geometry, config)
+        return FinishedLatents(geometry, config)
     moments = {frame: torch.full((), times(frame), device=device) for frame in labelled}
     graph = graphed(SemanticPass(model, config, deform=True), (moments[labelled[0]],), list(model.parameters()))
 

@@ -44,7 +44,7 @@ class Moment(NamedTuple):
     by_color: Tensor | None  # float [N, rank]; what a change of colour adds to the latents; None where they follow no colour
 
 
-class FinishedScene:
+class FinishedLatents:
     """The fused twin of `SemanticPass` with routing `isolated`, on the CPU, for frames in place of times.
 
     Call it when `semantic_coefficients` are known: they are part of what is kept.

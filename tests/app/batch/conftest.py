@@ -78,9 +78,7 @@ def do(folder: BatchFolder, job: BatchJob, stop: Callable[[], bool] = lambda: Fa
 @pytest.fixture
 def one_thread():
     """As in the process of a slot: how sums are shared out among threads decides their last bits."""
-    import torch
+    from degense.engine.research.bench.timing import threads
 
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+    with threads(1):
+        yield

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from degense.engine.research.bench.timing import threads
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.passes import FrameLoss
 
@@ -42,9 +43,7 @@ def test_nothing_visible_has_no_loss_and_no_gradient():
 
 def test_the_same_bits_whatever_the_number_of_threads():
     one, two = [], []
-    for threads, results in ((1, one), (2, two)):
-        before = torch.get_num_threads()
-        torch.set_num_threads(threads)
-        results.extend(found(*example(), 0.5))
-        torch.set_num_threads(before)
+    for count, results in ((1, one), (2, two)):
+        with threads(count):
+            results.extend(found(*example(), 0.5))
     assert all(torch.equal(a, b) for a, b in zip(one, two, strict=True))

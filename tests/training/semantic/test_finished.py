@@ -9,7 +9,7 @@ from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
 from degense.engine.training.initialise import initial_gaussians
 from degense.engine.training.passes import SemanticPass
-from degense.engine.training.semantic.finished import FinishedGeometry, FinishedScene
+from degense.engine.training.semantic.finished import FinishedGeometry, FinishedLatents
 from tests.fakes import MemoryClip
 
 RANK = 5
@@ -41,7 +41,7 @@ def outcome(model, latents, regularizer):
 def check(model, frames):
     config = TrainConfig()
     geometry, scene = FinishedGeometry(model, frames), SemanticPass(model, config, deform=True)
-    kept = FinishedScene(geometry, config)
+    kept = FinishedLatents(geometry, config)
     for frame in (0, 2, 0):
         *shape, latents, regularizer = scene(torch.tensor(frames.clip.time(frame)))
         splats = geometry.splats(frame)
