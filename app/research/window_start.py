@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -35,9 +36,13 @@ show_and_tell(sys.argv[1], float(sys.argv[2]))
 
 
 def first_frame(folder: Path) -> tuple[float, float, float]:
-    """Milliseconds from the start of a program of its own to its window and to its first painted frame, and of processor time till then."""
+    """Milliseconds from the start of a program of its own to its window and to its first painted frame, and of processor time till then.
+
+    The program keeps its bytecode, as an installed one does, whatever this process was told.
+    """
     words = [sys.executable, "-W", "ignore", "-c", PROGRAM, str(folder), repr(time.time())]
-    result = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    result = subprocess.run(words, capture_output=True, text=True, timeout=120, env=environment)
     if result.returncode != 0:
         raise DegenseError(
             f"The window could not be started: {result.stderr.strip().splitlines()[-1] if result.stderr.strip() else 'no word'}"
