@@ -85,7 +85,7 @@ def idle(qtbot, window) -> Callable[[], None]:
     """Wait until the worker has answered everything but diagnostics, which take seconds."""
 
     def idle() -> None:
-        qtbot.waitUntil(lambda: window.worker.idle("diagnostics"))
+        qtbot.waitUntil(lambda: window.worker.idle("diagnostics") and on.viewer(window).pacing.at_rest)
 
     return idle
 

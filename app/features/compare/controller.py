@@ -89,7 +89,7 @@ class RunComparison(QObject):
         if scene is None:
             return
         camera = first.camera if self.viewer.free_camera() is not None else None
-        wanted = ViewRequest(first.frame, view_state, first.spans, splats=False, quick=self.session.playing, camera=camera)
+        wanted = ViewRequest(first.frame, view_state, first.spans, splats=False, quick=self.viewer.pacing.quick, camera=camera)
         self.worker.submit("second-view", lambda: draw_view(scene, wanted), self._show, self._failed, self._show)
 
     def _show(self, view: View) -> None:

@@ -85,7 +85,7 @@ class Probe(QObject):
     def _draw_maps(self) -> None:
         """Request the maps of this frame when they will be shown, and nothing is moving."""
         scene, frame = self.session.scene, self.session.frame
-        still = not self.session.playing and self.viewer.free_camera() is None
+        still = not self.viewer.pacing.quick and self.viewer.free_camera() is None
         wanted = scene is not None and still and (self._cursor or isinstance(self.session.probe, Spot))
         if not wanted or (self._maps is not None and self._maps.frame == frame):
             return

@@ -37,7 +37,7 @@ class PromptStatistics(QObject):
 
     def __init__(self, viewer: Viewer, bar: PromptBar) -> None:
         super().__init__(viewer)
-        self.shell, self.session, self.worker, self.bar = viewer.shell, viewer.session, viewer.worker, bar
+        self.shell, self.session, self.worker, self.bar, self.pacing = viewer.shell, viewer.session, viewer.worker, bar, viewer.pacing
         session = self.session
         self.areas = AreaCurves()
         session.register("areas", self.areas)
@@ -73,7 +73,7 @@ class PromptStatistics(QObject):
 
     def _drawn(self, view: View) -> None:
         scene, view_state = self._asked()
-        if scene is None or self.session.playing:
+        if scene is None or self.pacing.quick:
             self._show_answers(())
             return
         frame = round(view.frame)

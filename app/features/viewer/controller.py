@@ -12,6 +12,7 @@ from PySide6.QtGui import QColor, QKeyEvent
 
 from degense.app.features.timeline.controller import TimeControl
 from degense.app.features.viewer.layer_images import get_layer
+from degense.app.features.viewer.pacing import Pacing
 from degense.app.features.viewer.sequence_ranges import SequenceRanges
 from degense.app.features.viewer.view_bar import ViewBar
 from degense.app.features.viewer.view_rendering import (
@@ -60,6 +61,7 @@ class Viewer(QObject):
         self.view: View | None = None  # what is shown
         self._splats: Gaussians | None = None  # that the 3D view has
         self.milliseconds: deque[float] = deque(maxlen=200)
+        self.pacing = Pacing(self.worker, self._submit, self)
         self._ranges = SequenceRanges(shell, self.request, self._failed)
         self._camera: Camera | None = None
         self._asked = 0.0
@@ -119,6 +121,9 @@ class Viewer(QObject):
 
     def request(self) -> None:
         """Draw what the session shows now."""
+        self.pacing.request(self.session.playing)
+
+    def _submit(self, quick: bool) -> None:
         session = self.session
         self._asked = time.perf_counter()
         if session.scene is not None:
@@ -129,7 +134,7 @@ class Viewer(QObject):
                 view_state,
                 self._ranges.ranges(scene, view_state),
                 splats,
-                session.playing,
+                quick,
                 self.free_camera(),
                 self.recorded,
             )
@@ -142,7 +147,7 @@ class Viewer(QObject):
 
     def _playing_changed(self, playing: bool) -> None:
         if not playing:
-            self.request()  # with the exact masks
+            self.pacing.draw_exactly()
 
     def _opened(self) -> None:
         self._ranges.clear()
@@ -155,7 +160,7 @@ class Viewer(QObject):
         self.panel.set_message(DRAWING if self.session.frames > 0 else WELCOME)
         if self.session.frames == 0:
             self.panel.set_image(None)
-        self.request()
+        self.pacing.draw_exactly()
 
     # Results
 
