@@ -25,7 +25,7 @@ def estimate(clip: Clip, config: TrainConfig) -> dict[str, Any]:
     pixels = min(width * height, config.max_pixels)
     overhead, per_gaussian, per_pixel = CUDA_STEP if device == "cuda" else CPU_STEP
     cores = 1.0 if device == "cuda" else 2.0 / max(1, min(os.cpu_count() or 1, 8))
-    gaussians = int(config.max_gaussians * 0.9)
+    gaussians = config.max_gaussians
     seconds = config.iterations * (overhead + cores * (per_gaussian * gaussians + per_pixel * pixels)) + FLOW_SECONDS * len(clip) + 5
     planes = sum(3 * (config.resolution * m) ** 2 + 3 * config.resolution * m * len(clip) // 2 for m in config.levels) * config.channels
     memory = (planes * 16 + gaussians * (14 + 32) * 16 + gaussians * 4 * 600 + pixels * 4 * 60) / 1e6

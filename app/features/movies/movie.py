@@ -147,19 +147,20 @@ class _Panel:
         if self._stack is None:
             observed = self._scene.observed(round(frame))
             assert observed is not None
-            picture = self._fitted(observed)
+            picture, outside = self._fitted(observed), (False, False)
         else:
-            picture = self._rendered(self._stack, camera, frame)
-        return self._titled(picture) if self._options.titled else picture
+            picture, outside = self._rendered(self._stack, camera, frame)
+        return self._titled(picture, outside) if self._options.titled else picture
 
-    def _rendered(self, stack: LayerStack, camera: Camera | None, frame: float) -> np.ndarray:
+    def _rendered(self, stack: LayerStack, camera: Camera | None, frame: float) -> tuple[np.ndarray, tuple[bool, bool]]:
+        """The picture, and whether values lie below and above what the colour bar shows."""
         scene, size, view_state = self._scene, self._options.size, stack.view_state(self._options.view_state)
         compared = any(get_layer(name).needs_clip for name, _ in stack.layers)  # what compares with the recording has its size
         if camera is None and size is not None and not compared and not scene.renderer.only_surgeons:
             camera = scene.camera(frame).letterboxed(*size)
         view = _last(draw_view(scene, ViewRequest(frame, view_state, self._spans, splats=False, camera=camera)))
         picture = view.rgb if view.masks is None else laid_over(view.rgb, view.masks, view_state.overlay_opacity)
-        return self._fitted(picture)
+        return self._fitted(picture), view.beyond
 
     def _fitted(self, picture: np.ndarray) -> np.ndarray:
         """The picture at the size of the movie, whole, with black margins where its shape is another."""
@@ -174,12 +175,13 @@ class _Panel:
         out[top : top + inner[1], left : left + inner[0]] = resized
         return out
 
-    def _titled(self, picture: np.ndarray) -> np.ndarray:
+    def _titled(self, picture: np.ndarray, outside: tuple[bool, bool]) -> np.ndarray:
         stack = self._stack
         layer = stack.numbers if stack is not None else None
         if layer is not None and (span := self._spans.get(layer.name)) is not None:
             cmap = self._options.view_state.range(layer.name).cmap or layer.cmap
-            return with_colour_bar(picture, layer.title, layer.unit(self._scene), *span, cmap, hatched=bool(layer.guess))
+            unit = layer.unit(self._scene)
+            return with_colour_bar(picture, layer.title, unit, *span, cmap, hatched=bool(layer.guess), outside=outside)
         picture, scale = picture.copy(), max(0.4, min(0.8, picture.shape[0] / 640))
         title = stack.title if stack is not None else "Recording"
         for ink, thickness in ((0, 3), (INK, 1)):

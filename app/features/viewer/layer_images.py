@@ -90,7 +90,7 @@ def with_colour_bar(
 ) -> np.ndarray:
     """The image with a labelled colour bar at its right, uint8 [H, W + bar, 3]; with a line for hatched pixels when there are any.
 
-    `outside`: values lie below `low`, above `high`.
+    `outside`: values lie below `low`, above `high`. The bar is as wide where none do: frames of a movie have one size.
     """
     height = image.shape[0]
     scale = max(0.4, min(0.8, height / 640))
@@ -98,7 +98,8 @@ def with_colour_bar(
     signs = "<= " if outside[0] else "", ">= " if outside[1] else ""
     labels = [f"{signs[1]}{high:.3g} {unit}".strip(), f"{(low + high) / 2:.3g}", f"{signs[0]}{low:.3g} {unit}".strip()]
     note = "hatched: a guess" if hatched else ""
-    text_width = max(cv2.getTextSize(text, FONT, scale, 1)[0][0] for text in [*labels, title, note])
+    widest = [f">= {value:.3g} {unit}" for value in (low, high)]
+    text_width = max(cv2.getTextSize(text, FONT, scale, 1)[0][0] for text in [*labels, *widest, title, note])
     bar = np.full((height, round(40 * scale) + text_width + 2 * line, 3), BACKGROUND, np.uint8)
     top, bottom, left, right = 2 * line, height - line * (2 if hatched else 1), line // 2, line // 2 + round(24 * scale)
     steps = np.linspace(255, 0, bottom - top).round().astype(int)

@@ -14,8 +14,11 @@ from degense.app.cli.main import main
 from degense.app.features.cameras.state import Stop, save_path
 from degense.app.features.movies.dialog import FLIGHT_WHOLE, MovieDialog
 from degense.app.features.movies.movie import MovieOptions, make_movie
+from degense.app.features.viewer.layer_images import with_colour_bar
 from degense.app.session.sample import demo_run
 from degense.app.session.view_state import ViewState
+from degense.engine.layers import LAYERS, LayerRequest, layer_range
+from degense.engine.layers.layer import colourise
 from degense.engine.progress import finish
 from degense.engine.scene import Scene
 from degense.widgets import forms
@@ -43,6 +46,27 @@ def pictures(path: Path) -> tuple[list[np.ndarray], float]:
 def near(picture: np.ndarray, wanted: np.ndarray) -> bool:
     """Whether a picture is one that the codec made of another."""
     return bool(10 * np.log10(255**2 / np.square(picture.astype(float) - wanted).mean()) > 27)
+
+
+def test_the_colour_bar_says_where_values_lie_beyond_it(sample, tmp_path):
+    """Most of the demo's displacement fits the bar, which leaves out a few: the frames that have these say so."""
+    out = tmp_path / "a.mp4"
+    assert main(["movie", str(demo_run()), "--out", str(out), "--layers", "displacement,rgb", "--titled"]) == 0
+    frames, _ = pictures(out)
+    layer, said = LAYERS["displacement"], []
+    span = layer_range(sample, layer, LayerRequest(0), "sequence")
+    for number in (0, sample.frames - 1):
+        image = layer.image(sample, LayerRequest(number))
+        picture = colourise(image, *span, layer.cmap)
+        bars = [
+            with_colour_bar(picture, layer.title, image.unit, *span, layer.cmap, hatched=True, outside=(False, above))
+            for above in (False, True)
+        ]
+        shown = frames[number][:, : bars[0].shape[1]]
+        apart = [np.abs(bar.astype(float) - shown)[:, picture.shape[1] :].mean() for bar in bars]
+        said.append(bool(apart[1] < apart[0]))
+        assert said[-1] == bool(np.nanmax(image.values) > span[1])
+    assert said == [False, True]
 
 
 def test_recording_and_layers_side_by_side_at_a_size_and_rate(sample, tmp_path):
