@@ -34,7 +34,6 @@ lint: system-headless .venv/installed
 	$(VENV)/python -m pytest -q tests/house
 
 docs: system-headless .venv/installed
-	$(VENV)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	$(VENV)/mkdocs build --strict
 
 demo-scene: .venv/installed

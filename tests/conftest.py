@@ -26,7 +26,6 @@ ROOT = Path(__file__).resolve().parent.parent
 ALLOWED_SKIPS = (
     "needs CUDA",
     "needs Chromium",
-    "needs rerun",
     "needs distributed",
     "needs sha256sum",
     "needs ssh-keygen",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 
 import yaml
 
@@ -50,3 +52,12 @@ def test_one_command_makes_the_pages_of_the_guide():
     config = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
     pages = {page for entry in config["nav"] for page in entry.values()}
     assert pages == {path.name for path in (ROOT / config["docs_dir"]).glob("*.md")}
+
+
+def test_the_pages_of_the_guide_are_made_without_a_warning(tmp_path):
+    told = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)], cwd=ROOT, capture_output=True, text=True
+    )
+    assert told.returncode == 0, told.stderr
+    assert "DeGense" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert (tmp_path / "images").is_dir()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
+import subprocess
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -34,6 +34,9 @@ def test_the_manifest_names_what_there_is():
     assert '[project.entry-points."napari.manifest"]' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     for entry in entry_points(group="napari.manifest", name="degense"):
         assert entry.value == "degense.app.interop:napari.yaml"
+    command_line = [sys.executable, "-m", "npe2", "validate", "--imports", str(ROOT / "app" / "interop" / "napari.yaml")]
+    told = subprocess.run(command_line, capture_output=True, text=True)
+    assert told.returncode == 0, told.stdout + told.stderr
 
 
 def test_napari_reads_a_run_frame_by_frame(tmp_path):
@@ -55,8 +58,6 @@ def test_napari_reads_a_run_frame_by_frame(tmp_path):
 
 
 def test_rerun_gets_cameras_frames_and_gaussians(tmp_path):
-    if importlib.util.find_spec("rerun") is None:
-        pytest.skip("needs rerun")
     out = tmp_path / "a.rrd"
     assert main(["view", RUN, "--rerun", "--save", str(out)]) == 0
     written = out.read_bytes()
