@@ -46,4 +46,5 @@ system-headless system-window system-test: system-%:
 	$(PYTHON) -m venv .venv
 	$(VENV)/python -m pip install --disable-pip-version-check -c constraints.txt $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) -e '.[dev]'
 	$(VENV)/python -m compileall -q app engine widgets
+	$(VENV)/python -m degense.app.warm_up
 	touch $@

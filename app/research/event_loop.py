@@ -36,12 +36,24 @@ class Painted(QObject):
 
 
 def timed(window: Shell, act: Callable[[], object]) -> float:
-    """Milliseconds from `act` until the complete view that answers it is painted."""
+    """Milliseconds from `act` until the complete view that answers it is painted in 2D."""
     drawing = viewer(window)
     before = drawing.view
     start = time.perf_counter()
     act()
-    painted(window, lambda: drawing.view is not None and drawing.view is not before and drawing.view.complete)
+    painted(drawing.panel, lambda: drawing.view is not None and drawing.view is not before and drawing.view.complete)
+    return 1000 * (time.perf_counter() - start)
+
+
+def timed_in_3d(window: Shell, act: Callable[[], object]) -> float:
+    """Milliseconds from `act` until the 3D view that answers it is painted."""
+    drawing = viewer(window)
+    assert drawing.splats is not None
+    canvas = drawing.splats.focusProxy()
+    before = drawing.view
+    start = time.perf_counter()
+    act()
+    painted(canvas, lambda: drawing.view is not before and not window.worker.busy("snapshot"))
     return 1000 * (time.perf_counter() - start)
 
 
@@ -54,9 +66,9 @@ def viewer(window: Shell) -> Viewer:
     return found
 
 
-def painted(window: Shell, there: Callable[[], bool]) -> None:
-    """Wait until the frame has been painted with something there."""
-    watch = Painted(viewer(window).panel, there)
+def painted(widget: QWidget, there: Callable[[], bool]) -> None:
+    """Wait until a view has been painted with something there."""
+    watch = Painted(widget, there)
     wait(lambda: watch.count > 0)
     watch.deleteLater()
 

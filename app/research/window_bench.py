@@ -12,14 +12,15 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QPointF, Qt, QTimer
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from degense.app.research.event_loop import BEAT_MS, Painted, beats, rest, timed, viewer, wait
+from degense.app.research.event_loop import BEAT_MS, Painted, beats, rest, run_events, timed, timed_in_3d, viewer, wait
 from degense.app.research.window_start import first_frame, window_on
 from degense.app.session.view_state import Prompt
 from degense.engine.progress import Progress
@@ -31,14 +32,19 @@ if TYPE_CHECKING:
     from degense.app.shell.shell import Shell
 
 GAUSSIANS, QUICK_GAUSSIANS = 30_000, 2_000
-WARM, STARTS, STALL_SECONDS = 4, 15, 12.0
+WARM, STARTS, STALL_SECONDS, DRAG_SECONDS = 4, 15, 12.0, 6.0
 #: What is measured: title and bar, milliseconds; None for what is only told.
 BARS: dict[str, tuple[str, float | None]] = {
     "window": ("from the start of the program to the window", 1500.0),
     "start": ("from the start of the program to the first frame", 3000.0),
     "processor": ("of that, processor time of all cores", None),
-    "scrub": ("scrub step, 2D view alone", 30.0),
-    "scrub-3d": ("scrub step, both views", 60.0),
+    "first window": ("the first start after installing: to the window", 3000.0),
+    "first start": ("to the first frame, kernels being compiled", None),
+    "scrub": ("scrub step: until the 2D view", 30.0),
+    "scrub-3d": ("until the 3D view", 60.0),
+    "scrub-prompt": ("scrub step with a prompt: until the 2D view with its mask", None),
+    "scrub-prompt-3d": ("until the 3D view", 60.0),
+    "dragged": ("slider dragged with a prompt: a frame in both views, with its mask", 60.0),
     "prompt": ("warm prompt: from its words to its mask", 50.0),
     "dab": ("brush dab", 16.0),
     "still": ("longest stalls of the event loop: at rest", 50.0),
@@ -69,8 +75,10 @@ def run(options: BenchOptions, progress: Progress) -> Iterator[Table]:
         ],
     )
     first_frame(folder)  # keeps bytecode and kernels
+    first_window, first_start, _ = first_frame(folder, options.scratch / "no-kernels")
     starts = [first_frame(folder) for _ in range(1 if options.quick else STARTS)]
     measured = {name: list(times) for name, times in zip(("window", "start", "processor"), zip(*starts, strict=True), strict=True)}
+    measured |= {"first window": [first_window], "first start": [first_start]}
     progress(0.6, "the window")
     app = QApplication.instance() or QApplication(["degense"])
     measured |= in_window(folder, clip, options, lambda fraction, message: progress(0.6 + 0.4 * fraction, message))
@@ -114,14 +122,7 @@ def in_window(folder: Path, clip: Path, options: BenchOptions, progress: Progres
         rest(window)
         measured = {}
         progress(0.1, "scrubbing")
-        order = [(1 + 7 * i) % scene.frames for i in range(options.repeats + WARM)]
-        splats = viewer(window).splats
-        assert splats is not None
-        for name, shown in (("scrub", False), ("scrub-3d", True)):
-            splats.setVisible(shown)
-            rest(window)
-            measured[name] = [timed(window, partial(session.go_to, frame)) for frame in order][WARM:]
-        rest(window)
+        measured |= scrubs(window, options.repeats)
         progress(0.3, "asking")
         measured["prompt"] = prompts(window, options.repeats)
         progress(0.4, "painting")
@@ -138,6 +139,53 @@ def in_window(folder: Path, clip: Path, options: BenchOptions, progress: Progres
             measured["both"] = beats(seconds)
             session.pause()
         return measured
+
+
+def scrubs(window: Shell, repeats: int) -> dict[str, list[float]]:
+    """Steps to frames far apart, and the slider dragged through all of them; without a prompt and with one."""
+    session = window.session
+    assert session.scene is not None
+    prompt, measured = session.scene.classes[0], steps(window, "scrub", repeats)
+    session.view.add_prompt(prompt)
+    rest(window)
+    measured |= steps(window, "scrub-prompt", repeats) | {"dragged": dragged(window)}
+    session.view.remove_prompt(prompt)
+    rest(window)
+    return measured
+
+
+def steps(window: Shell, name: str, repeats: int) -> dict[str, list[float]]:
+    """Steps to frames far apart, one at a time, until the 2D view and until the 3D view."""
+    session, measured = window.session, {}
+    order = iter(range(1, 2 * 7 * (repeats + WARM), 7))
+    for ending, measure in (("", timed), ("-3d", timed_in_3d)):
+        times = []
+        for _ in range(repeats + WARM):
+            times.append(measure(window, partial(session.go_to, next(order) % session.frames)))
+            rest(window)
+        measured[name + ending] = times[WARM:]
+    return measured
+
+
+def dragged(window: Shell) -> list[float]:
+    """Milliseconds between whole views while the slider is moved there and back, once in two seconds, every 16 ms."""
+    session, drawing, times = window.session, viewer(window), [time.perf_counter()]
+    begin = times[0]
+
+    def move() -> None:
+        phase = (time.perf_counter() - begin) % 2
+        session.go_to(round((session.frames - 1) * min(phase, 2 - phase)))
+
+    timer = QTimer()
+    timer.setTimerType(Qt.TimerType.PreciseTimer)
+    timer.timeout.connect(move)
+    shown = drawing.shown.connect(lambda view: times.append(time.perf_counter()))
+    timer.start(16)
+    run_events(DRAG_SECONDS)
+    timer.stop()
+    drawing.shown.disconnect(shown)
+    rest(window)
+    return [1000 * (later - earlier) for earlier, later in pairwise(times)]
 
 
 def prompts(window: Shell, repeats: int) -> list[float]:

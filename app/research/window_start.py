@@ -35,13 +35,15 @@ show_and_tell(sys.argv[1], float(sys.argv[2]))
 """
 
 
-def first_frame(folder: Path) -> tuple[float, float, float]:
+def first_frame(folder: Path, kernels: Path | None = None) -> tuple[float, float, float]:
     """Milliseconds from the start of a program of its own to its window and to its first painted frame, and of processor time till then.
 
-    The program keeps its bytecode, as an installed one does, whatever this process was told.
+    The program keeps its bytecode, as an installed one does, whatever this process was told; compiled kernels are in `kernels`.
     """
     words = [sys.executable, "-W", "ignore", "-c", PROGRAM, str(folder), repr(time.time())]
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    if kernels is not None:
+        environment["NUMBA_CACHE_DIR"] = str(kernels)
     result = subprocess.run(words, capture_output=True, text=True, timeout=120, env=environment)
     if result.returncode != 0:
         raise DegenseError(
@@ -56,7 +58,7 @@ def show_and_tell(folder: str, started: float) -> None:
     with window_on(Path(folder)) as window:
         wait(lambda: (handle := window.windowHandle()) is not None and handle.isExposed())
         shown = time.time() - started
-        painted(window, lambda: viewer(window).view is not None)
+        painted(viewer(window).panel, lambda: viewer(window).view is not None)
         print(json.dumps([1000 * shown, 1000 * (time.time() - started), 1000 * time.process_time()]))
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from degense.widgets.splats.splat_view import SplatView
 
 WELCOME = "Drop a clip or a run here, or open one from the File menu.\nFile ▸ Demo shows a finished scene."
-DRAWING = "Drawing the first frame …\nThe first start after installing takes a minute."
+DRAWING = "Drawing the first frame …\nThe first start after installing takes up to a minute."
 
 
 class Viewer(QObject):

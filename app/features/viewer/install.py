@@ -13,8 +13,8 @@ from degense.app.shell.shell import Shell
 
 
 def install(shell: Shell) -> None:
-    for channel in ("view", "snapshot", "range"):
-        shell.worker.add_channel(channel, 20)
+    for channel, urgency in (("snapshot", 19), ("view", 20), ("range", 20)):  # a frame is drawn in 3D before its masks are decoded
+        shell.worker.add_channel(channel, urgency)
     viewer = Viewer(shell)
     shell.provide(viewer)
     shell.provide(LayerControls(viewer))

@@ -78,8 +78,9 @@ def layer_request(view_state: ViewState, frame: float) -> LayerRequest:
 
 
 def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
-    """Draw an instant. Yields the view without masks as soon as it is there; returns it with them."""
-    from degense.engine.scene.clip_query import decode_frame
+    """Draw an instant. Yields the view without masks as soon as it is there, so that what is more urgent than masks can be done; returns it
+    with them."""
+    from degense.engine.scene.clip_query import encode_prompts
 
     view_state, frame = request.view_state, request.frame
     layers = drawn_layers(scene, view_state)
@@ -109,7 +110,9 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     if not masked:
         return view
     yield replace(view, complete=False)
-    labels = decode_frame(scene, query.prompt_set, frame, query.camera, query.pixelwise).labels
+    semantics = scene.query(frame, query.camera)
+    yield replace(view, complete=False)  # by now the 3D view may have been asked for
+    labels = semantics.decode(encode_prompts(scene, query.prompt_set), query.pixelwise).labels
     # Numbers and differences keep their colours: outlines only.
     fill = 0.0 if shown.span is not None or view_state.compare == "difference" else MASK_FILL
     return replace(view, masks=mask_overlay([(labels == index, prompt.colour) for index, prompt in enumerate(masked)], fill))
