@@ -27,7 +27,7 @@ class Facts(QScrollArea):
         self.check.clicked.connect(self.check_requested)
         train.clicked.connect(self.train_requested)
         forms.row(self.check, train, parent=self.next_steps)
-        forms.column(self.text, self.next_steps, 0, margin=9, parent=inside)
+        forms.column(self.next_steps, self.text, 0, margin=9, parent=inside)  # what to do next is seen without scrolling
         self.setWidget(inside)
         self.next_steps.hide()
 
