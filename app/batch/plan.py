@@ -40,6 +40,10 @@ class BatchJob:
         Formats of `degense export`.
     scores : bool
         Whether the run is scored on its held-out frames.
+    anonymise : bool
+        Whether exports and the report name neither clips nor files; then `name` is a number, unless a plan gave one.
+    cover : str or None
+        With `anonymise`: a picture of the clip's size, not black where exports are to be black or empty.
     """
 
     name: str
@@ -49,6 +53,8 @@ class BatchJob:
     threshold: float | None = None
     exports: tuple[str, ...] = ()
     scores: bool = True
+    anonymise: bool = False
+    cover: str | None = None
 
     def stages(self) -> dict[str, Any]:
         """The stages in their order, each with all that its outcome depends on, as JSON values."""
@@ -59,7 +65,8 @@ class BatchJob:
             found["eval"] = True
         if self.prompts:
             found["query"] = asked
-        return json.loads(json.dumps(found | {f"export {name}": asked for name in self.exports}))
+        shown = asked | ({"anonymise": True, "cover": self.cover} if self.anonymise else {})
+        return json.loads(json.dumps(found | {f"export {name}": shown for name in self.exports}))
 
     def to_json(self) -> dict[str, Any]:
         own = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "training"}
@@ -107,13 +114,16 @@ class JobOptions:
     threshold: float | None = None
     exports: tuple[str, ...] = ()
     scores: bool = True
+    anonymise: bool = False
+    cover: str | None = None
 
     def job(self, clip: Path, name: str, base: Path) -> BatchJob:
         """The job of a clip; folders are meant as seen from `base`. DegenseError when something said is not allowed."""
-        for text in (str(clip), self.labels or "", self.teacher or ""):
+        for text in (str(clip), self.labels or "", self.teacher or "", self.cover or ""):
             check_text(text)
         said = asdict(self)
-        own = {key: said.pop(key) for key in ("prompts", "decoder", "threshold", "exports", "scores")}
+        own = {key: said.pop(key) for key in ("prompts", "decoder", "threshold", "exports", "scores", "anonymise", "cover")}
+        own["cover"] = None if self.cover is None else str((base / self.cover).resolve())
         said["labels"] = None if self.labels is None else str((base / self.labels).resolve())
         said["teacher"] = _teacher(self.teacher, base)
         job = BatchJob(name, TrainingJob(clip=(base / clip).resolve(), out=Path("run"), **said), **own)
@@ -130,11 +140,23 @@ def check(job: BatchJob) -> None:
     PromptSet.chosen(list(job.prompts), job.decoder, job.threshold)
     for name in job.exports:
         get_format(name)
-    for text in (*job.prompts, str(job.training.clip), str(job.training.out), job.training.teacher or "", job.training.labels or ""):
+    if job.cover is not None:
+        _check_cover(job)
+    training = job.training
+    for text in (*job.prompts, str(training.clip), str(training.out), training.teacher or "", training.labels or "", job.cover or ""):
         check_text(text)
     for what, given in (("prompt", [text.casefold() for text in job.prompts]), ("format", job.exports)):
         if len(set(given)) < len(given):
             raise DegenseError(f"{job.name} names a {what} twice; give each once.")
+
+
+def _check_cover(job: BatchJob) -> None:
+    from degense.engine.scene.anonymous import HOLD_GAUSSIANS, NOT_COVERED
+
+    if not job.anonymise:
+        raise DegenseError("A cover blacks out a region of what is anonymised; anonymise too.")
+    if set(job.exports) & set(HOLD_GAUSSIANS):
+        raise DegenseError(NOT_COVERED)
 
 
 def check_text(text: str) -> None:
@@ -151,6 +173,11 @@ def check_name(name: str) -> None:
             f"{name[:40]!r} cannot name a job: a name has letters, digits, '-', '_', '+' and '.', at most {LONGEST_NAME}, "
             "and is none that Windows reserves."
         )
+
+
+def numbered(number: int) -> Path:
+    """What takes the place of the path of the `number`th clip, from 1, where names are made and none may be told."""
+    return Path(f"clip-{number:04d}")
 
 
 def name_of(clip: Path, variant: str = "") -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from degense.app.batch.plan import MOST_JOBS, BatchJob, JobOptions, check_name, name_of, with_own_names
+from degense.app.batch.plan import MOST_JOBS, BatchJob, JobOptions, check_name, name_of, numbered, with_own_names
 from degense.engine.errors import DegenseError
 from degense.engine.untrusted import read_bytes
 
@@ -67,24 +67,30 @@ def jobs_of(plan: Mapping[str, Any], base: Path, where: str) -> list[BatchJob]:
     if len(clips) * len(variants) > MOST_JOBS:
         raise DegenseError(f"{where}: {len(clips):,} clips with {len(variants):,} variants are more than {MOST_JOBS:,} jobs.")
     jobs = []
-    for path, name, options in clips:
+    for number, (path, name, options) in enumerate(clips, 1):
         for variant, table in variants.items():
             chosen = _with(options, table, f"{where}, [variant.{variant}]")
-            own = "-".join(filter(None, [name, variant])) if name else name_of(path, variant)
+            shown = numbered(number) if chosen.anonymise else path
+            own = "-".join(filter(None, [name, variant])) if name else name_of(shown, variant)
             jobs.append(chosen.job(path, own, base))
     return with_own_names(jobs)
 
 
 def found(pattern: str, base: Path) -> list[Path]:
-    """The clips that a path names; `*` and `?` stand for anything within a folder. DegenseError when a pattern finds nothing."""
-    if not any(letter in pattern for letter in "*?["):
+    """The clips that a path names: itself if it is there, else `*` and `?` stand for anything within a folder, and `[` for itself.
+
+    DegenseError when a pattern finds nothing.
+    """
+    if not any(letter in pattern for letter in "*?"):
         return [Path(pattern)]
-    if "**" in pattern:
-        raise DegenseError(f"{pattern!r} looks through all folders; * stands for names within one folder.")
     start = Path(Path(pattern).anchor)
     root = start if start.parts else base
     try:
-        paths = sorted(root.glob(str(Path(pattern).relative_to(start))))[: MOST_JOBS + 1]
+        if (base / pattern).exists():
+            return [Path(pattern)]
+        if "**" in pattern:
+            raise DegenseError(f"{pattern!r} looks through all folders; * stands for names within one folder.")
+        paths = sorted(root.glob(str(Path(pattern).relative_to(start)).replace("[", "[[]")))[: MOST_JOBS + 1]
     except (ValueError, OSError) as error:
         raise DegenseError(f"{pattern!r} cannot be looked for: {error}.") from error
     clips = [path for path in paths if not path.name.startswith(".")]

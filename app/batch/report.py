@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from degense.app.batch.folder import ANSWERS, BatchFolder
+from degense.app.batch.folder import ANSWERS, BatchFolder, JobRecord
 from degense.app.batch.plan import BatchJob
 from degense.app.features.runs.run_summaries import summary
 from degense.engine.errors import DegenseError
@@ -78,14 +78,19 @@ def _row(folder: BatchFolder, job: BatchJob) -> dict[str, Any]:
     exports = [str(path.relative_to(folder.path)) for name in job.exports if (path := folder.export(job, name)).exists()]
     return {
         "job": job.name,
-        "clip": str(job.training.clip),
+        "clip": "" if job.anonymise else str(job.training.clip),
         "state": state,
         **known,
         "answers": _answers(folder, job) if job.prompts and "query" not in left else [],
         "exports": exports,
         "left": left,
-        "failure": record.failure if left else "",
+        "failure": _failure(job, record) if left else "",
     }
+
+
+def _failure(job: BatchJob, record: JobRecord) -> str:
+    """Why a job failed; where it is anonymised, only where that is written, for it may name files."""
+    return f"jobs/{job.name}.json says why." if job.anonymise and record.failure else record.failure
 
 
 def _answers(folder: BatchFolder, job: BatchJob) -> list[dict[str, Any]]:

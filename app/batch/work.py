@@ -87,11 +87,19 @@ class Work:
         draft = out.parent / f".{out.name}.draft"
         _take_away(draft)
         draft.mkdir(parents=True)
-        steps: Steps[str] = FORMATS[name].export(self.scene, draft / out.name, ExportOptions(self._prompts(), source="masks"))
+        steps: Steps[str] = FORMATS[name].export(self._shown(), draft / out.name, ExportOptions(self._prompts(), source="masks"))
         finish(steps, self.progress)
         _take_away(out)
         move(draft / out.name, out)
         _take_away(draft)
+
+    def _shown(self) -> Scene:
+        """The scene as exports show it. DegenseError for a cover that is not there or has another size."""
+        from degense.engine.scene.anonymous import anonymised, read_cover
+
+        if not self.job.anonymise:
+            return self.scene
+        return anonymised(self.scene, read_cover(Path(self.job.cover), self.scene.clip_size) if self.job.cover else None)
 
     def _prompts(self) -> Any:
         from degense.engine.semantics.prompts import PromptSet

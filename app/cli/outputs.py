@@ -123,8 +123,9 @@ def export(options: argparse.Namespace) -> None:
         print(run_steps(_annotations_of_clip(options), Bar()))
         return
     from degense.engine.scene import Scene
+    from degense.engine.scene.anonymous import HOLD_GAUSSIANS
 
-    if options.format in ("ply", "spz", "gltf", "ply-sequence"):
+    if options.format in HOLD_GAUSSIANS:
         refuse_cover(options)
     scene = anonymised_scene(Scene.open(options.path), options)
     frames: Sequence[int] | None = None

@@ -197,6 +197,7 @@ def _questions(command: Command) -> None:
     sub.add_argument("--out", type=Path, metavar="DIR", help="write there the masks of the frames that answer, a folder for each question")
     _decoding(sub)
     sub.add_argument("--encoder", metavar="PLACE", help=RUN_ENCODER)
+    _anonymise(sub)
 
     sub = command("search", "questions.search:search", "ask all runs of a folder at once, from an index that is made beside them")
     add_search_options(sub, _positive)

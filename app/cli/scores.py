@@ -35,17 +35,17 @@ def evaluate(options: argparse.Namespace) -> None:
     clip = open_clip(options.clip, clip_options(options)) if options.clip else scene.clip
     if clip is None:
         raise ClipError(f"The clip that {options.run_folder} was made from is not there any more; say where it is with --clip.")
+    shown = anonymised_scene(scene, options)
     with closing(Bar()) as bar:
         scores = score(scene, clip, bar)
+    if shown is not scene:
+        scores = anonymous_scores(scores)
+        shown.clip = clip = AnonymousClip(clip, None if options.cover is None else read_cover(options.cover, scene.clip_size))
     if options.json:
         write_text(options.json, json.dumps(scores, indent=2, allow_nan=False))
     print(table(_printable(scores)))
     if options.report:
         with closing(Bar()) as bar:
-            shown = anonymised_scene(scene, options)
-            if shown is not scene:
-                scores = anonymous_scores(scores)
-                shown.clip = clip = AnonymousClip(clip, None if options.cover is None else read_cover(options.cover, scene.clip_size))
             paths = research().report_run(shown, clip, scores, options.report, bar)
         print(paths)
 

@@ -25,6 +25,8 @@ from degense.engine.store import Run
 #: What takes the place of the names of a run and of a clip.
 RUN_NAME, CLIP_NAME = "run", "clip"
 LEFT_OUT = "left out, because it is anonymised"
+#: Formats that hold the Gaussians themselves.
+HOLD_GAUSSIANS = ("ply", "spz", "gltf", "ply-sequence")
 NOT_COVERED = "Gaussians cannot be covered; train the clip with the text outside of its masks, or write a movie or pictures instead."
 
 

@@ -15,6 +15,7 @@ A plan is a TOML file; paths are meant as seen from its folder:
   prompts = ["grasper", "grasper touching liver"]  # poses, pose_axes, labels, start, stride, max_frames, decoder, threshold
   exports = ["coco", "ply"]                # formats of degense export, with the masks of the prompts
   scores = true                            # degense eval
+  anonymise = true                         # no names in the report and in exports; cover = "mask.png": black there
   settings = { flow = 7.0 }                # degense train --set help
 
   [[clip]]                                 # a clip with answers of its own
@@ -37,6 +38,12 @@ def add_batch_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--out", required=True, metavar="DIR", help="folder of the batch; the same command goes on where it stopped")
     sub.add_argument("--slots", type=positive, metavar="N", help="jobs at a time (default: what fits); with --cluster, on each GPU")
     sub.add_argument("--cluster", metavar="ADDRESS", help="do them on the workers of this Dask scheduler (extra cluster)")
+    sub.add_argument(
+        "--patience",
+        type=positive,
+        metavar="SECONDS",
+        help="with --cluster: how long to wait for a worker where none can go on (default 600)",
+    )
     sub.add_argument("--emit", nargs=2, metavar=("slurm", "FILE"), help="write a job array for sbatch instead of doing anything")
     sub.add_argument("--share", type=share, metavar="I/N", help="do only every Nth job, from the Ith on (from 0): for several machines")
     sub.add_argument("--json", action="store_true", help="one JSON object a line on standard output instead of a table")
@@ -52,4 +59,8 @@ def add_batch_options(sub: argparse.ArgumentParser) -> None:
     group.add_argument("--set", type=setting, action="append", dest="settings", metavar="NAME=VALUE")
     group.add_argument("--prompt", action="append", dest="prompts", metavar="TEXT", help="ask every run this; repeatable")
     group.add_argument("--export", action="append", dest="exports", metavar="FORMAT", help="write every run in this format; repeatable")
+    group.add_argument(
+        "--anonymise", action="store_true", default=None, help="number the jobs; the report and exports name neither clips nor files"
+    )
+    group.add_argument("--cover", metavar="MASK", help="with --anonymise: a picture, not black where exports are blacked out")
     group.add_argument("--no-eval", action="store_false", dest="scores", default=None, help="do not score the runs")

@@ -15,3 +15,4 @@ def add_search_options(sub: argparse.ArgumentParser, positive: Callable[[str], i
     sub.add_argument("--limit", type=positive, default=100, metavar="N", help="most moments that are listed (default 100)")
     sub.add_argument("--open", action="store_true", help="open the runs that the index cannot answer for, which takes as long as query")
     sub.add_argument("--as-is", action="store_true", help="ask the index as it is: new and changed runs are not looked for")
+    sub.add_argument("--anonymise", action="store_true", help="number the runs instead of naming them")

@@ -39,7 +39,7 @@ def batch(options: argparse.Namespace) -> int:
 
 def _asked(options: argparse.Namespace) -> list[BatchJob]:
     """The jobs of the command line, or of the plan that it names."""
-    from degense.app.batch.plan import JobOptions, name_of, with_own_names
+    from degense.app.batch.plan import JobOptions, name_of, numbered, with_own_names
     from degense.app.batch.plan_file import found, read_plan
 
     said = _said(options)
@@ -52,7 +52,9 @@ def _asked(options: argparse.Namespace) -> list[BatchJob]:
         return read_plan(Path(plans[0]))
     here = Path.cwd()
     chosen = JobOptions(**said)
-    return with_own_names([chosen.job(clip, name_of(clip), here) for path in options.paths for clip in found(path, here)])
+    clips = [clip for path in options.paths for clip in found(path, here)]
+    shown = [numbered(number) if chosen.anonymise else clip for number, clip in enumerate(clips, 1)]
+    return with_own_names([chosen.job(clip, name_of(name), here) for clip, name in zip(clips, shown, strict=True)])
 
 
 def _said(options: argparse.Namespace) -> dict[str, Any]:
@@ -116,9 +118,9 @@ def _run(options: argparse.Namespace, folder: BatchFolder, jobs: Sequence[BatchJ
 
 def _do(options: argparse.Namespace, folder: BatchFolder, left: Sequence[BatchJob], progress: BatchProgress, stop: StopFlag) -> None:
     if options.cluster is not None:
-        from degense.app.batch.cluster import run_on_cluster
+        from degense.app.batch.cluster import PATIENCE, run_on_cluster
 
-        return run_on_cluster(options.cluster, folder, left, options.slots or 1, progress, stop)
+        return run_on_cluster(options.cluster, folder, left, options.slots or 1, progress, stop, options.patience or PATIENCE)
     from degense.app.batch.local import device_of, run_here, slots_for
 
     device = device_of(left)

@@ -55,7 +55,7 @@ class PlainLines:
 
 
 class TerminalTable:
-    """On a terminal: a line for all, and one for each job that runs, failed or was stopped, as many as fit; drawn over and over."""
+    """On a terminal: a line for all, and as many as fit for jobs that run, failed, were stopped or wait for something; drawn over."""
 
     def __init__(self) -> None:
         self._stream, self._height, self._last = sys.stderr, 0, 0.0
@@ -77,7 +77,8 @@ class TerminalTable:
         """What is shown on so many columns and rows."""
         assert self._progress is not None
         jobs = list(self._progress.jobs.values())
-        shown = [job for state in ("running", "failed", "stopped") for job in jobs if job.state == state]
+        shown = [job for state in ("waiting", "running", "failed", "stopped") for job in jobs if job.state == state]
+        shown = [job for job in shown if job.state != "waiting" or job.words]
         room = max(1, height - 3)
         name = min(32, max((len(job.name) for job in shown[:room]), default=0))
         lines = [f"{summary(self._progress)}, {time.monotonic() - self._begun:.0f} s"]

@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
-from degense.app.cli.options import asked_prompts, chosen_encoder
+from degense.app.cli.options import anonymised_scene, asked_prompts, chosen_encoder
 from degense.app.cli.terminal import Bar, run_steps
 from degense.app.features.prompts.segment import folder_name, write_clip_masks
 from degense.engine.errors import DegenseError
@@ -24,7 +24,7 @@ def query(options: argparse.Namespace) -> None:
     from degense.engine.scene.moments import answers_json, ask_clip
 
     prompts = asked_prompts(options)
-    scene = Scene.open(options.run_folder, encoder=chosen_encoder(options))
+    scene = anonymised_scene(Scene.open(options.run_folder, encoder=chosen_encoder(options)), options)
     if options.out is not None and options.out.is_file():
         raise DegenseError(f"{options.out} is a file; masks of several frames go into a folder.")
     answers = run_steps(ask_clip(scene, prompts), Bar())

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from degense.app.cli.terminal import Bar, run_steps
@@ -28,6 +29,7 @@ def search(options: argparse.Namespace) -> None:
     from degense.engine.archive.indexing import update_index
     from degense.engine.archive.opening import ask_runs
     from degense.engine.archive.search import search as ask
+    from degense.engine.scene.anonymous import LEFT_OUT
 
     if not options.as_is:
         update = run_steps(update_index(options.folder), Bar())
@@ -44,6 +46,8 @@ def search(options: argparse.Namespace) -> None:
             if options.open:
                 hits, refused = run_steps(ask_runs(options.folder, [run for run, _ in found.unanswered], text), Bar())
                 found = replace(found, hits=(*found.hits, *hits), unanswered=tuple(refused))
+            if options.anonymise:
+                found = _anonymous(found, runs)
             pictures = None if options.thumbnails is None else options.thumbnails / folder_name(number, text)
             rows = _rows(index, found, text, options.limit)
             print("\n".join(_told(text, found, rows, options.limit)))
@@ -51,7 +55,25 @@ def search(options: argparse.Namespace) -> None:
                 print(f"{pictures}: {_write_pictures(index, rows[: options.limit], pictures)} pictures")
             written.append(_json(text, found, rows))
     if options.json is not None:
-        write_text(options.json, json.dumps({"folder": str(options.folder), "questions": written}, ensure_ascii=False))
+        folder = LEFT_OUT if options.anonymise else str(options.folder)
+        write_text(options.json, json.dumps({"folder": folder, "questions": written}, ensure_ascii=False))
+
+
+def _anonymous(found: Found, runs: Sequence[IndexedRun]) -> Found:
+    """The same with runs numbered from 1 in the order of the index, and without the sentences about them, which may name files."""
+    from degense.engine.scene.anonymous import LEFT_OUT, RUN_NAME
+
+    numbers = {run.id: number for number, run in enumerate(runs, 1)}
+
+    def numbered(run: IndexedRun) -> IndexedRun:
+        return replace(run, path=PurePosixPath(f"{RUN_NAME}-{numbers[run.id]}"), error=run.error and LEFT_OUT)
+
+    return replace(
+        found,
+        hits=tuple(replace(hit, run=numbered(hit.run)) for hit in found.hits),
+        unanswered=tuple((numbered(run), LEFT_OUT) for run, _ in found.unanswered),
+        broken=tuple(numbered(run) for run in found.broken),
+    )
 
 
 def _rows(index: IndexFile, found: Found, text: str, limit: int) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import importlib
+import io
 import os
 import resource
 import shutil
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -232,23 +234,33 @@ def _stalled(folder: Path) -> None:
 
 # -- GPUs and kernels ----------------------------------------------------------------------------------------------------------------------
 def _no_gpu_memory(folder: Path) -> None:
-    """torch says that the GPU is full in the middle of a training, which says what to lower and can be resumed."""
+    """torch says that the GPU is full in the middle of a training, which says what to lower and can be resumed to its end."""
     import torch
 
     from degense.app.cli.main import main
+    from degense.engine.errors import OUT_OF_MEMORY
+    from degense.engine.store import Run
     from degense.engine.training.trainer import Trainer
 
     step = Trainer.step
 
     def full(self: Trainer) -> None:
-        if self.iteration == 3:
+        if self.iteration == 40:
             raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB.")
         step(self)
 
+    out = folder / "work" / "trained"
+    words = ["--preset", "quick", "--iterations", "50", "--max-gaussians", "300", "--device", "cpu", "--set", "checkpoint_seconds=0"]
+    command = ["train", str(folder / "clip"), "--out", str(out), *words]
     Trainer.step = full  # type: ignore[method-assign]
-    words = ["--preset", "quick", "--iterations", "8", "--max-gaussians", "300", "--device", "cpu", "--set", "checkpoint_seconds=0"]
-    status = main(["train", str(folder / "clip"), "--out", str(folder / "work" / "trained"), *words])
+    with redirect_stderr(io.StringIO()) as said:
+        status = main(command)
+    Trainer.step = step  # type: ignore[method-assign]
     assert status == 2, f"the status is {status}"
+    assert said.getvalue().splitlines()[-1:] == [f"degense: {OUT_OF_MEMORY}"], f"it said {said.getvalue()[-300:]!r}"
+    assert (out / "checkpoints" / "last.json").is_file(), "there is no checkpoint"
+    assert main([*command, "--resume"]) == 0, "it cannot be resumed"
+    assert Run.open(out).info["state"] == "finished", "the resumed training is not finished"
 
 
 def _no_cuda(folder: Path) -> None:

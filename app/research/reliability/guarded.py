@@ -88,7 +88,8 @@ def _do(work: Callable[[], object], writing: int, mebibytes: int) -> None:
         text = READ
     except DegenseError as error:
         sentence = str(error)
-        text = f"{REFUSED}\n{sentence}" if sentence.strip() and "Traceback" not in sentence else f"NO SENTENCE\n{sentence}"
+        one_line = len(sentence.strip().splitlines()) == 1 and "Traceback" not in sentence
+        text = f"{REFUSED if one_line else 'NO SENTENCE'}\n{sentence}"
     except MemoryError:
         text = "MEMORY\n" + _where()
     except BaseException as error:

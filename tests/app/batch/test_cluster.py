@@ -14,15 +14,16 @@ from pathlib import Path
 import pytest
 
 from degense.app.batch import cluster
-from degense.app.batch.cluster import run_on_cluster
+from degense.app.batch.cluster import NO_GPU, NO_WORKER, _outcome, _resources, run_on_cluster
 from degense.app.batch.folder import BatchFolder
 from degense.app.batch.progress import BatchProgress
+from degense.app.cli.main import main
 from degense.engine.errors import DegenseError
 from degense.engine.processes.capacity import thread_environment
 from tests.app.batch.conftest import model
 
 try:
-    import distributed  # noqa: F401
+    import distributed
 except ImportError:
     pytestmark = pytest.mark.skip("needs distributed")
 QUIET = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")  # sockets of its client
@@ -31,11 +32,11 @@ QUIET = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.Py
 class Cluster:
     """A scheduler and workers, as people start them."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *names: str) -> None:
         self._file, self._folder = folder / "scheduler.json", folder
         self.processes = {"scheduler": self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(self._file))}
-        self.add("w0")
-        self.add("w1")
+        for name in names:
+            self.add(name)
 
     @property
     def address(self) -> str:
@@ -65,9 +66,31 @@ class Cluster:
 
 @pytest.fixture(scope="module")
 def workers(tmp_path_factory) -> Iterator[Cluster]:
-    found = Cluster(tmp_path_factory.mktemp("dask"))
+    found = Cluster(tmp_path_factory.mktemp("dask"), "w0", "w1")
     yield found
     found.close()
+
+
+@pytest.fixture
+def lonely(tmp_path_factory) -> Iterator[Cluster]:
+    """With one worker, which is there."""
+    found = Cluster(tmp_path_factory.mktemp("dask"), "only")
+    with distributed.Client(found.address) as client:
+        client.wait_for_workers(1, timeout=60)
+    yield found
+    found.close()
+
+
+def kills_the_only_worker(lonely: Cluster, said: list[tuple[str, str]]):
+    """Hears of jobs, and kills the worker when the first training has begun."""
+
+    def changed(job) -> None:
+        if job.state == "running" and job.stage == "train" and job.words.rpartition("on ")[0] and "only" in lonely.processes:
+            lonely.kill("only")
+            lonely.processes.pop("only").wait()
+        said.append((job.state, job.words))
+
+    return changed
 
 
 @QUIET
@@ -95,6 +118,69 @@ def test_a_worker_is_lost_then_all_is_stopped_and_the_bits_are_the_same(workers,
     run_on_cluster(workers.address, folder, left, 1, again, lambda: False)
     assert {job.state for job in again.jobs.values()} <= {"done"}
     assert {model(folder, job.name) for job in jobs} == {model(trained_once)}
+
+
+@QUIET
+def test_the_only_worker_is_lost(lonely, make_job, tmp_path, trained_once, capsys):
+    """It is said; a stop ends the batch at once; it gives up after its patience; and it goes on when another worker comes."""
+    folder = BatchFolder(tmp_path / "out")
+    jobs = folder.begin([make_job(name) for name in ("a", "b")])
+    said: list[tuple[str, str]] = []
+    progress = BatchProgress(jobs, [], kills_the_only_worker(lonely, said))
+    run_on_cluster(lonely.address, folder, jobs, 1, progress, lambda: ("waiting", NO_WORKER) in said)
+    assert {job.state for job in progress.jobs.values()} == {"stopped"}
+    again = BatchProgress(jobs, [], lambda job: None)
+    with pytest.raises(DegenseError, match=r"For 3 s no worker .* could do what is left \(no worker is connected to the scheduler\)"):
+        run_on_cluster(lonely.address, folder, jobs, 1, again, lambda: False, patience=3.0)
+    assert [(job.state, job.words) for job in again.jobs.values()] == [("waiting", NO_WORKER), ("waiting", "")]
+    assert main(["batch", "--out", str(folder.path), "--cluster", lonely.address, "--patience", "1"]) == 2
+    assert "degense: For 1 s no worker" in capsys.readouterr().err
+    late = BatchProgress(jobs, [], lambda job: "later" in lonely.processes or job.words != NO_WORKER or lonely.add("later"))
+    run_on_cluster(lonely.address, folder, jobs, 1, late, lambda: False, patience=300.0)
+    assert {job.state for job in late.jobs.values()} == {"done"}
+    assert {model(folder, job.name) for job in jobs} == {model(trained_once)}
+
+
+@QUIET
+def test_a_gpu_that_nobody_offers_is_waited_for_and_no_longer_than_the_patience(lonely, make_job, tmp_path):
+    folder = BatchFolder(tmp_path / "out")
+    jobs = folder.begin([make_job("a", device="cuda"), make_job("b", clip=tmp_path / "nothing")])
+    progress = BatchProgress(jobs, [], lambda job: None)
+    with pytest.raises(DegenseError, match=r"could do what is left \(no worker offers the resource GPU\); start one and call again"):
+        run_on_cluster(lonely.address, folder, jobs, 1, progress, lambda: False, patience=4.0)
+    assert (progress.jobs["a"].state, progress.jobs["a"].words) == ("waiting", NO_GPU)
+    assert progress.jobs["b"].state == "failed"  # what a processor can do was done meanwhile
+    heard: list[str] = []
+    stopped = BatchProgress(jobs[:1], [], lambda job: heard.append(job.words))
+    run_on_cluster(lonely.address, folder, jobs[:1], 1, stopped, lambda: NO_GPU in heard)
+    assert stopped.jobs["a"].state == "stopped"
+
+
+def test_an_answer_that_is_lost_with_its_worker_is_not_waited_for():
+    class Lost:
+        status = "finished"
+
+        def result(self, timeout):
+            raise TimeoutError(timeout)
+
+    assert _outcome(Lost()) == ("stopped", "its worker was lost before it had answered; call again to go on.")
+
+
+@pytest.mark.parametrize("gpus", [1.0, 2.0, 8.0])
+def test_so_many_jobs_fit_on_a_gpu_as_slots_say(make_job, gpus):
+    """By the sums of a worker of Dask, which takes what each job wants from what it offers, one after the other."""
+    job = make_job(device="cuda")
+    for slots in range(1, 33):
+        share, free, running = _resources(job, True, slots)["GPU"], gpus, 0
+        while free >= share:
+            free, running = free - share, running + 1
+        assert running == slots * gpus
+
+
+def test_who_takes_a_share_of_a_gpu(make_job):
+    for device, offered, takes in (("cuda", True, True), ("cuda", False, True), ("auto", True, True), ("auto", False, False)):
+        assert bool(_resources(make_job(device=device), offered, 4)) is takes, (device, offered)
+    assert _resources(make_job(device="cpu"), True, 4) == {}
 
 
 @QUIET

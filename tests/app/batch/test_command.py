@@ -143,6 +143,10 @@ def test_the_table_fits_the_terminal(progress, capsys, monkeypatch):
     assert "\x1b[2A" in shown  # drawn over what was there
     for name in ("second", "fourth"):
         found.jobs[name].state = "running"
+    assert not [line for line in view.lines(80, 9) if "waiting:" in line]
+    found.again("fourth", "no worker is there")
+    assert "fourth  waiting: no worker is there" in view.lines(80, 9)
+    found.jobs["fourth"].state = "running"
     lines = view.lines(30, 4)
     assert lines[-1] == "… and 2 more"
     assert all(len(line) < 30 for line in lines)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
+import sys
 
 import pytest
 
@@ -11,6 +13,7 @@ from degense.app.batch import local
 from degense.app.batch.folder import BatchFolder
 from degense.app.batch.local import device_of, run_here, slots_for
 from degense.app.batch.progress import BatchProgress
+from degense.app.batch.report import rows_of
 from degense.engine.processes import capacity
 from tests.app.batch.conftest import model
 
@@ -51,6 +54,35 @@ def test_a_killed_process_and_a_broken_clip_hold_up_nobody(make_job, tmp_path, t
     assert {job.name: job.state for job in progress.jobs.values()} == {"a": "done", "broken": "failed"}
     assert "nothing does not exist" in progress.jobs["broken"].words
     assert model(folder, "a") == model(trained_once)
+
+
+#: A process for jobs in which no file may grow beyond 2,000 bytes while the job `full` is done, as on a disk that is full.
+WITHOUT_ROOM = """
+import resource
+from degense.app.batch import child
+do, (soft, hard) = child.do_order, resource.getrlimit(resource.RLIMIT_FSIZE)
+def do_order(words, tell, stop):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000 if words["job"]["name"] == "full" else soft, hard))
+    return do(words, tell, stop)
+child.do_order = do_order
+child.main()
+"""
+
+
+def test_a_full_disk_fails_one_job_and_the_others_go_on(make_job, tmp_path, trained_once, monkeypatch):
+    with monkeypatch.context() as while_full:
+        while_full.setattr(local, "start", lambda environment: local.JobProcess([sys.executable, "-c", WITHOUT_ROOM], environment))
+        folder = BatchFolder(tmp_path / "out")
+        jobs = folder.begin([make_job("full"), make_job("a")])
+        progress = BatchProgress(jobs, [], lambda job: None)
+        run_here(folder, jobs, 1, "cpu", progress, lambda: False)
+    assert {job.name: job.state for job in progress.jobs.values()} == {"full": "failed", "a": "done"}
+    assert re.search(r"full/\S+ cannot be written: File too large", progress.jobs["full"].words)
+    assert [row["state"] for row in rows_of(folder, jobs)] == ["failed", "done"]
+    assert model(folder, "a") == model(trained_once)
+    run_here(folder, jobs[:1], 1, "cpu", progress, lambda: False)  # with room again
+    assert progress.jobs["full"].state == "done"
+    assert model(folder, "full") == model(trained_once)
 
 
 def test_a_stop_saves_what_runs_and_begins_nothing(make_job, tmp_path):

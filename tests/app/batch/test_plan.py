@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -157,8 +158,6 @@ def test_any_table_is_a_plan_or_refused(tmp_path_factory, table):
 
 @given(st.text(max_size=200))
 def test_a_clip_of_any_name_gets_a_folder_name(text):
-    from pathlib import Path
-
     check_name(name_of(Path(text)))
 
 
@@ -199,3 +198,14 @@ def test_patterns_find_what_is_visible(tmp_path):
         (tmp_path / name).mkdir()
     assert [path.name for path in found("*", tmp_path)] == ["a", "b"]
     assert [path.name for path in found(str(tmp_path / "?"), tmp_path / "elsewhere")] == ["a", "b"]
+
+
+def test_a_path_that_is_there_is_taken_as_it_is(tmp_path):
+    """Brackets stand for themselves; so do * and ? in the name of a folder that is there."""
+    for name in ("case [1] $x & 'y'/clip", "case 1/clip", "what?", "whatever"):
+        (tmp_path / name).mkdir(parents=True)
+    for base, start in ((tmp_path, ""), (tmp_path / "elsewhere", f"{tmp_path}/")):
+        assert found(f"{start}case [1] $x & 'y'", base) == [Path(f"{start}case [1] $x & 'y'")]
+        assert [path.relative_to(tmp_path).as_posix() for path in found(f"{start}case [1]*/c*", base)] == ["case [1] $x & 'y'/clip"]
+        assert found(f"{start}what?", base) == [Path(f"{start}what?")]
+    assert found("case [2]", tmp_path) == [Path("case [2]")]  # which then is said not to exist

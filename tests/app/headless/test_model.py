@@ -183,6 +183,11 @@ def test_prompts_take_free_colours_and_undo(session):
     assert session.undo.redo_name == "Prompt fat"
     session.view.set_visible("liver", False)
     assert session.view_state.visible_prompts == ()
+    assert session.undo.redo_name == "Prompt fat"  # an eye is no edit, and ends nothing that can be done again
+    session.undo.redo()
+    assert [prompt.visible for prompt in session.view_state.prompts] == [False, True]
+    session.undo.undo()
+    session.view.set_negative("liver", True)
     assert session.undo.redo_name is None
 
 

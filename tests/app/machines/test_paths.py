@@ -122,6 +122,19 @@ def test_a_batch_and_a_search(home, clip, tmp_path, capsys):
     assert all(name in said for name in runs)
 
 
+@pytest.mark.parametrize("name", ["case [1] $x & 'y'", "`case` #2; 100 % {a,b}!"])
+def test_what_shells_and_patterns_read_as_signs(name, clip, tmp_path):
+    """As folders of clips, of runs and of a batch: PowerShell's signs, and those of patterns."""
+    shutil.copytree(clip, tmp_path / name)
+    run, out = tmp_path / f"run {name}", tmp_path / f"batch {name}"
+    does("info", tmp_path / name)
+    does("train", tmp_path / name, "--out", run, *TINY)
+    does("export", run, "--format", "coco", "--out", tmp_path / f"{name}.json")
+    does("batch", tmp_path / name, "--out", out, *TINY, "--slots", 1, "--no-eval", "--export", "coco")
+    assert len(list((out / "exports" / "coco").iterdir())) == 1
+    does("search", out / "runs", "liver")
+
+
 def test_the_window(qtbot, window, home, trained, idle, screenshot):
     on.documents(window).open_path(trained)
     idle()

@@ -125,3 +125,67 @@ def test_without_a_cover_pictures_are_the_same(scene):
     np.testing.assert_array_equal(other.render_rgb(2), scene.render_rgb(2))
     assert (other.name, other.clip.name, other.clip.path) == ("run", "clip", Path("clip"))
     assert str(scene.run.path.parent) not in json.dumps(other.run.info)
+
+
+def test_what_a_report_of_scores_and_masks_of_questions_hold(named, tmp_path, capsys):
+    scores, out = tmp_path / "scores.json", tmp_path / "masks"
+    capsys.readouterr()
+    assert main(["eval", str(named), "--json", str(scores), "--anonymise"]) == 0
+    assert_nameless(scores)
+    assert main(["query", str(named), "liver", "--json", str(tmp_path / "query.json"), "--out", str(out), "--anonymise"]) == 0
+    assert_nameless(tmp_path / "query.json")
+    assert_nameless(out)
+    assert NAME not in capsys.readouterr().out
+    assert main(["query", str(named), "liver", "--out", str(tmp_path / "plain")]) == 0
+    assert NAME in (tmp_path / "plain" / "01-liver" / "query.json").read_text(encoding="utf-8")
+    assert main(["track", str(named), "--grid", "2", "--json", str(tmp_path / "tracks.json")]) == 0  # names nothing without asking
+    assert_nameless(tmp_path / "tracks.json")
+
+
+def test_a_search_numbers_its_runs(named, tmp_path, capsys):
+    """Also those that do not answer from the index, or that cannot be indexed; the folder itself bears the name."""
+    (named.parent / f"{NAME}-broken").mkdir()
+    (named.parent / f"{NAME}-broken" / "run.json").write_text("{}", encoding="utf-8")
+    shutil.copy(named / "model.safetensors", named.parent / f"{NAME}-broken")
+    said = tmp_path / "said.json"
+    words = ["search", str(named.parent), "liver", "liver inside grasper or fat", "--json", str(said), "--thumbnails", str(tmp_path / "p")]
+    assert main(words) == 0
+    assert NAME in capsys.readouterr().out
+    assert NAME in said.read_text(encoding="utf-8")
+    assert main([*words, "--anonymise"]) == 0
+    shown = capsys.readouterr().out
+    assert_nameless(said)
+    assert NAME not in shown
+    first, second = json.loads(said.read_text(encoding="utf-8"))["questions"]
+    assert {row["run"] for row in first["moments"]} == {"run-2"}
+    assert [row["run"] for row in second["unanswered"]] == ["run-2"]
+    assert [row["run"] for row in first["broken"]] == ["run-1"]
+
+
+def test_a_batch_numbers_its_jobs(named, tmp_path, capsys):
+    """Its report and exports; the folder itself knows the clips, as a key to the numbers."""
+    clip, out = named.parent / f"{NAME}-clip", tmp_path / "batch"
+    small = ["--preset", "quick", "--iterations", "20", "--max-gaussians", "300", "--device", "cpu", "--slots", "1", "--no-eval"]
+    exports = ["--export", "coco", "--export", "masks-png", "--export", "movie"]
+    cover = ["--anonymise", "--cover", str(named.parent / "cover.png")]
+    absent = named.parent / f"{NAME}-absent"
+    assert main(["batch", str(clip), str(absent), "--out", str(out), *small, *exports, *cover, "--prompt", "liver"]) == 1
+    assert_nameless(out / "exports")
+    for kind in ("json", "csv", "md"):
+        assert_nameless(out / f"report.{kind}")
+    rows = json.loads((out / "report.json").read_text(encoding="utf-8"))["jobs"]
+    assert [(row["job"], row["state"], row["clip"], row["failure"]) for row in rows] == [
+        ("clip-0001", "done", "", ""),
+        ("clip-0002", "failed", "", "jobs/clip-0002.json says why."),
+    ]
+    assert str(absent) in (out / "jobs" / "clip-0002.json").read_text(encoding="utf-8")
+    film = cv2.VideoCapture(str(out / "exports" / "movie" / "clip-0001.mp4"))
+    ok, picture = film.read()
+    film.release()
+    assert ok
+    assert picture[0:8, 0:38].max() < 40  # next to the border of the cover a codec blurs
+    assert picture.max() > 100
+    capsys.readouterr()
+    for words, sentence in ((["--cover", "x.png"], "anonymise too"), ([*cover, "--export", "ply"], "Gaussians cannot be covered")):
+        assert main(["batch", str(clip), "--out", str(tmp_path / "other"), *words]) == 2
+        assert sentence in capsys.readouterr().err

@@ -92,6 +92,22 @@ def test_a_refusal_is_a_sentence():
     assert (fate.outcome, fate.words) == (REFUSED, "a.json is damaged; copy it again.")
 
 
+class SeveralLines(DegenseError):
+    """Shown as it is, where a DegenseError is shown as one line."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@pytest.mark.parametrize("text", ["", " ", "a.json is damaged;\ncopy it again.", "Traceback (most recent call last): a.json"])
+def test_a_refusal_that_is_no_line_is_a_defect(text):
+    def refuse() -> None:
+        raise SeveralLines(text)
+
+    fate = guarded(refuse, 20.0, 512)
+    assert (fate.outcome, fate.words, fate.sound) == ("NO SENTENCE", text, False)
+
+
 def test_what_is_synced_survives_a_power_cut_and_nothing_else(tmp_path):
     """`write_text` survives; a file that is written but not synced is not there, and one whose name alone was kept is empty."""
     out, log, target = tmp_path / "out", tmp_path / "log", tmp_path / "target"
