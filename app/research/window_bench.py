@@ -120,9 +120,8 @@ def in_window(folder: Path, clip: Path, options: BenchOptions, progress: Progres
         for frame in range(scene.frames):  # what is baked once
             scene.splats(frame, semantics=True)
         rest(window)
-        measured = {}
         progress(0.1, "scrubbing")
-        measured |= scrubs(window, options.repeats)
+        measured = scrubs(window, options.repeats)
         progress(0.3, "asking")
         measured["prompt"] = prompts(window, options.repeats)
         progress(0.4, "painting")
