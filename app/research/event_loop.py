@@ -48,8 +48,8 @@ def timed(window: Shell, act: Callable[[], object]) -> float:
 def timed_in_3d(window: Shell, act: Callable[[], object]) -> float:
     """Milliseconds from `act` until the 3D view that answers it is painted."""
     drawing = viewer(window)
-    assert drawing.splats is not None
-    canvas = drawing.splats.focusProxy()
+    canvas = drawing.splats.focusProxy() if drawing.splats is not None else None
+    assert canvas is not None
     before = drawing.view
     start = time.perf_counter()
     act()
