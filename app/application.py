@@ -14,7 +14,6 @@ from PySide6.QtWidgets import QApplication
 
 from degense.app import warm_up
 from degense.app.features.documents.controller import Documents
-from degense.app.session.state_folder import left_behind
 from degense.app.shell.logs import start_logging
 from degense.app.shell.messages import show_error
 from degense.app.shell.settings import SettingsFile, log_file
@@ -52,8 +51,8 @@ def run_window(path: Path | None = None) -> int:
     signal.signal(signal.SIGINT, lambda number, frame: QTimer.singleShot(0, window.close))  # heard at the window's next tick
     window.show()
     opener = window.service(Documents)
-    if opener is not None and (path := path or next(iter(left_behind()), None)) is not None:
-        opener.open_path(path)
+    if opener is not None:
+        opener.start(path)
     compiling: list[subprocess.Popen[bytes]] = []
     QTimer.singleShot(WARM_UP_MS, lambda: compiling.extend(filter(None, [warm_up.start()])))
     code = app.exec()

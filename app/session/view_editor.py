@@ -1,4 +1,4 @@
-"""Edits of the view state: each is one undoable step, but for the layers that are looked at. No Qt."""
+"""Edits of the view state: each is one undoable step, but for what only switches the view. No Qt."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 class ViewEditor(PersistentState):
-    """Holds and edits the session's view state, `state`. The encoder of the open `scene` must know the words of prompts."""
+    """Holds and edits the session's view state, `state`. The encoder of the open `scene` must know the words of prompts.
+
+    Which layers and masks are drawn, how opaque, and beside what, is a switch of the view and no undo step; undoing leaves it as it is.
+    """
 
     def __init__(self, undo: UndoStack, scene: Callable[[], Scene | None]) -> None:
         super().__init__()
@@ -41,8 +44,7 @@ class ViewEditor(PersistentState):
     def set_layer(self, layer: str) -> None:
         """Show one layer alone."""
         alone = tuple(replace(blend, visible=False) for blend in self.state.blend)
-        if (layer, alone) != (self.state.layer, self.state.blend):
-            self._set(replace(self.state, layer=layer, blend=alone))
+        self._set(replace(self.state, layer=layer, blend=alone))
 
     def choose_layer(self, layer: str) -> None:
         """Choose one of the layers that are drawn, beside the others; one that is not drawn is shown alone."""
@@ -78,10 +80,10 @@ class ViewEditor(PersistentState):
         self.edit(f"Decode masks with {decoder}", replace(self.state, decoder=decoder))
 
     def set_overlay_opacity(self, opacity: float) -> None:
-        self.edit("Mask opacity", replace(self.state, overlay_opacity=min(1.0, max(0.0, opacity))), key="opacity")
+        self._set(replace(self.state, overlay_opacity=min(1.0, max(0.0, opacity))))
 
     def set_compare(self, compare: Compare) -> None:
-        self.edit(f"Compare: {compare}", replace(self.state, compare=compare))
+        self._set(replace(self.state, compare=compare))
 
     def set_range(self, layer: str, colour_range: ColourRange) -> None:
         self.edit(f"Colour range of {layer}", self.state.with_range(layer, colour_range), key=f"range-{layer}")
@@ -90,7 +92,7 @@ class ViewEditor(PersistentState):
         self.edit("Mask threshold", replace(self.state, threshold=threshold), key="threshold")
 
     def set_masks_shown(self, shown: bool) -> None:
-        self.edit("Show masks" if shown else "Hide masks", replace(self.state, masks_shown=shown))
+        self._set(replace(self.state, masks_shown=shown))
 
     def add_prompt(self, text: str, colour: Colour | None = None, negative: bool = False) -> Prompt:
         """Show the mask of a text, in the next free colour when none is given; a negative takes pixels from the masks of the others.
@@ -155,8 +157,8 @@ class ViewEditor(PersistentState):
         self.set_decoder(decoder_refined(self.state.decoder, refined))
 
     def set_visible(self, text: str, visible: bool) -> None:
-        prompt = self.state.prompt(text)
-        self._change_prompt(f"{'Show' if visible else 'Hide'} {prompt.text}", replace(prompt, visible=visible))
+        shown = self.state.prompt(text)
+        self._set(replace(self.state, prompts=tuple(replace(p, visible=visible) if p is shown else p for p in self.state.prompts)))
 
     def set_colour(self, text: str, colour: Colour) -> None:
         prompt = self.state.prompt(text)
@@ -167,10 +169,22 @@ class ViewEditor(PersistentState):
         self.edit(name, replace(self.state, prompts=prompts))
 
     def _put(self, state: ViewState) -> None:
-        """A step of the history, under the layers that are shown now."""
-        self._set(replace(state, layer=self.state.layer, blend=self.state.blend))
+        """A step of the history, viewed as things are now: layers, masks, and the eyes of the prompts that there are before and after."""
+        now, eyes = self.state, {prompt.text: prompt.visible for prompt in self.state.prompts}
+        self._set(
+            replace(
+                state,
+                layer=now.layer,
+                blend=now.blend,
+                masks_shown=now.masks_shown,
+                overlay_opacity=now.overlay_opacity,
+                compare=now.compare,
+                prompts=tuple(replace(prompt, visible=eyes.get(prompt.text, prompt.visible)) for prompt in state.prompts),
+            )
+        )
 
     def _set(self, state: ViewState) -> None:
         before, self.state = self.state, state
-        self.changed.emit(None)
-        self.view_changed.emit(before, state)
+        if state != before:
+            self.changed.emit(None)
+            self.view_changed.emit(before, state)

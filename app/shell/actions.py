@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from degense.engine.errors import DegenseError
 
-#: Words that mean the same to the palette.
+#: Words that mean the same to the palette; the first of a group is found before the others.
 SYNONYMS = (
     ("movie", "video", "film", "animation"),
     ("picture", "image", "photo", "frame", "screenshot"),
@@ -23,12 +24,14 @@ SYNONYMS = (
     ("train", "reconstruct", "fit"),
     ("movement", "motion", "displacement", "deformation"),
     ("keys", "shortcuts", "hotkeys"),
+    ("opaque", "opacity", "transparent", "transparency"),
 )
 
 
-def alike(word: str) -> set[str]:
-    """A word, small, and those that mean the same as one that it begins; a single letter begins too many."""
-    return {word}.union(*(group for group in SYNONYMS if len(word) > 1 and any(other.startswith(word) for other in group)))
+def alike(word: str) -> list[str]:
+    """Those that mean the same as a word that this one, small, begins; a single letter begins too many."""
+    groups = [group for group in SYNONYMS if len(word) > 1 and any(other.startswith(word) for other in group)]
+    return [other for group in groups for other in group if other != word]
 
 
 @dataclass(frozen=True)
@@ -124,17 +127,14 @@ class ActionRegistry:
         action.run()
 
     def search(self, text: str) -> list[Action]:
-        """Actions that can be done now and whose title or menu holds every word of `text` or one like it, word starts and titles first."""
+        """Actions that can be done now and that each word of `text` finds (`_distance`), the nearest first."""
         words = text.casefold().split()
         ranked = []
         for order, action in enumerate(self):
-            title = action.title.casefold()
-            place = f"{' '.join(action.menu)} {action.help}".casefold()
-            if action.enabled() and all(any(other in title or other in place for other in alike(word)) for word in words):
-                starts = sum(any(part.startswith(word) for part in title.split()) for word in words)
-                inside = sum(word in title for word in words)
-                ranked.append((-starts, -inside, order, action))
-        return [action for *_, action in sorted(ranked, key=lambda entry: entry[:3])]
+            distances = [_distance(word, action) for word in words]
+            if action.enabled() and None not in distances:
+                ranked.append((sum(distance for distance in distances if distance is not None), order, action))
+        return [action for *_, action in sorted(ranked, key=lambda entry: entry[:2])]
 
     def cheat_sheet(self) -> dict[str, list[tuple[str, str]]]:
         """Shortcuts by menu: {"View": [("Ctrl+K", "Command palette"), …], …}."""
@@ -143,3 +143,22 @@ class ActionRegistry:
             if keys := self.keys(action.id):
                 sheet.setdefault(action.menu[0] if action.menu else "Everywhere", []).append((" or ".join(keys), action.title))
         return sheet
+
+
+def _distance(word: str, action: Action) -> float | None:
+    """How far an action is from a word: first titles that have it, then its menu, then titles with words that mean the same, then help
+    texts; None where it is in none of them.
+    """
+    title, menu, words = action.title.casefold(), " ".join(action.menu).casefold(), action.help.casefold()
+    parts, others = re.findall(r"\w+", title), alike(word)
+    ways = (
+        (0.0, word in parts),
+        (1.0, any(part.startswith(word) for part in parts)),
+        (2.0, word in title),
+        (3.0, word in menu),
+        *((4.0 + place / 100, other in parts) for place, other in enumerate(others)),
+        *((5.0 + place / 100, any(part.startswith(other) for part in parts)) for place, other in enumerate(others)),
+        (6.0, word in words),
+        (7.0, any(other in menu or other in words for other in others)),
+    )
+    return next((distance for distance, holds in ways if holds), None)

@@ -30,8 +30,10 @@ class Menus(QObject):
     def menu(self, path: tuple[str, ...]) -> QMenu:
         """The menu at a path, made when it is not there yet."""
         if path not in self._menus:
-            parent = self.menu(path[:-1]) if len(path) > 1 else self._window.menuBar()
-            self._menus[path] = parent.addMenu(path[-1])
+            if len(path) > 1:
+                self._menus[path] = self.menu(path[:-1]).addMenu(path[-1])
+            else:  # Alt with the first letter opens it; those of `ORDER` differ
+                self._menus[path] = self._window.menuBar().addMenu(f"&{path[0]}")
         return self._menus[path]
 
     def refresh(self) -> None:

@@ -83,6 +83,7 @@ class StatusBar(QObject):
     def set_notice(self, text: str = "", links: Mapping[str, Callable[[], object]] = MappingProxyType({})) -> None:
         """Keep a sentence in the status bar, with what can be done about it, until another takes its place; no text hides it."""
         self._links = dict(links)
-        self.notice.setText(f"{' '.join(f'<a href={title!r}>{escape(title)}</a>' for title in links)} &nbsp;⚠ {escape(text)}")
+        offers = " ".join(f"<a href='{escape(title)}'>{escape(title)}</a>" for title in links)
+        self.notice.setText(f"{offers} &nbsp;⚠ {escape(text)}")
         self.notice.setToolTip(text)
         self.notice.setVisible(bool(text))

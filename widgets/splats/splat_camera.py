@@ -53,6 +53,11 @@ class SplatCamera(QObject):
         if was_locked:
             self.locked_changed.emit(False)
 
+    def shift(self, x: float, y: float) -> None:
+        """Move sideways, by the user, so that the middle of the scene moves by logical pixels."""
+        ratio = self._canvas.devicePixelRatioF()
+        self.move(pan(self.viewport(), self.pivot(), x * ratio, y * ratio))
+
     def is_locked(self) -> bool:
         return self._free is None and self._clip_camera is not None
 
@@ -133,8 +138,7 @@ class CameraMouse(QObject):
         elif event.buttons() & Qt.MouseButton.RightButton:
             self._dolly(1.01 ** step.y())
         else:
-            ratio = self._canvas.devicePixelRatioF()
-            self._camera.move(pan(self._camera.viewport(), self._camera.pivot(), step.x() * ratio, step.y() * ratio))
+            self._camera.shift(step.x(), step.y())
 
     def _released(self, event: QMouseEvent) -> None:
         click = self._press is not None and not self._dragging and event.button() == Qt.MouseButton.LeftButton

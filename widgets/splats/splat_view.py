@@ -57,7 +57,7 @@ class SplatView(QWidget):
         self.camera.changed.connect(self._request)
         self._mouse = CameraMouse(self._canvas, self.camera)
         self._mouse.clicked.connect(self._clicked)
-        self._mouse.cut.connect(self._cut_on)
+        self._mouse.cut.connect(self.cut)
         self._cut = 0.0  # share of the distance to the middle of the scene that is cut away
 
     def set_splats(self, means: np.ndarray, quats: np.ndarray, scales: np.ndarray, opacities: np.ndarray, colours: np.ndarray) -> None:
@@ -116,10 +116,14 @@ class SplatView(QWidget):
     def _clicked(self, position: QPointF) -> None:
         self.picked.emit(self.pick(position.x(), position.y()))
 
-    def _cut_on(self, step: float) -> None:
-        """Cut more away, or less."""
+    def cut(self, step: float) -> None:
+        """Cut more of what is near away, or less: `step` is a share of the distance to the middle of the scene."""
         self._cut = max(0.0, self._cut + step)
         self._request()
+
+    def uncut(self) -> None:
+        """Cut nothing away."""
+        self.cut(-self._cut)
 
     def _left_over(self, gaussians: Gaussians) -> Gaussians:
         """The Gaussians behind the cut."""

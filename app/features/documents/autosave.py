@@ -119,7 +119,7 @@ class Autosave(QObject):
 
         def restore() -> None:
             self.shell.attempt(self.session.recover)
-            self.shell.say(f"Restored {count} changes.")
+            self.shell.say(f"Restored {count} change{'s' if count > 1 else ''}.")
 
         def discard() -> None:
             self.shell.attempt(store.discard)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from degense.app.features.documents.fact_rows import clip_facts, run_facts
 from degense.app.features.documents.facts import Facts
 from degense.app.session.sample import demo_run, is_demo
 from degense.app.session.session_file import DamagedSession
+from degense.app.session.state_folder import left_behind
 from degense.app.shell.logs import hide_names
 from degense.app.shell.shell import Shell
 from degense.app.start_up import import_for_good
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from degense.engine.clip import Clip
     from degense.engine.scene import Scene
 
+#: How many of the runs and clips with work that was left behind are offered at once.
+OFFERED = 3
 VIDEOS = "Videos (*.mp4 *.avi *.mov *.mkv *.webm);;All files (*)"
 
 
@@ -40,18 +44,31 @@ class Documents(QObject):
         self.clip_options: dict[str, Any] = {}  # the `ClipOptions` that the user gave for the open clip
         self.path = Path()  # what is open, or is being shown
         self._chosen = False
+        self._left: list[Path] = []  # what else holds work that an earlier start left behind, the newest first
         shell.worker.add_channel("open", 0)
         shell.dropped.connect(self.open_path)
-        self.session.store.problem_changed.connect(self._show_problem)
+        self.session.store.problem_changed.connect(lambda problem: self._show_notice())
 
-    def _show_problem(self, problem: str) -> None:
-        """Say that work cannot be saved, and offer what helps, where it is in nobody's way."""
+    def start(self, path: Path | None) -> None:
+        """Open what the program was started with, else the newest work that was left behind. What else was is offered in a notice."""
+        self._left = left_behind()
+        if path is not None or self._left:
+            self.open_path(path or self._left[0])
+        self._show_notice()
+
+    def _show_notice(self) -> None:
+        """Say what cannot be saved, or what was left behind, and offer what helps, where it is in nobody's way."""
         store, opened = self.session.store, (self.path, self.clip_options)
         if store.elsewhere:
-            self.shell.status.set_notice(problem, {"Open again": lambda: self.open_path(*opened)})
-        else:
+            self.shell.status.set_notice(store.problem, {"Open again": lambda: self.open_path(*opened)})
+        elif store.problem:
             words = "Not saved, but kept in the journal on this computer" if store.journaled else "Not saved"
-            self.shell.status.set_notice(problem and f"{words}: {problem}", {"Save elsewhere…": self.autosave.save_elsewhere})
+            self.shell.status.set_notice(f"{words}: {store.problem}", {"Save elsewhere…": self.autosave.save_elsewhere})
+        else:
+            links = {f"Open {path.parent.name}/{path.name}": partial(self.open_path, path) for path in self._left[:OFFERED]}
+            count = len(self._left)
+            which = "Another run or clip has" if count == 1 else f"{count} other runs and clips have"
+            self.shell.status.set_notice(f"{which} unsaved work" if links else "", links)
 
     # Asking
 
@@ -123,6 +140,8 @@ class Documents(QObject):
     def _open_session(self, path: Path, open_it: Callable[[bool], None], options: dict[str, Any]) -> bool:
         """Open what was loaded with the session that was saved; whether it is open. A damaged session file is asked about."""
         self.path = path
+        self._left = [left for left in self._left if left != path.resolve()]
+        self._show_notice()
         if not is_demo(path):
             self.settings.change(lambda settings: settings.opened(path))
         try:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QHeaderView, QWidget
 
-from degense.app.features.inspect.findings_files import findings_sheet, findings_table
+from degense.app.features.inspect.findings_files import findings_sheet, findings_table, with_unit
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.view_rendering import layer_request
@@ -93,11 +93,14 @@ class Findings(QObject):
             return ()
         return self.ranking.frames if self._kinds.currentData() == "frames" else self.ranking.places
 
+    def statistic(self) -> str:
+        """What the values of the list are."""
+        return STATISTICS[self._kinds.currentData()]
+
     def _list(self) -> None:
         """Write the list. Nothing is chosen."""
         unit = self.ranking.unit if self.ranking is not None else ""
-        statistic = STATISTICS[self._kinds.currentData()]
-        self.table.setHorizontalHeaderLabels(["Frame", "Place [px]", f"{statistic} [{unit}]" if unit else statistic])
+        self.table.setHorizontalHeaderLabels(["Frame", "Place [px]", with_unit(self.statistic(), unit)])
         self.table.setCurrentCell(-1, -1)
         forms.fill(self.table, [(str(f.frame), f"{f.x:.0f}, {f.y:.0f}", f"{f.value:.3g}") for f in self.findings()], right=True)
         self.shell.refresh()
@@ -135,10 +138,10 @@ class Findings(QObject):
         if scene is None or ranking is None or not findings:
             raise DegenseError("Look for the worst frames first: nothing is listed yet.")
         if path.suffix.lower() == ".csv":
-            write_text(path, findings_table(findings, ranking.unit, scene.fps))
+            write_text(path, findings_table(findings, self.statistic(), ranking.unit, scene.fps))
             self.shell.say(f"Saved {path}")
             return
         request, view = layer_request(self.session.view_state, 0), self.viewer.view
         span = view.spans.get(ranking.layer, (0.0, 1.0)) if view is not None else (0.0, 1.0)
-        words = f"Drawing {path.name}"
-        self.shell.run_task("export", words, lambda: findings_sheet(scene, ranking, findings, request, span, path))
+        statistic, words = self.statistic(), f"Drawing {path.name}"
+        self.shell.run_task("export", words, lambda: findings_sheet(scene, ranking, findings, statistic, request, span, path))

@@ -23,23 +23,37 @@ ACROSS, PICTURES, WIDTH = 4, 12, 320
 LINE = 26
 
 
-def findings_table(findings: tuple[Finding, ...], unit: str, fps: float) -> str:
-    """Comma-separated values, the worst first."""
+def with_unit(statistic: str, unit: str) -> str:
+    """A heading of values."""
+    return f"{statistic} [{unit}]" if unit else statistic
+
+
+def findings_table(findings: tuple[Finding, ...], statistic: str, unit: str, fps: float) -> str:
+    """Comma-separated values, the worst first; `statistic` names what the values are."""
     columns = {
         "rank": np.arange(1, len(findings) + 1),
         "frame": np.array([finding.frame for finding in findings]),
         "time [s]": np.array([finding.frame / fps for finding in findings], float),
         "x [px]": np.array([finding.x for finding in findings], float),
         "y [px]": np.array([finding.y for finding in findings], float),
-        f"value [{unit}]" if unit else "value": np.array([finding.value for finding in findings], float),
+        with_unit(statistic.lower(), unit): np.array([finding.value for finding in findings], float),
     }
     return table_of(columns)
 
 
 def findings_sheet(
-    scene: Scene, ranking: Ranking, findings: tuple[Finding, ...], request: LayerRequest, span: tuple[float, float], out: Path
+    scene: Scene,
+    ranking: Ranking,
+    findings: tuple[Finding, ...],
+    statistic: str,
+    request: LayerRequest,
+    span: tuple[float, float],
+    out: Path,
 ) -> Steps[str]:
-    """A PNG with the layer at each of the worst findings, circled, the worst first. Yields (fraction, words)."""
+    """A PNG with the layer at each of the worst findings, circled, the worst first, under a line that names layer, statistic and unit.
+
+    Yields (fraction, words).
+    """
     from dataclasses import replace
 
     from skimage.util import montage
@@ -56,14 +70,21 @@ def findings_sheet(
         at = (round(finding.x * scale), round(finding.y * scale))
         for colour, width in ((0, 4), (255, 2)):
             cv2.circle(tile, at, WIDTH // 16, (colour,) * 3, width, cv2.LINE_AA)
-        caption = np.full((LINE, WIDTH, 3), BACKGROUND, np.uint8)
         words = f"{done + 1}  frame {finding.frame}  {finding.value:.3g} {ascii_unit(ranking.unit)}"
-        cv2.putText(caption, words, (6, LINE - 8), FONT, 0.5, (INK,) * 3, 1, cv2.LINE_AA)
-        tiles.append(np.vstack([tile, caption]))
+        tiles.append(np.vstack([tile, caption(words, WIDTH)]))
     across = min(ACROSS, len(tiles))
     shape = (-(-len(tiles) // across), across)
-    write_png(out, montage(tiles, fill=[BACKGROUND] * 3, grid_shape=shape, channel_axis=-1))
+    pictures = montage(tiles, fill=[BACKGROUND] * 3, grid_shape=shape, channel_axis=-1)
+    heading = caption(f"{layer.title}: {with_unit(statistic, ascii_unit(ranking.unit))}", pictures.shape[1])
+    write_png(out, np.vstack([heading, pictures]))
     return f"{out}: {len(shown)} frames"
+
+
+def caption(words: str, width: int) -> np.ndarray:
+    """A line of text, uint8 [LINE, width, 3]."""
+    line = np.full((LINE, width, 3), BACKGROUND, np.uint8)
+    cv2.putText(line, words, (6, LINE - 8), FONT, 0.5, (INK,) * 3, 1, cv2.LINE_AA)
+    return line
 
 
 def ascii_unit(unit: str) -> str:

@@ -14,12 +14,14 @@ from degense.app.features.measure.marks import MeasureTool, Place, ToolKeys, pai
 from degense.app.features.measure.results import Measured, Quantity, follow_measures, quantities_csv
 from degense.app.features.measure.state import CORNERS, Kind, Measure, Measures
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.guide_switches import GuideSwitches
 from degense.engine.files import write_text
 from degense.widgets import forms
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.panel_zoom import PanelZoom
 from degense.widgets.keys import ARROWS, keep_keys
-from degense.widgets.qt_images import to_array, to_qimage
+from degense.widgets.qt_images import rgb, to_array, to_qimage
+from degense.widgets.splats.guides import Guide
 from degense.widgets.theme import class_colour
 
 #: Width from which lines and numbers on a picture can be read, pixels.
@@ -30,10 +32,12 @@ HINT = "Choose Distance, Path or Area, then click in the 2D view. What is measur
 
 
 class Measuring(QObject):
-    """Follows the measures of the session in the worker, lists them, and paints them in the 2D view."""
+    """Follows the measures of the session in the worker, lists them, and paints them in both views."""
 
-    def __init__(self, viewer: Viewer) -> None:
+    def __init__(self, viewer: Viewer, guides: GuideSwitches) -> None:
         super().__init__(viewer)
+        self._guides = guides
+        guides.offer("measures", "Measures", self.lines)
         self.viewer, self.shell, self.session = viewer, viewer.shell, viewer.session
         self.state = Measures(self.session.undo)
         self.found: dict[Measure, Measured] = {}  # also of measures that undo may bring back
@@ -128,6 +132,7 @@ class Measuring(QObject):
 
     def _followed(self, found: dict[Measure, Measured]) -> None:
         self.found |= found
+        self._guides.show("measures")
         self._show()
         if self.chosen() is None and self.table.rowCount():
             self.table.selectRow(self.table.rowCount() - 1)
@@ -167,6 +172,7 @@ class Measuring(QObject):
     def _refresh(self) -> None:
         for kind, button in self.buttons.items():
             button.setChecked(self.has_tool(kind))
+        self._guides.refresh()
         self.viewer.panel.update()
         self.shell.refresh()
 
@@ -186,6 +192,18 @@ class Measuring(QObject):
             elif frame == measure.frame:
                 shown.append((measure, np.array(measure.corners), "…"))
         return shown
+
+    def lines(self) -> list[Guide]:
+        """What is measured in the 3D view: lines and outlines at the frame that is shown, each with its value."""
+        frame, guides = self.session.frame, []
+        for measure in self.state.measures:
+            found = self.found.get(measure)
+            corners = found.positions[:, frame] if found is not None else np.zeros((0, 3))
+            corners = corners[np.isfinite(corners).all(1)]
+            if found is not None and len(corners) > 1:
+                way = np.concatenate([corners, corners[:1]]) if measure.kind == "area" else corners
+                guides.append(Guide(way, rgb(_colour(measure)), f"{measure.title}: {_value(found.quantities[0], frame)}"))
+        return guides
 
     # Files
 

@@ -7,6 +7,7 @@ from functools import partial
 from degense.app.features.measure.controller import Measuring
 from degense.app.features.measure.state import Kind
 from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.guide_switches import GuideSwitches
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
 
@@ -15,11 +16,11 @@ HELP = "ruler length surface volume mm"
 
 
 def install(shell: Shell) -> None:
-    viewer = shell.service(Viewer)
-    if viewer is None:
+    viewer, guides = shell.service(Viewer), shell.service(GuideSwitches)
+    if viewer is None or guides is None:
         return
     shell.worker.add_channel("measures", 54)
-    measuring, menu, has_scene = Measuring(viewer), ("Inspect", "Measure"), shell.session.has_scene
+    measuring, menu, has_scene = Measuring(viewer, guides), ("Inspect", "Measure"), shell.session.has_scene
     shell.provide(measuring)
 
     def tool(kind: Kind, title: str) -> Action:

@@ -34,6 +34,7 @@ class Measured(NamedTuple):
 
     quantities: tuple[Quantity, ...]
     pixels: np.ndarray  # float64 [K, T, 2]: its corners in the surgeon's camera
+    positions: np.ndarray  # float64 [K, T, 3]: its corners in the world
 
 
 def follow_measures(scene: Scene, measures: Sequence[Measure]) -> Steps[dict[Measure, Measured]]:
@@ -51,7 +52,8 @@ def follow_measures(scene: Scene, measures: Sequence[Measure]) -> Steps[dict[Mea
         first += len(of)
         positions = tracks.positions[rows]
         triangles = surface.triangles if surface is not None else None
-        found[measure] = Measured(_quantities(scene, measure, positions, triangles), tracks.pixels[rows][: len(measure.corners)])
+        corners = slice(len(measure.corners))
+        found[measure] = Measured(_quantities(scene, measure, positions, triangles), tracks.pixels[rows][corners], positions[corners])
     return found
 
 

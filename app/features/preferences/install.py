@@ -23,7 +23,15 @@ def install(shell: Shell) -> None:
 
     shell.provide(preferences)
     shell.add_actions(
-        Action("edit.preferences", "Preferences…", preferences.show, ("Edit",), ("Ctrl+,",), group=9, help="settings shortcuts theme"),
+        Action(
+            "edit.preferences",
+            "Preferences…",
+            preferences.show,
+            ("Edit",),
+            ("Ctrl+,",),
+            group=9,
+            help="settings shortcuts theme 3D background",
+        ),
         *(
             Action(
                 f"theme.{name}", title, partial(preferences.change, "Theme", theme=name), menu, checked=partial(in_force, name), help=words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 from PySide6.QtCore import Qt
 
@@ -13,11 +13,18 @@ from degense.app.session.view_state import Compare
 from degense.app.shell.actions import Action
 from degense.app.shell.messages import show_page
 from degense.engine.layer_titles import LAYER_TITLES
+from degense.widgets.splats.splat_camera import CUT
+
+if TYPE_CHECKING:
+    from degense.widgets.splats.splat_view import SplatView
 
 #: Keys of the layers that have one.
 KEYED_LAYERS = ("rgb", "depth", "features", "similarity", "mask", "displacement", "warp", "observability", "speed")
 LAYER_KEYS = dict(zip(KEYED_LAYERS, "123456789", strict=True))
 COMPARES: tuple[Compare, ...] = get_args(Compare)
+#: How far a key moves the scene in the 3D view, logical pixels.
+SHIFT = 32
+WAYS = {"left": (-SHIFT, 0), "right": (SHIFT, 0), "up": (0, -SHIFT), "down": (0, SHIFT)}
 
 
 def add_actions(viewer: Viewer) -> None:
@@ -49,6 +56,7 @@ def add_actions(viewer: Viewer) -> None:
         Action("compare.next", "Next way to compare", partial(_next_compare, viewer), ("View", "Compare"), ("C",), can_compare, group=1),
     )
     _add_view_actions(viewer)
+    _add_3d_actions(viewer)
 
 
 def _add_view_actions(viewer: Viewer) -> None:
@@ -97,6 +105,32 @@ def _add_view_actions(viewer: Viewer) -> None:
         Action("masks.less", "Less opaque masks", partial(more_opacity, -0.1), menu, ("Shift+Down",), session.has_scene, group=2),
         Action("help.layers", "What the layers show", partial(_show_layer_help, viewer), ("Help",), ("Shift+F1",), help="formula units"),
     )
+
+
+def _add_3d_actions(viewer: Viewer) -> None:
+    """What the mouse does in the 3D view with Ctrl and the wheel, and with Shift and a drag."""
+
+    def add(name: str, title: str, run: Callable[[SplatView], None], key: str, words: str) -> None:
+        def act() -> None:
+            if viewer.splats is not None:
+                run(viewer.splats)
+
+        def can() -> bool:
+            return viewer.session.has_scene() and viewer.splats is not None
+
+        viewer.shell.add_actions(Action(f"view3d.{name}", title, act, ("View", "In 3D"), (key,), can, group=-1, help=f"3D {words}"))
+
+    words = "clip plane section open near inside"
+    add("cut-more", "Cut away more of what is near", lambda splats: splats.cut(CUT), "Ctrl+PgDown", words)
+    add("cut-less", "Cut away less of what is near", lambda splats: splats.cut(-CUT), "Ctrl+PgUp", words)
+    add("cut-nothing", "Cut nothing away", lambda splats: splats.uncut(), "Ctrl+Shift+PgUp", words)
+    for way, (x, y) in WAYS.items():
+        run = partial(_shift, x=x, y=y)
+        add(f"move-{way}", f"Move the scene {way}", run, f"Ctrl+Shift+{way.capitalize()}", "pan camera shift")
+
+
+def _shift(splats: SplatView, x: float, y: float) -> None:
+    splats.camera.shift(x, y)
 
 
 def _next_compare(viewer: Viewer) -> None:

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import pytest
 from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
-from PySide6.QtWidgets import QFileDialog, QMessageBox
+from PySide6.QtWidgets import QComboBox, QFileDialog, QMessageBox
 
+from degense.app.features.inspect.findings_files import LINE, caption
 from degense.app.session.targets import Found, Region, Spot, material
 from degense.engine.layers import LAYERS, LayerRequest
 from degense.widgets import forms
@@ -126,14 +127,59 @@ def test_the_worst_places_are_listed_and_gone_to(qtbot, opened, idle, screenshot
     opened.registry.run("inspect.save-findings")
     rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
     assert [int(row["frame"]) for row in rows] == [finding.frame for finding in findings]
-    assert float(rows[0]["value [mm]"]) == pytest.approx(worst.value, rel=1e-4)
+    assert float(rows[0]["99th percentile [mm]"]) == pytest.approx(worst.value, rel=1e-4)
     sheet = saved_as("findings.png")
     opened.registry.run("inspect.save-findings")
     idle()
-    assert cv2.imread(str(sheet)).shape[1] == 4 * 320
+    picture = cv2.imread(str(sheet))
+    assert picture.shape[1] == 4 * 320
+    assert np.array_equal(picture[:LINE], caption("Displacement: 99th percentile [mm]", 4 * 320))
     session.view.set_layer("speed")
     assert forms.texts(listed) == []
     idle()
+
+
+def test_two_places_of_one_frame_are_gone_to(qtbot, opened, idle, screenshot, saved_as):
+    """By keys and mouse. The probe's heading and numbers are those of the place that was gone to, never of the one before."""
+    session, panel, findings, probe = opened.session, on.viewer(opened).panel, on.findings(opened), on.probe(opened)
+    panel.setFocus()
+    qtbot.keyClick(panel, Qt.Key.Key_6)
+    qtbot.keyClick(panel, Qt.Key.Key_W, Qt.KeyboardModifier.ShiftModifier)
+    idle()
+    kinds = on.dock(opened, "Findings").findChild(QComboBox)
+    kinds.setFocus()
+    qtbot.keyClick(kinds, Qt.Key.Key_Down)
+    assert kinds.currentText() == "Worst places"
+    assert findings.table.horizontalHeaderItem(2).text() == "Mean around [mm]"
+    places = findings.findings()
+    first, second = next((a, b) for b in range(len(places)) for a in range(b) if places[a].frame == places[b].frame)
+    values = LAYERS["displacement"].image(session.scene, LayerRequest(places[first].frame)).values
+
+    def read() -> dict[str, str]:
+        return {row[0]: row[1] for row in forms.texts(probe.panel._table)}
+
+    def belongs(place) -> None:
+        assert (session.frame, probe.panel._place.text()) == (place.frame, str(Spot(place.frame, place.x, place.y)))
+        assert read().get("position", f"{int(place.x)}, {int(place.y)} px") == f"{int(place.x)}, {int(place.y)} px"  # also at once
+        idle()
+        assert read()["position"] == f"{int(place.x)}, {int(place.y)} px"
+        assert read()["displacement"] == f"{values[int(place.y), int(place.x)]:.3g} mm"
+
+    panel.setFocus()
+    for _ in range(first + 1):
+        qtbot.keyClick(panel, Qt.Key.Key_N)
+    idle()
+    for row in (second, first):  # both on one frame
+        item = findings.table.item(row, 0)
+        findings.table.scrollToItem(item)
+        qtbot.mouseClick(findings.table.viewport(), LEFT, pos=findings.table.visualItemRect(item).center())
+        belongs(places[row])
+    opened.docks.bring(on.dock(opened, "Curves"))
+    screenshot(opened, "inspect-places")
+    table = saved_as("places.csv")
+    opened.registry.run("inspect.save-findings")
+    rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
+    assert float(rows[0]["mean around [mm]"]) == pytest.approx(places[0].value, rel=1e-4)
 
 
 def test_two_runs_side_by_side(qtbot, opened, idle, run, screenshot, tiny_clip):

@@ -93,7 +93,8 @@ def test_hiding_and_recolouring_a_prompt(opened, idle):
     bar.prompt_toggled.emit(chip, False)
     idle()
     assert on.viewer(opened).view.masks is None
-    session.undo.undo()
+    [chip] = bar.prompts()
+    bar.prompt_toggled.emit(chip, True)
     [chip] = bar.prompts()
     from PySide6.QtGui import QColor
 

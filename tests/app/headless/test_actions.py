@@ -37,6 +37,19 @@ def test_search_knows_words_that_mean_the_same(typed, action):
     assert [found.id for found in registry.search(typed)] == [action]
 
 
+def test_titles_come_before_synonyms_and_these_before_help_texts():
+    registry = ActionRegistry()
+    registry.add(
+        Action("labels", "Masks or annotations…", print, ("File",), help="tracks for video"),
+        Action("open", "Open video…", print, ("File",), help="clip from a movie file"),
+        Action("flight", "Fly along", print, ("View",), help="movie"),
+        Action("movie", "Movie…", print, ("File",)),
+    )
+    assert [found.id for found in registry.search("video")] == ["open", "movie", "labels", "flight"]
+    assert [found.id for found in registry.search("film")] == ["movie", "open", "labels", "flight"]
+    assert [found.id for found in registry.search("movie")] == ["movie", "open", "flight", "labels"]
+
+
 def test_search_ranks_word_starts_and_leaves_out_what_cannot_be_done(registry):
     assert [action.id for action in registry.search("de")] == ["view.depth", "file.open"]
     assert [action.id for action in registry.search("FOLDER")] == ["file.open"]

@@ -112,9 +112,7 @@ def test_a_view_comes_first_without_and_then_with_masks(scene):
     steps = draw_view(scene, ViewRequest(3, view_state))
     early = next(steps)
     assert (early.complete, early.masks) == (False, None)
-    with pytest.raises(StopIteration) as end:
-        next(steps)
-    view = end.value.value
+    view = result_of(steps)
     mask = scene.query(3).similarity(scene.included("gallbladder")) > view_state.threshold
     assert np.array_equal(view.masks[..., 3] > 0, mask)
     assert np.array_equal(view.rgb, scene.render_rgb(3))

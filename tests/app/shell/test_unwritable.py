@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
 from PySide6.QtGui import QMouseEvent
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QMessageBox
 
 from degense.app.application import FEATURES
@@ -173,6 +174,96 @@ def test_a_full_disk_amid_painting(qtbot, window, clip, another):
     again = another()
     annotate(qtbot, again, clip)
     assert painted(again, *range(18, 70, 4))
+    again.close()
+
+
+@pytest.fixture
+def chosen(monkeypatch, tmp_path) -> Path:
+    """The folder that the user chooses in the system's dialog."""
+    folder = tmp_path / "usb"
+    folder.mkdir()
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *args: str(folder))
+    return folder
+
+
+def click_link(window: Shell) -> None:
+    """Click what the notice in the status bar offers, with the mouse of the window system."""
+    notice = window.status.notice
+    assert notice.text().startswith("<a href='Save elsewhere…'>")
+    QApplication.processEvents()  # the bar is laid out
+    at = notice.mapTo(window, QPoint(12, notice.height() // 2))
+    QTest.mouseMove(window.windowHandle(), at)
+    QTest.mouseClick(window.windowHandle(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, at)
+
+
+def test_save_elsewhere_while_the_disk_is_full(qtbot, window, clip, another, chosen, screenshot):
+    """Clicked while there is room nowhere it says so and loses nothing; clicked again with room there it saves."""
+    annotate(qtbot, window, clip)
+    stroke(window, 12)
+    with full_disk():
+        for row in range(18, 70, 4):
+            stroke(window, row)
+        window.registry.run("file.save")
+        assert "cannot be written" in window.status.notice.text()
+        click_link(window)
+        box = window.findChild(QMessageBox, "error")
+        assert str(chosen) in box.text()
+        assert "cannot be written" in box.text()
+        click(qtbot, box, "OK")
+        qtbot.waitUntil(lambda: window.findChild(QMessageBox, "error") is None)
+        assert window.isWindowModified()
+        assert window.session.store.folder == clip / NAME
+    screenshot(window, "full-disk")  # which takes room itself
+    click_link(window)
+    assert not window.status.notice.isVisible()
+    assert not window.isWindowModified()
+    folder = window.session.store.folder
+    assert (folder.parent, (folder / INDEX).is_file()) == (chosen, True)
+    assert window.statusBar().currentMessage().startswith(f"Saved in {folder}")
+    window.close()
+    again = another()
+    annotate(qtbot, again, clip)
+    assert painted(again, 12, *range(18, 70, 4))
+    again.close()
+
+
+def test_save_elsewhere_when_the_folder_has_vanished(qtbot, window, clip, another, chosen, tmp_path, screenshot):
+    annotate(qtbot, window, clip)
+    stroke(window, 20)
+    window.registry.run("file.save")
+    clip.rename(tmp_path / "unplugged")
+    stroke(window, 40)
+    window.ticked.emit()
+    assert window.findChildren(QMessageBox) == []
+    assert "gone or read-only" in window.status.notice.text()
+    screenshot(window, "vanished")
+    click_link(window)
+    assert (chosen / "clip-annotations" / INDEX).is_file()
+    assert not window.status.notice.isVisible()
+    assert not window.isWindowModified()
+    stroke(window, 60)  # goes there from now on
+    window.registry.run("file.save")
+    window.close()
+    qtbot.waitUntil(lambda: not window.isVisible())
+    (tmp_path / "unplugged").rename(clip)
+    again = another()
+    annotate(qtbot, again, clip)
+    assert painted(again, 20, 40, 60)
+    again.close()
+
+
+def test_save_elsewhere_on_leaving(qtbot, window, clip, another, chosen):
+    (clip / NAME).symlink_to(UNWRITABLE)
+    annotate(qtbot, window, clip)
+    stroke(window, 20)
+    qtbot.keyClick(window, Qt.Key.Key_Q, Qt.KeyboardModifier.ControlModifier)
+    click(qtbot, window.findChild(QMessageBox, "unsaved"), "Save elsewhere")
+    qtbot.waitUntil(lambda: not window.isVisible())  # it was saved, so the window closes
+    assert (chosen / "clip-annotations" / INDEX).is_file()
+    assert left_behind() == []
+    again = another()
+    annotate(qtbot, again, clip)
+    assert painted(again, 20)
     again.close()
 
 

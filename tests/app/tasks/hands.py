@@ -43,7 +43,7 @@ class Mouse:
     def choose(self, *titles: str) -> None:
         """An entry of the menu bar, of a menu in it, and so on."""
         bar = self.window.menuBar()
-        [entry] = [action for action in bar.actions() if action.text() == titles[0]]
+        [entry] = [action for action in bar.actions() if action.text().replace("&", "") == titles[0]]
         self._send(QTest.mouseClick, bar, bar.actionGeometry(entry).center())
         for title in titles[1:]:
             self.pick(title)

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QFileDialog
 
 from degense.engine.scene.tracks import follow_points
 from degense.widgets import forms
+from degense.widgets.qt_images import to_array
 from tests.app import installed as on
 
 LEFT = Qt.MouseButton.LeftButton
@@ -69,6 +70,31 @@ def test_measures_move_with_the_tissue_and_are_listed(measured, idle, screenshot
     rows = forms.texts(measuring.table)
     assert rows[0][1] == f"{distance.values[9]:.3g} {unit}"
     assert rows[0][2] == f"{distance.values[9] - distance.values[4]:+.3g}"
+
+
+def test_measures_are_drawn_in_both_views(measured, idle, screenshot):
+    """The line of a distance lies on the tissue in 2D and in 3D, in its colour; a switch takes it from 3D."""
+    window, measuring, splats = measured, on.measuring(measured), on.viewer(measured).splats
+    scene, distance = window.session.scene, measuring.state.measures[0]
+    ends = follow_points(scene, np.array([(4, *corner) for corner in distance.corners]))
+    lines = measuring.lines()
+    assert lines[0].text.startswith("Distance 1: ")
+    assert [len(line.points) for line in lines] == [2, 3, 5]  # an area is closed
+    np.testing.assert_allclose(lines[0].points, ends.positions[:, 4])
+    colour = np.array(lines[0].colour)
+
+    def drawn(picture: np.ndarray) -> int:
+        return int((np.abs(picture.astype(int) - colour).max(-1) < 30).sum())
+
+    panel, canvas = on.viewer(window).panel, splats.focusProxy()
+    place = at(window, *(0.8 * ends.pixels[0, 4] + 0.2 * ends.pixels[1, 4]))  # where nothing else lies over the line
+    around = to_array(panel.grab().toImage())[place.y() - 4 : place.y() + 5, place.x() - 4 : place.x() + 5]
+    assert drawn(around) > 0
+    with_lines = drawn(to_array(canvas.pixmap().toImage()))
+    screenshot(window, "measure-3d")
+    window.registry.run("guides.measures")
+    idle()
+    assert drawn(to_array(canvas.pixmap().toImage())) < with_lines - 10
 
 
 def test_an_area_is_that_of_the_surface_in_the_depth(measured):

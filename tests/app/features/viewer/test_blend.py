@@ -8,6 +8,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QSlider
 
+from degense.app.features.viewer.layer_list import MASKS
+from degense.widgets.glyphs import GlyphButton
 from tests.app import installed as on
 
 
@@ -59,6 +61,44 @@ def test_colour_displacement_and_masks_at_once(qtbot, opened, idle, screenshot):
     idle()
     assert [blend.name for blend in session.view_state.drawn] == ["rgb"]
     assert np.array_equal(on.viewer(opened).view.rgb, colours)
+
+
+def test_masks_comparing_and_eyes_are_no_edits_either(opened, idle, screenshot):
+    """By keys and mouse: the masks' row and its opacity, `M`, Shift with an arrow, `C`, and the eye of a prompt."""
+    session, layers, panel = opened.session, on.layers(opened).layers, on.viewer(opened).panel
+    session.view.add_prompt("liver")
+    session.view.add_prompt("grasper")
+    idle()
+    steps, undo = session.undo.entries, opened.menus.actions["edit.undo"]
+    layers.rows.setFocus()
+    while layers.current() != MASKS:
+        QTest.keyClick(layers.rows, Qt.Key.Key_Up)
+    QTest.keyClick(layers.rows, Qt.Key.Key_Space)
+    assert not session.view_state.masks_shown
+    QTest.keyClick(layers.findChild(QSlider), Qt.Key.Key_PageDown)
+    panel.setFocus()
+    QTest.keyClick(opened.windowHandle(), Qt.Key.Key_Down, Qt.KeyboardModifier.ShiftModifier)
+    QTest.keyClick(opened.windowHandle(), Qt.Key.Key_C)
+    [eye] = [button for button in on.prompts(opened).bar.findChildren(GlyphButton) if button.accessibleName() == "Hide liver"]
+    QTest.mouseClick(eye, Qt.MouseButton.LeftButton)
+    idle()
+    assert session.undo.entries == steps == ("Prompt liver", "Prompt grasper")
+    assert undo.text() == "Undo: Prompt grasper"
+    screenshot(opened, "view-switches")
+
+    def seen() -> tuple[object, ...]:
+        state = session.view_state
+        return state.masks_shown, round(state.overlay_opacity, 2), state.compare, state.prompt("liver").visible
+
+    assert seen() == (False, 0.55, "wipe", False)
+    panel.setFocus()
+    QTest.keyClick(opened.windowHandle(), Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)  # the prompt goes; the view stays
+    assert [prompt.text for prompt in session.view_state.prompts] == ["liver"]
+    assert seen() == (False, 0.55, "wipe", False)
+    QTest.keyClick(opened.windowHandle(), Qt.Key.Key_M)
+    QTest.keyClick(opened.windowHandle(), Qt.Key.Key_Y, Qt.KeyboardModifier.ControlModifier)
+    assert [prompt.text for prompt in session.view_state.prompts] == ["liver", "grasper"]
+    assert seen() == (True, 0.55, "wipe", False)
 
 
 def test_the_last_layer_stays(opened, idle):
