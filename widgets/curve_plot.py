@@ -105,6 +105,7 @@ class CurvePlot(forms.PaintedWidget):
             self._view.set_lines(self._cursor, self._pointer)
 
     def set_labels(self, x: str = "frame", y: str = "") -> None:
+        """What the axes count, with the unit."""
         self._labels = x, y
         self._refresh()
 
@@ -131,11 +132,13 @@ class CurvePlot(forms.PaintedWidget):
             from degense.widgets.curve_view import CurveView
 
             self._view = CurveView(self, self._log, self._bare)
+            self._view.room_changed.connect(self._refresh)
             for name in self.series:
                 self._draw(self._view, name)
             self._room.addWidget(self._view)
         if self._view is not None:
-            self._view.set_legend(self._legend(), self._labels[0])
+            below, beside = self._labels
+            self._view.set_legend(self._legend(), beside, below)
             self._view.set_lines(self._cursor, self._pointer)
             self._view.setVisible(not self.is_empty())
 
@@ -144,9 +147,9 @@ class CurvePlot(forms.PaintedWidget):
         view.draw(name, curve.x, curve.y, curve.colour, curve.band)
 
     def _legend(self) -> str:
-        """Names in a row; under the pointer, with the values there."""
-        at = self._pointer
-        lead = self._labels[1] if at is None else f"{self._labels[0]} {short(at, 6)}"
+        """Names in a row, after what the axis counts where it has no room for that; under the pointer, with the values there."""
+        at, apart = self._pointer, self._view is not None and not self._view.has_labels()
+        lead = f"{self._labels[0]} {short(at, 6)}" if at is not None else self._labels[1] if apart else ""
         texts = [f'<span style="color: {self.palette().placeholderText().color().name()}">{escape(lead)}</span>']
         for name, curve in self.series.items():
             near = "" if at is None or not len(curve.x) else f" {short(curve.y[np.argmin(np.abs(curve.x - at))], 4)}"

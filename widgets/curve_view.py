@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QPointF, Qt
+from PySide6.QtCore import QEvent, QPointF, Qt, Signal
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QWidget
 
@@ -14,7 +14,7 @@ from degense.widgets.theme import faded
 
 #: Width of a curve, diameter of a point that stands alone; opacity of a band and of the grid, of 255.
 LINE, POINT, BAND, GRID = 1.6, 3.2, 45, 60
-#: Height from which the axis below says what it counts.
+#: Height from which the axes say what they count.
 WITH_LABEL = 130
 
 
@@ -32,6 +32,8 @@ class CurveView(pg.GraphicsView):
 
     `bare`: nothing but the curves, from 0 to 1.
     """
+
+    room_changed = Signal()  # `has_labels` has changed
 
     def __init__(self, parent: QWidget, log: bool, bare: bool) -> None:
         super().__init__(parent)
@@ -55,7 +57,8 @@ class CurveView(pg.GraphicsView):
             for item in (*self._axes, self._legend):
                 item.hide()
         else:
-            layout.geometryChanged.connect(lambda: self._axes[1].showLabel(self.height() > WITH_LABEL))
+            layout.geometryChanged.connect(self._show_labels)
+        self._labelled, self._bare = False, bare
         self._log = log
         self._axes[0].setLogMode(y=log)
         self._items: dict[str, list[pg.GraphicsObject]] = {}  # the curve, its lone points, its band
@@ -94,12 +97,26 @@ class CurveView(pg.GraphicsView):
             line.setVisible(x is not None)
             line.setValue(x or 0.0)
 
-    def set_legend(self, html: str, below: str) -> None:
-        """The text on top, and what the axis below counts."""
+    def has_labels(self) -> bool:
+        """Whether there is room for what the axes count."""
+        return self.height() > WITH_LABEL
+
+    def _show_labels(self) -> None:
+        for axis in self._axes:
+            axis.showLabel(self.has_labels() and bool(axis.labelText))
+        if self._labelled != self.has_labels():
+            self._labelled = self.has_labels()
+            self.room_changed.emit()
+
+    def set_legend(self, html: str, beside: str, below: str) -> None:
+        """The text on top, and what the two axes count."""
         self._legend.setText(html, color=self.palette().text().color())
         self._legend.setMinimumWidth(0)
-        if self._axes[1].labelText != below:
-            self._axes[1].setLabel(below)
+        for axis, words in zip(self._axes, (beside, below), strict=True):
+            if axis.labelText != words:
+                axis.setLabel(words)
+        if not self._bare:
+            self._show_labels()
 
     def x_at(self, x: float) -> float:
         """The position on the x axis at a pixel of this widget."""

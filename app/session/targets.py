@@ -23,7 +23,7 @@ class Spot:
     y: float
 
     def __str__(self) -> str:
-        return f"spot at ({self.x:.0f}, {self.y:.0f}) of frame {self.frame}"
+        return f"spot at ({int(self.x)}, {int(self.y)}) of frame {self.frame}"  # the pixel, as the probe names it
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,22 @@ def test_a_rising_curve_rises(plot):
     assert left - right > 100
 
 
+def test_axes_say_what_they_count_where_there_is_room(plot):
+    plot.set_labels("frame", "displacement [mm]")
+    plot.set_series("a", np.arange(50), np.arange(50) * 2.0, RED)
+    left, bottom = plot._view._axes
+    for height, there in ((220, True), (100, False), (220, True)):
+        plot.resize(400, height)
+        QApplication.processEvents()
+        assert (left.label.isVisible(), bottom.label.isVisible()) == (there, there)
+        assert (left.labelText, bottom.labelText) == ("displacement [mm]", "frame")
+        assert ("displacement" in plot._view._legend.text) is not there  # it is said once
+    bare = pixels(plot)[30:190, :20].astype(int)
+    plot.set_labels("frame", "")
+    assert not left.label.isVisible()
+    assert np.abs(bare - bare[0, 0]).max() > 40  # something is written along the axis
+
+
 def test_the_legend_can_be_read_after_the_theme_has_changed(plot, qapp):
     plot.set_series("displacement", np.arange(50), np.arange(50) * 2.0, RED)
     for name in ("light", "dark"):

@@ -219,6 +219,7 @@ class Probe(QObject):
         shown = layer if layer in curves.layers else "displacement"
         mean, low, high = curves.layers[shown]
         name = f"{shown} [{curves.units[shown]}]" if curves.units[shown] else shown
+        probe.plot.set_labels("frame", name)
         probe.plot.set_series(name, curves.frames, mean, probe.palette().text().color(), (low, high))
         for text, values in curves.similarity.items():
             probe.similarity.set_series(text, curves.frames, values, QColor(*self.session.view_state.prompt(text).colour))

@@ -166,6 +166,7 @@ class Measuring(QObject):
         if quantity is not None:
             frames = np.arange(len(quantity.values))
             colour = _colour(listed[rows[0].row()][0])
+            self.plot.set_labels("frame", quantity.unit)
             self.plot.set_series(f"{quantity.title} [{quantity.unit}]", frames, quantity.values, colour)
             self.plot.set_cursor(self.session.frame)
 

@@ -159,7 +159,10 @@ def test_two_places_of_one_frame_are_gone_to(qtbot, opened, idle, screenshot, sa
         return {row[0]: row[1] for row in forms.texts(probe.panel._table)}
 
     def belongs(place) -> None:
-        assert (session.frame, probe.panel._place.text()) == (place.frame, str(Spot(place.frame, place.x, place.y)))
+        assert (session.frame, probe.panel._place.text()) == (
+            place.frame,
+            f"spot at ({int(place.x)}, {int(place.y)}) of frame {place.frame}",
+        )
         assert read().get("position", f"{int(place.x)}, {int(place.y)} px") == f"{int(place.x)}, {int(place.y)} px"  # also at once
         idle()
         assert read()["position"] == f"{int(place.x)}, {int(place.y)} px"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 
 import numpy as np
 import pytest
@@ -95,6 +96,28 @@ def test_measures_are_drawn_in_both_views(measured, idle, screenshot):
     window.registry.run("guides.measures")
     idle()
     assert drawn(to_array(canvas.pixmap().toImage())) < with_lines - 10
+
+
+def test_without_metric_depth_it_says_scene_units(opened, run, idle, screenshot):
+    """A run of a clip whose depth has no unit: the table, the view and the axis of the curve say what the numbers are in."""
+    window, measuring = opened, on.measuring(opened)
+    on.documents(window).close()
+    info = json.loads((run / "run.json").read_text(encoding="utf-8"))
+    (run / "run.json").write_text(json.dumps(info | {"unit_name": "scene units"}), encoding="utf-8")
+    on.documents(window).open_path(run)
+    idle()
+    panel = on.viewer(window).panel
+    panel.setFocus()
+    QTest.keyClick(panel, Qt.Key.Key_D, Qt.KeyboardModifier.ShiftModifier)
+    for corner in ((30, 30), (60, 45)):
+        QTest.mouseClick(panel, LEFT, pos=at(window, *corner))
+    idle()
+    [row] = forms.texts(measuring.table)
+    assert row[1].endswith(" scene units")
+    assert [text for _, _, text in measuring.shown(0)] == [row[1]]
+    assert measuring.lines()[0].text == f"Distance 1: {row[1]}"
+    assert measuring.plot._view._axes[0].labelText == "scene units"
+    screenshot(window, "measure-scene-units")
 
 
 def test_an_area_is_that_of_the_surface_in_the_depth(measured):
