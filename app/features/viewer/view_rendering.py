@@ -109,9 +109,10 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         view = replace(view, rgb=recorded, span=None, uncertain="")
     if not masked:
         return view
-    yield replace(view, complete=False)
+    early = replace(view, complete=False)
+    yield early
     semantics = scene.query(frame, query.camera)
-    yield replace(view, complete=False)  # by now the 3D view may have been asked for
+    yield early  # by now the 3D view may have been asked for
     labels = semantics.decode(encode_prompts(scene, query.prompt_set), query.pixelwise).labels
     # Numbers and differences keep their colours: outlines only.
     fill = 0.0 if shown.span is not None or view_state.compare == "difference" else MASK_FILL

@@ -150,13 +150,18 @@ def test_a_button_that_goes_up_elsewhere_ends_the_stroke(qtbot, window, clip):
     assert window.session.undo.entries == ("Paint in frame 0",)
 
 
+def strokes_and_save(window: Shell) -> None:
+    """More strokes than a full disk has room for, and an attempt to save them."""
+    for row in range(18, 70, 4):
+        stroke(window, row)
+    window.registry.run("file.save")
+
+
 def test_a_full_disk_amid_painting(qtbot, window, clip, another):
     annotate(qtbot, window, clip)
     stroke(window, 12)
     with full_disk():
-        for row in range(18, 70, 4):
-            stroke(window, row)
-        window.registry.run("file.save")
+        strokes_and_save(window)
         window.ticked.emit()
         assert window.findChildren(QMessageBox) == []
         assert "cannot be written" in window.status.notice.text()
@@ -201,9 +206,7 @@ def test_save_elsewhere_while_the_disk_is_full(qtbot, window, clip, another, cho
     annotate(qtbot, window, clip)
     stroke(window, 12)
     with full_disk():
-        for row in range(18, 70, 4):
-            stroke(window, row)
-        window.registry.run("file.save")
+        strokes_and_save(window)
         assert "cannot be written" in window.status.notice.text()
         click_link(window)
         box = window.findChild(QMessageBox, "error")
