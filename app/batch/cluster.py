@@ -56,7 +56,7 @@ def run_on_cluster(
         halt.set(False)
         left = _Left(address, client, progress, patience)
         client.subscribe_topic(topic, lambda event: left.tell(*event[1]))
-        offered = any(_gpus(worker) for worker in left.workers().values())
+        offered = left.gpu_offered()
         for job in jobs:
             share = _resources(job, offered, each_gpu)
             future = client.submit(do_on_worker, order(folder, job), topic, key=f"{topic}-{job.name}", resources=share)
@@ -98,8 +98,18 @@ class _Left:
         self._progress.tell(name, stage, fraction, words)
 
     def workers(self) -> dict[str, Any]:
-        """What the scheduler knows of its workers, by their addresses."""
-        return self._client.scheduler_info()["workers"]
+        """What the scheduler knows of its workers, by their addresses. OSError when it does not answer.
+
+        Not by `Client.scheduler_info`: the client asks by itself every few seconds without the workers, and that answer may replace ours.
+        """
+        return self._client.sync(self._client.scheduler.identity, n_workers=-1)["workers"]
+
+    def gpu_offered(self) -> bool:
+        """Whether a worker offers the resource GPU. DegenseError when the scheduler is gone."""
+        try:
+            return any(_gpus(worker) for worker in self.workers().values())
+        except OSError as error:
+            raise self._gone() from error
 
     def wait(self, halted: bool) -> None:
         """Wait a moment for one that ends. Each second say what the others wait for or, when they are to stop, end those that do not run.
@@ -110,9 +120,7 @@ class _Left:
             future = self._ended.get(timeout=POLL_SECONDS)
         except queue.Empty:
             if self._client.status not in ("running", "connecting"):
-                raise DegenseError(
-                    f"The scheduler at {self._address} has gone; call again when it is back, and the batch goes on."
-                ) from None
+                raise self._gone() from None
         else:
             name = str(future.key).split("-", 2)[2]  # degense-TOPIC-NAME
             if self.futures.pop(name, None) is not None:
@@ -124,8 +132,15 @@ class _Left:
                 self._look()
             self._looked = time.monotonic()
 
+    def _gone(self) -> DegenseError:
+        return DegenseError(f"The scheduler at {self._address} has gone; call again when it is back, and the batch goes on.")
+
     def _look(self) -> None:
-        places, workers = dict(self._places), self.workers()  # in this order: who tells meanwhile is not taken for lost
+        places = dict(self._places)  # before the workers: who tells meanwhile is not taken for lost
+        try:
+            workers = self.workers()
+        except OSError:  # whether the scheduler is gone shows in the client's status
+            return
         most = max((_gpus(worker) for worker in workers.values()), default=0.0)
         waits = {name: LOST for name in self.futures if name in places and places[name] not in workers}
         helpless = [name for name in self.futures if not workers or self._gpu[name] > most]
@@ -149,7 +164,7 @@ class _Left:
         """Those that no worker has are not begun any more: end them here."""
         try:
             held = {key for keys in self._client.processing().values() for key in keys}
-        except OSError:  # the scheduler does not answer; whether it is gone shows in the client's status
+        except OSError:
             return
         free = {name for name, future in self.futures.items() if future.key not in held and not future.done()}
         for name in free & self._free:  # still so after a second: it was not just about to be told that it has ended

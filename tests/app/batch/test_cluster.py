@@ -23,6 +23,7 @@ from degense.engine.processes.capacity import thread_environment
 from tests.app.batch.conftest import model
 
 try:
+    import dask
     import distributed
 except ImportError:
     pytestmark = pytest.mark.skip("needs distributed")
@@ -139,6 +140,16 @@ def test_the_only_worker_is_lost(lonely, make_job, tmp_path, trained_once, capsy
     run_on_cluster(lonely.address, folder, jobs, 1, late, lambda: False, patience=300.0)
     assert {job.state for job in late.jobs.values()} == {"done"}
     assert {model(folder, job.name) for job in jobs} == {model(trained_once)}
+
+
+@QUIET
+def test_the_workers_are_known_while_the_client_asks_without_them(lonely):
+    with (
+        dask.config.set({"distributed.client.scheduler-info-interval": "1ms"}),
+        distributed.Client(lonely.address, set_as_default=False) as client,
+    ):
+        left = cluster._Left(lonely.address, client, BatchProgress([], [], lambda job: None), patience=1.0)
+        assert all(left.workers() for _ in range(500))
 
 
 @QUIET
