@@ -93,15 +93,17 @@ def kernel_threads() -> int:
 
 
 @contextmanager
-def one_torch_thread(kernels: int = 1) -> Iterator[None]:
-    """Let torch's operations in the calling thread run on it alone, and kernels on so many threads.
+def one_torch_thread(kernels: int = 0) -> Iterator[None]:
+    """Let torch's operations run on the thread that calls them, in this thread and in those that are made meanwhile.
+
+    Kernels that this thread calls use `kernels` threads, or as many as before.
 
     For many small operations: torch's threads meet after each, spinning. On a busy machine every such meeting costs a time slice, and the
     kernels in between have no core for their helpers.
     """
     torch_threads, before = torch.get_num_threads(), getattr(_OWN, "kernel_threads", 0)
+    _OWN.kernel_threads = kernels or kernel_threads()
     torch.set_num_threads(1)
-    _OWN.kernel_threads = kernels
     try:
         yield
     finally:

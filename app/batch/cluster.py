@@ -102,7 +102,10 @@ class _Left:
 
         Not by `Client.scheduler_info`: the client asks by itself every few seconds without the workers, and that answer may replace ours.
         """
-        return self._client.sync(self._client.scheduler.identity, n_workers=-1)["workers"]
+        scheduler = self._client.scheduler
+        if scheduler is None:
+            raise ConnectionError
+        return self._client.sync(scheduler.identity, n_workers=-1)["workers"]
 
     def gpu_offered(self) -> bool:
         """Whether a worker offers the resource GPU. DegenseError when the scheduler is gone."""

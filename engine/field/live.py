@@ -10,7 +10,7 @@ from torch import Tensor
 from degense.engine.field.cuda_graphs import capture, warm_up
 from degense.engine.field.model import SceneModel
 from degense.engine.splats import Splats
-from degense.engine.threads import kernel_threads, one_torch_thread
+from degense.engine.threads import one_torch_thread
 
 
 class LiveField:
@@ -38,7 +38,7 @@ class LiveField:
 
     @torch.no_grad()
     def _evaluate(self, t: Tensor, semantics: bool) -> Splats:
-        with one_torch_thread(kernel_threads()):
+        with one_torch_thread():
             splats = self.model.at(t, semantics=semantics).splats
             splats = replace(splats, means=splats.means * self.unit, scales=splats.scales * self.unit)
         if splats.means.is_cuda:

@@ -44,7 +44,7 @@ class Novelty:
     @torch.no_grad()
     def of(self, values: Float32[np.ndarray, "n features"]) -> Float32[np.ndarray, " n"]:
         """The same of some surroundings."""
-        with one_torch_thread():
+        with one_torch_thread(1):
             nearest = [torch.cdist(part, self._known).amin(1) for part in self.scaled(values).split(1 << 16)]
         return (torch.cat(nearest) / self._usual).numpy()
 

@@ -24,7 +24,7 @@ from degense.engine.semantics import TextEncoder, open_encoder, save_encoder
 from degense.engine.store import Run
 from degense.engine.store.migrations import current_settings
 from degense.engine.store.run import hardware
-from degense.engine.threads import kernel_threads, one_torch_thread
+from degense.engine.threads import one_torch_thread
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from degense.engine.training.config import TrainConfig, choose_device
 from degense.engine.training.flow.observability import motion_observability
@@ -152,6 +152,7 @@ class TrainingRun:
         self._stage = ""
         self._begun = self._last_preview = self._last_checkpoint = started
 
+    @one_torch_thread()
     def __call__(self) -> Run | None:
         """Train; the finished run, or None when `stop()` asked to leave and a checkpoint is saved."""
         run, spent = self.run, float(self.run.info["train_seconds"])
@@ -160,10 +161,7 @@ class TrainingRun:
         self._begun = self._last_preview = self._last_checkpoint = time.perf_counter()
         past = [report for report in read_progress(run.path / "metrics.jsonl") if report.iteration <= self.trainer.iteration]
         self._begun -= (past[-1].seconds or 0.0) if past else 0.0
-        finished = self._steps()
-        if finished:
-            with part("semantics"):
-                finished = self._distil()
+        finished = self._steps() and self._distil()
         if self.trainer.device.type == "cuda":
             torch.cuda.synchronize()
         seconds = spent + time.perf_counter() - self.started
@@ -182,12 +180,12 @@ class TrainingRun:
         """Run the trainer to its end; False when `stop()` asked to leave. DegenseError when it diverges again and again."""
         trainer, total = self.trainer, self.config.iterations
         first, last, begin = trainer.iteration, trainer.iteration, time.perf_counter()
-        steps = total + (steps_of(self.config) if self.distils else 0)
+        steps = total + self.distils * steps_of(self.config)
         try:
             while trainer.iteration < total:
                 if self.stop():
                     return False
-                with part("joint" if trainer.deforms else "coarse"), one_torch_thread(kernel_threads()):
+                with part("joint" if trainer.deforms else "coarse"):
                     trainer.step()
                 now = trainer.iteration
                 if now - last >= REPORT_EVERY or now == total:
@@ -234,7 +232,8 @@ class TrainingRun:
             self.events(progress)
 
         fit = DISTILLATIONS[self.config.distillation]
-        return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell, report)
+        with part("semantics"):
+            return fit(self.trainer.model, self.inputs.semantics, self.inputs.frames, self.config, self.stop, tell, report)
 
     def _leave(self, state: str) -> None:
         """Save what can be resumed."""

@@ -104,7 +104,7 @@ def test_the_number_of_threads_changes_nothing():
     model = make("isolated", 5, count=3000)
     with torch.no_grad():
         several = model.at(0.1).splats
-        with one_torch_thread():
+        with one_torch_thread(1):
             one = model.at(0.1).splats
     for name, value in vars(several).items():
         if name in ("colors", "semantics"):  # products of torch, which may add in another order

@@ -51,7 +51,7 @@ def test_values_and_gradients_are_those_of_plain_torch_in_float64(count, linear)
 def test_the_number_of_threads_changes_no_bit():
     parts, features, weights = example(3 * STRETCH)
     several = outputs_and_gradients(fused, parts, features, weights)
-    with one_torch_thread():
+    with one_torch_thread(1):
         one = outputs_and_gradients(fused, parts, features, weights)
     assert all(torch.equal(a, b) for a, b in zip(several, one, strict=True))
 

@@ -50,10 +50,11 @@ def test_a_generator_that_is_left_waits_for_none_of_its_threads(blocked):
 def test_kernels_keep_their_threads_where_torch_has_one():
     with threads(3):
         assert kernel_threads() == 3
-        with one_torch_thread(kernel_threads()):
+        with one_torch_thread():
             assert (torch.get_num_threads(), kernel_threads()) == (1, 3)
-            with one_torch_thread():
+            with one_torch_thread(1):
                 assert (torch.get_num_threads(), kernel_threads()) == (1, 1)
+            assert list(made_ahead(lambda _: torch.get_num_threads(), range(4), 2)) == [1] * 4
             assert (torch.get_num_threads(), kernel_threads()) == (1, 3)
             elsewhere = []
             thread = threading.Thread(target=lambda: elsewhere.append(kernel_threads()))

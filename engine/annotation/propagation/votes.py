@@ -179,14 +179,14 @@ class AppearanceVotes:
         self._present = np.bincount(targets, minlength=count) > 0
         #: How far the surroundings of each pixel of a picture are from all that were learned from.
         self.novelty = Novelty(inputs, seed)
-        with one_torch_thread():
+        with one_torch_thread(1):
             self._network = _fitted(self.novelty.scaled(inputs), targets, count, seed)
 
     @torch.no_grad()
     def at(self, rgb: np.ndarray) -> np.ndarray:
         """Probabilities of the classes, float32 [H, W, count]; 0 for classes that no corrected frame has."""
         x = self.novelty.scaled(surroundings(rgb))
-        with one_torch_thread():
+        with one_torch_thread(1):
             scores = self._network(x)
         scores[:, ~torch.from_numpy(self._present)] = -torch.inf
         return torch.softmax(scores, 1).numpy().reshape(*rgb.shape[:2], -1)

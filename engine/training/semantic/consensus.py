@@ -7,7 +7,8 @@ the consensus says how far it can be relied on.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -16,12 +17,14 @@ from torch import Tensor
 
 from degense.engine.latest import Latest
 from degense.engine.progress import Progress, silent
-from degense.engine.threads import made_ahead
+from degense.engine.threads import kernel_threads, made_ahead
 from degense.engine.training.semantic.appearance import Appearance, Looks
 from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.regions import Regions
 from degense.engine.training.semantic.targets import SemanticTargets, SureAnswer
 from degense.engine.training.semantic.vectors import shares_of, words_of
+
+Made = TypeVar("Made")
 
 COLOR_SCALE = 0.1  # of 1: difference of colour from which on a Gaussian counts as something else than before
 PRIOR_PIXELS = 0.5  # pixels' worth of the clip's mean that every Gaussian begins with
@@ -104,7 +107,7 @@ class Consensus:
                 progress((done + f) / ROUNDS, "comparing what the teacher says over time")
 
             contested, pixels = self._round(voters, shares, geometry, random, tell)
-            number, otherwise, around = torch.stack([self._beside_teacher(frame) for frame in voters]).sum(0).tolist()
+            number, otherwise, around = torch.stack(list(self._each(self._beside_teacher, voters))).sum(0).tolist()
             self._settled = done == 0 and otherwise <= SETTLED * number
             if self._settled:
                 break
@@ -120,32 +123,46 @@ class Consensus:
         random: torch.Generator,
         progress: Callable[[float], None],
     ) -> tuple[Tensor, int]:
-        """Let frames vote with their `shares`, fit the look of words to them and let regions vote with both; returns `_contested`."""
+        """Let frames vote with their `shares`, fit the look of words to them, let regions vote with both; `_contested` of all frames."""
         votes, seen, called = Votes(geometry), [], []
-        for i, (frame, _) in enumerate(zip(voters, made_ahead(self._regions.of, voters), strict=True)):  # regions are found meanwhile
+        for i, (frame, looks) in enumerate(zip(voters, made_ahead(self._seen, voters), strict=True)):
             progress(i / len(voters))
             known = self._told(frame).sum(1) > 0
             found = shares(frame) * known[:, None]
             votes.add(frame, found)
             known = torch.nonzero(known)[:, 0]
             rows = known[torch.randperm(len(known), generator=random)[: PIXELS // len(voters)].to(known.device)]
-            seen.append(self._looks(self._frames.image(frame))[rows])
+            seen.append(looks[rows])
             called.append(found[rows])
         self._votes, self._usual = votes, torch.cat(called).mean(0).clamp_min(1e-4)
         self._appearance = Appearance(torch.cat(seen), torch.cat(called), random.initial_seed())
         self._scores = Latest(self._scores.limit)
-        contested, pixels = self._contested(voters)
+        counts, labelled = zip(*self._each(self._contested, voters), strict=True)
+        contested, pixels = torch.stack(counts).sum(0), sum(labelled)
         self._own, self._reach = own_weight(contested), NEAR + float(contested[3] - contested[0]) / max(pixels, 1)
         self._regions.clear()
-        for frame in voters:
-            told = self._told(frame)
-            self._regions.add(frame, torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0))
+        for frame, before in zip(voters, self._each(self._alone, voters), strict=True):
+            self._regions.add(frame, before)
         return contested, pixels
+
+    def _each(self, work: Callable[[int], Made], frames: list[int]) -> Iterable[Made]:
+        """What is made of each frame, in order; on a CPU each of its threads takes other frames."""
+        return map(work, frames) if self._frames.device.type == "cuda" else made_ahead(work, frames, kernel_threads())
+
+    def _seen(self, frame: int) -> Tensor:
+        """The looks of a frame; its regions are found too."""
+        self._regions.of(frame)
+        return self._looks(self._frames.image(frame))
 
     def shares(self, frame: int) -> Float[Tensor, "pixels words"]:
         """q of each pixel of a frame, rows of sum 1."""
         around = (self._regions.read(frame, self._reach) + AROUND).log()
         return torch.softmax(self._before_regions(frame, self._told(frame)) + 2 * around / (1 + math.exp(self._own)), 1)
+
+    def _alone(self, frame: int) -> Tensor:
+        """The shares of words before regions are asked, 0 where the teacher says nothing: float [H × W, K]."""
+        told = self._told(frame)
+        return torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0)
 
     def _before_regions(self, frame: int, told: Tensor) -> Tensor:
         """log q₀, but for a constant: float [H × W, K]."""
@@ -196,18 +213,14 @@ class Consensus:
     def _score(self, votes: Tensor, looks: Tensor) -> Tensor:
         return (votes + looks - self._usual.log() / 2).half()
 
-    def _contested(self, frames: list[int]) -> tuple[Tensor, int]:
-        """Of how many pixels the teacher alone, the votes alone, the looks alone say something else than both others, and of how many not
-        all three say the same, int64 [4]; and how many there are."""
-        counts, told = torch.zeros(4, dtype=torch.int64, device=self._usual.device), 0
-        for frame in frames:
-            own, raters = self._told(frame), self._raters(frame)
-            self._scores.keep(frame, self._score(*raters))
-            teacher, votes, looks = (values[own.sum(1) > 0].argmax(1) for values in (own, *raters))
-            alone = [(votes == looks) & (teacher != votes), (teacher == looks) & (votes != looks), (teacher == votes) & (looks != votes)]
-            counts += torch.stack([*alone, ~((teacher == votes) & (votes == looks))]).sum(1)
-            told += len(teacher)
-        return counts, told
+    def _contested(self, frame: int) -> tuple[Tensor, int]:
+        """Of how many pixels of a frame the teacher alone, the votes alone, the looks alone say something else than both others, and of how
+        many not all three say the same, int64 [4]; and how many the teacher labels."""
+        own, raters = self._told(frame), self._raters(frame)
+        self._scores.keep(frame, self._score(*raters))
+        teacher, votes, looks = (values[own.sum(1) > 0].argmax(1) for values in (own, *raters))
+        alone = [(votes == looks) & (teacher != votes), (teacher == looks) & (votes != looks), (teacher == votes) & (looks != votes)]
+        return torch.stack([*alone, ~((teacher == votes) & (votes == looks))]).sum(1), len(teacher)
 
 
 def agreed_answers(consensus: Consensus, targets: SemanticTargets) -> dict[str, Tensor]:

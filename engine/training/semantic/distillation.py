@@ -18,7 +18,7 @@ from degense.engine.field import SceneModel
 from degense.engine.field.cuda_graphs import graphed
 from degense.engine.profile import part, renamed_at_gradient
 from degense.engine.progress import Progress, silent
-from degense.engine.threads import kernel_threads, made_ahead, one_torch_thread
+from degense.engine.threads import made_ahead, one_torch_thread
 from degense.engine.training.adam import Adam
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.frames import TrainingFrames
@@ -87,6 +87,7 @@ def steps_of(config: TrainConfig) -> int:
     return min(config.semantic_steps, config.iterations)
 
 
+@one_torch_thread()
 def distill(
     model: SceneModel,
     targets: SemanticTargets,
@@ -114,7 +115,7 @@ def distill(
         model.set_semantic_coefficients(coefficients)
     distance, labelled = angular if config.angular else l1, targets.frames
     steps, order = steps_of(config), list[int]()
-    with _semantic_optimizer(model, config) as optimizer, one_torch_thread(kernel_threads()):
+    with _semantic_optimizer(model, config) as optimizer:
         sums, zero = LossSums(model.bounds.device), torch.zeros((), device=model.bounds.device)
         latents_of = _latents_of(geometry, config, labelled)
         for step in range(steps):
