@@ -19,9 +19,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser, commands = build_parser()
     if not arguments or (not arguments[0].startswith("-") and arguments[0] not in commands):
         arguments = ["open", *arguments]
-    options = parser.parse_args(arguments)
-    module, function = options.run.split(":")
     try:
+        options = parser.parse_args(arguments)
+        module, function = options.run.split(":")
         return getattr(importlib.import_module(module), function)(options) or 0
     except DegenseError as error:
         print(f"degense: {error}", file=sys.stderr)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import subprocess
 import sys
+from pathlib import PurePosixPath
 
 import yaml
 
@@ -46,18 +48,45 @@ def test_the_changelog_names_the_version_and_the_format_of_runs():
     assert {"Added", "Changed", "Fixed"} <= {*re.findall(r"^### (\w+)$", text, re.MULTILINE)}
 
 
-def test_one_command_makes_the_pages_of_the_guide():
+def test_the_page_on_machines_was_made_for_the_pins_of_today():
+    """`scripts/resolve-platforms` ends with what its tables were made for: run it again, and take over all that it prints."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    needed = project[project.index("\nrequires-python") + 1 : project.index("[project.scripts]")]
+    pins = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    state = hashlib.sha256((pins + needed).encode()).hexdigest()[:16]
+    assert f"State of the pins: {state}." in (ROOT / "docs" / "machines.md").read_text(encoding="utf-8")
+
+
+def test_known_faults_are_asked_for_strictly():
+    """Without `--strict` pip-audit succeeds where it could not ask about any version."""
+    lines = (ROOT / "Makefile").read_text(encoding="utf-8")
+    [command] = re.findall(r"^audit:.*\n(?:\t.*\n)*?\t.*pip-audit (-.*)$", lines, re.MULTILINE)
+    assert {"--strict", "constraints.txt"} <= {*command.split()}
+
+
+def listed(entries: list | dict | str) -> list[str]:
+    """The pages of a navigation, in order."""
+    if isinstance(entries, str):
+        return [entries]
+    return [page for entry in (entries.values() if isinstance(entries, dict) else entries) for page in listed(entry)]
+
+
+def test_one_command_makes_a_site_of_every_page():
     lines = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert re.search(r"^docs:.*\n(\t.*\n)*\t.*mkdocs build --strict$", lines, re.MULTILINE)
     config = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
-    pages = {page for entry in config["nav"] for page in entry.values()}
-    assert pages == {path.name for path in (ROOT / config["docs_dir"]).glob("*.md")}
+    assert config["docs_dir"] == "docs"
+    pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
+    apart = {page for page in pages if PurePosixPath(page).match(config["not_in_nav"])}
+    assert {*listed(config["nav"])} == pages - apart
+    assert apart == {page for page in pages if page.startswith("decisions/0")}  # which their index lists: test_docs.py
 
 
-def test_the_pages_of_the_guide_are_made_without_a_warning(tmp_path):
+def test_the_site_is_made_without_a_warning(tmp_path):
     told = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)], cwd=ROOT, capture_output=True, text=True
     )
     assert told.returncode == 0, told.stderr
-    assert "DeGense" in (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert (tmp_path / "images").is_dir()
+    for page in ("index", "guide/index", "batch", "benchmarks/reliability", "decisions/0001-make-targets-over-a-pip-environment"):
+        assert "DeGense" in (tmp_path / f"{page}.html").read_text(encoding="utf-8"), page
+    assert (tmp_path / "guide" / "images").is_dir()
