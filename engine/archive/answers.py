@@ -17,7 +17,6 @@ from itertools import combinations
 import numpy as np
 
 from degense.engine.archive.columns import Columns
-from degense.engine.archive.frame_facts import joined
 from degense.engine.archive.names import NeedsRun
 from degense.engine.semantics.relations import DIRECTIONS, towards
 from degense.engine.vocabulary.questions import AllOf, AnyOf, ButNot, Expression, Extreme, Noun, Related
@@ -145,7 +144,7 @@ class Answers:
             return np.logical_or.reduce(held) if held else np.zeros(len(self.columns.sizes(thing)), bool)
         if relation == "inside" or len(others) > 2 or not {*others} <= {*self.columns.things.classes}:
             raise NeedsRun(f"'{relation}' {' and '.join(others)} is known only to the run.")
-        return self.columns.holds("between", thing, joined(*others))
+        return self.columns.holds("between", thing, *sorted(others))
 
     def _direction(self, thing: str, direction: tuple[int, int], to: Expression) -> np.ndarray:
         """From the middle of all that `to` holds in the frame."""
@@ -162,9 +161,7 @@ class Answers:
                 weight, total = weight + size, total + of_piece * size[:, None]
             middle = total / np.maximum(weight, 1)[:, None]
         frames = self.columns.frame_of(thing)
-        holds = weight[frames] > 0
-        holds[holds] = towards(self.columns.centres(thing)[holds] - middle[frames[holds]], direction)
-        return holds
+        return (weight > 0)[frames] & towards(self.columns.centres(thing) - middle.take(frames, 0), direction)
 
     def _middle(self, chosen: Chosen) -> np.ndarray:
         """Of a mask in each frame, [F, 2]."""

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from degense.engine.archive.frame_facts import Kind
+from degense.engine.archive.frame_facts import Key, Kind
 from degense.engine.archive.index_file import IndexedRun, IndexFile
-from degense.engine.archive.observed import FORMATS, OF_FRAMES
+from degense.engine.archive.layout import FORMATS, OF_FRAMES
 from degense.engine.errors import DegenseError
 
 
@@ -20,7 +20,7 @@ class Columns:
         self.lengths = {run.id: run.frames for run in self.runs}
         self.starts = np.concatenate([[0], np.cumsum([run.frames for run in self.runs])])  # [runs + 1]
         self.frames = int(self.starts[-1])
-        self._read: dict[tuple[Kind, str, str], np.ndarray | None] = {}
+        self._read: dict[Key, np.ndarray | None] = {}
         self._objects: dict[str, dict[int, int]] = {}
         self._frame_of: dict[str, np.ndarray] = {}
 
@@ -48,9 +48,9 @@ class Columns:
         found = self._column("centres", thing)
         return np.zeros((0, 2), np.float32) if found is None else found
 
-    def holds(self, relation: Kind, thing: str, to: str) -> np.ndarray:
+    def holds(self, relation: Kind, thing: str, *to: str) -> np.ndarray:
         """Whether each object stands in a relation, bool [N]."""
-        found = self._column(relation, thing, to)
+        found = self._column(relation, thing, *to)
         return np.zeros(len(self.sizes(thing)), bool) if found is None else found
 
     def frame_of(self, thing: str) -> np.ndarray:
@@ -60,18 +60,22 @@ class Columns:
             self._frame_of[thing] = np.zeros(0, np.int64) if counts is None else np.repeat(np.arange(self.frames), counts)
         return self._frame_of[thing]
 
-    def _column(self, kind: Kind, thing: str, other: str = "") -> np.ndarray | None:
-        key = (kind, thing, other)
+    def _column(self, *key: str) -> np.ndarray | None:
         if key not in self._read:
+            kind, thing = key[:2]
             lengths = self.lengths if kind in OF_FRAMES else self._count(thing)
-            found = self.index.columns(kind, thing, other, lengths)
+            found = self.index.columns(self.things, key, lengths)
             self._read[key] = self._joined(kind, found, lengths) if found else None
         return self._read[key]
 
-    def _joined(self, kind: Kind, found: dict[int, np.ndarray], lengths: dict[int, int]) -> np.ndarray:
+    def _joined(self, kind: str, found: dict[int, np.ndarray], lengths: dict[int, int]) -> np.ndarray:
         scalar, axes = FORMATS[kind]
-        parts = [found[run.id] if run.id in found else np.zeros((lengths[run.id], *axes), scalar) for run in self.runs]
-        return np.concatenate(parts)
+        whole, end = np.zeros((sum(lengths.values()), *axes), scalar), 0
+        for run, length in lengths.items():
+            begin, end = end, end + length
+            if run in found:
+                whole[begin:end] = found[run]
+        return whole
 
     def _count(self, thing: str) -> dict[int, int]:
         """How many objects of a thing each run has."""

@@ -18,14 +18,9 @@ from degense.engine.semantics.relations import CONTACT, ENCLOSED, NEAR, filled, 
 Kind = Literal[
     "counts", "pixels", "middle", "confidence", "displacement", "overlap", "sizes", "centres", "touching", "near", "inside", "between"
 ]
-#: (kind, thing, other thing or ""). The others of `between` may be two classes, see `joined`.
-Key = tuple[Kind, str, str]
+#: (kind, thing, *other things). The others of `between` may be two classes, in the order of the alphabet.
+Key = tuple[str, ...]
 PERCENTILES = (50, 90, 99)
-
-
-def joined(one: str, other: str) -> str:
-    """Two names as the other thing of a column; order does not matter."""
-    return "\x1f".join(sorted((one, other)))
 
 
 def frame_facts(masks: Mapping[str, np.ndarray], classes: Sequence[str]) -> dict[Key, np.ndarray]:
@@ -36,9 +31,9 @@ def frame_facts(masks: Mapping[str, np.ndarray], classes: Sequence[str]) -> dict
     facts: dict[Key, np.ndarray] = {}
     objects = {name: Objects(mask) for name, mask in masks.items() if mask.any()}
     for name, of_name in objects.items():
-        facts |= {("counts", name, ""): np.array([len(of_name.sizes)]), ("pixels", name, ""): np.array([of_name.sizes.sum()])}
-        facts["middle", name, ""] = np.average(of_name.centres, 0, of_name.sizes)[None]
-        facts |= {("sizes", name, ""): of_name.sizes, ("centres", name, ""): of_name.centres}
+        facts |= {("counts", name): np.array([len(of_name.sizes)]), ("pixels", name): np.array([of_name.sizes.sum()])}
+        facts["middle", name] = np.average(of_name.centres, 0, of_name.sizes)[None]
+        facts |= {("sizes", name): of_name.sizes, ("centres", name): of_name.centres}
     for to in objects:
         gaps, diagonal = gap_to(masks[to]), math.hypot(*masks[to].shape)
         around, spanned = filled(masks[to]), hull(masks[to])
@@ -64,7 +59,7 @@ def _between_two(
         for name, of_name in objects.items() if there else ():
             known = facts.get(("between", name, there[0])) if spanned is None else of_name.mostly_in(spanned)
             if known is not None:
-                _add(found, ("between", name, joined(one, other)), known)
+                _add(found, ("between", name, *sorted((one, other))), known)
     return found
 
 

@@ -8,14 +8,16 @@ from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from itertools import starmap
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
-from degense.engine.archive.frame_facts import Kind
+from degense.engine.archive.frame_facts import Key
+from degense.engine.archive.layout import MOST_NAMES, MOST_RUN_ID, RUN_BITS, column_numbers, packed, unpacked
 from degense.engine.archive.names import Things
-from degense.engine.archive.observed import FORMATS, Observed
+from degense.engine.archive.observed import Observed
 from degense.engine.errors import DegenseError
 from degense.engine.files import replacing
 from degense.engine.semantics.relations import CONTACT, ENCLOSED, NEAR
@@ -23,15 +25,13 @@ from degense.engine.untrusted import parse_json
 
 INDEX = "degense-index.sqlite"
 #: Changes with the tables and with what the columns mean.
-APPLICATION, VERSION = 0x44474E53, 1
+APPLICATION, VERSION = 0x44474E53, 2
 #: An index answers by the rules it was made with.
 RULES = {"contact": CONTACT, "near": NEAR, "enclosed": ENCLOSED, "decoder": "rnse"}
 TABLES = """
 CREATE TABLE rules (text TEXT NOT NULL);
 CREATE TABLE runs (id INTEGER PRIMARY KEY, path TEXT NOT NULL UNIQUE, stamp TEXT NOT NULL, facts TEXT NOT NULL, error TEXT NOT NULL);
-CREATE TABLE columns (run INTEGER NOT NULL, kind TEXT NOT NULL, thing TEXT NOT NULL, other TEXT NOT NULL, data BLOB NOT NULL);
-CREATE UNIQUE INDEX columns_of ON columns (kind, thing, other, run);
-CREATE INDEX columns_by_run ON columns (run);
+CREATE TABLE columns (number INTEGER PRIMARY KEY, data BLOB NOT NULL);
 CREATE TABLE pictures (run INTEGER NOT NULL, frame INTEGER NOT NULL, jpeg BLOB NOT NULL, PRIMARY KEY (run, frame));
 """
 #: What is believed of a file.
@@ -72,25 +72,21 @@ class IndexFile:
         except (TypeError, ValueError, KeyError) as error:
             raise DegenseError(f"{self.path} is damaged; delete it, and it is made again.") from error
 
-    def columns(self, kind: Kind, thing: str, other: str, lengths: dict[int, int]) -> dict[int, np.ndarray]:
-        """A column of some runs, whose ids and lengths are given; those that have none are left out."""
-        scalar, axes = FORMATS[kind]
+    def columns(self, things: Things, key: Key, lengths: dict[int, int]) -> dict[int, np.ndarray]:
+        """A column of some runs with the same things, whose ids and lengths are given; those that have none are left out."""
+        runs = dict(zip(column_numbers(lengths, things, [key]), lengths, strict=True))
         found: dict[int, np.ndarray] = {}
-        width = np.dtype(scalar).itemsize * int(np.prod(axes, dtype=int))
-        query = "SELECT run, data FROM columns WHERE kind = ? AND thing = ? AND other = ? ORDER BY run"
-        if len(lengths) == 1:
-            query = query.replace("ORDER BY run", f"AND run = {int(next(iter(lengths)))}")
-        for run, data in self._rows(query, (kind, thing, other)):
-            if run not in lengths:
-                continue
-            if not isinstance(data, bytes) or len(data) != lengths[run] * width:
-                raise DegenseError(f"{self.path} is damaged; delete it, and it is made again.")
-            found[run] = np.frombuffer(data, scalar).reshape(-1, *axes)
+        for number, data in self._rows(f"SELECT number, data FROM columns WHERE number IN ({', '.join(map(str, runs))})"):
+            try:
+                found[runs[number]] = unpacked(key[0], data, lengths[runs[number]])
+            except (TypeError, ValueError) as error:
+                raise DegenseError(f"{self.path} is damaged; delete it, and it is made again.") from error
         return found
 
     def picture(self, run: int, frame: int) -> tuple[int, bytes] | None:
         """The picture nearest to a frame, as (frame, JPEG); None without any."""
-        rows = self._rows("SELECT frame, jpeg FROM pictures WHERE run = ? ORDER BY abs(frame - ?) LIMIT 1", (run, frame))
+        nearest = "SELECT frame FROM pictures WHERE run = ?1 ORDER BY abs(frame - ?2) LIMIT 1"
+        rows = self._rows(f"SELECT frame, jpeg FROM pictures WHERE run = ?1 AND frame = ({nearest})", (run, frame))
         for at, jpeg in rows:
             if isinstance(at, int) and isinstance(jpeg, bytes) and len(jpeg) <= MOST_PICTURE_BYTES:
                 return at, jpeg
@@ -106,8 +102,9 @@ class IndexFile:
                 "INSERT INTO runs (path, stamp, facts, error) VALUES (?, ?, ?, ?)", (path.as_posix(), stamp, text, error)
             ).lastrowid
             if run is not None:
-                named = ((row, *key, np.ascontiguousarray(values).tobytes()) for key, values in sorted(run.columns.items()))
-                self._db.executemany("INSERT INTO columns VALUES (?, ?, ?, ?, ?)", named)
+                assert row is not None
+                numbers, blobs = column_numbers([row], run.things, run.columns), starmap(packed, run.columns.items())
+                self._db.executemany("INSERT INTO columns VALUES (?, ?)", sorted(zip(numbers, blobs, strict=True)))
                 self._db.executemany("INSERT INTO pictures VALUES (?, ?, ?)", ((row, *picture) for picture in run.pictures.items()))
 
     def remove(self, paths: Iterable[PurePosixPath]) -> None:
@@ -118,8 +115,7 @@ class IndexFile:
     def _remove(self, paths: Iterable[PurePosixPath]) -> None:
         for path in paths:
             for (run,) in self._db.execute("SELECT id FROM runs WHERE path = ?", (path.as_posix(),)).fetchall():
-                things = self._db.execute("SELECT rowid FROM columns WHERE run = ?", (run,)).fetchall()
-                self._db.executemany("DELETE FROM columns WHERE rowid = ?", things)
+                self._db.execute("DELETE FROM columns WHERE number BETWEEN ? AND ?", (run << RUN_BITS, (run + 1 << RUN_BITS) - 1))
                 self._db.execute("DELETE FROM pictures WHERE run = ?", (run,))
                 self._db.execute("DELETE FROM runs WHERE id = ?", (run,))
 
@@ -207,8 +203,10 @@ def _tables() -> list[tuple[str]]:
 
 def _checked(number: Any, path: Any, stamp: Any, error: Any, facts: Any) -> IndexedRun:
     """A line of the table of runs. ValueError, TypeError or KeyError for an impossible one."""
-    if not all(isinstance(text, str) and len(text) <= LONGEST_TEXT for text in (path, stamp, error, facts)) or type(number) is not int:
+    if not all(isinstance(text, str) and len(text) <= LONGEST_TEXT for text in (path, stamp, error, facts)):
         raise ValueError("no text")
+    if type(number) is not int or not 0 < number <= MOST_RUN_ID:
+        raise ValueError("no number of a run")
     place = PurePosixPath(path)
     if not {"", ".", ".."}.isdisjoint(path.split("/")) or not {"\\", ":", "\0"}.isdisjoint(path):
         raise ValueError("a path that leaves the folder")
@@ -227,6 +225,8 @@ def _facts(text: str) -> tuple[int, tuple[int, int], float, str, Things]:
     if not sane or not all(1 <= int(side) <= MOST_SIDE for side in (width, height)):
         raise ValueError("impossible numbers")
     things = Things(_texts(classes), tuple((_text(name), _texts(members)) for name, members in kinds), bool(known["things"]["closed"]))
+    if len(things.names) > MOST_NAMES:
+        raise ValueError("more things than can be numbered")
     return frames, (int(width), int(height)), fps, _text(known["unit"]), things
 
 

@@ -78,7 +78,7 @@ def update_index(folder: Path) -> Steps[Update]:
         with FileLock(folder / LOCK, timeout=0):
             if not (path.exists() or path.is_symlink()):
                 create_index(path)
-            with open_index(path) as index:
+            with open_index(path, write=True) as index:  # to be read only, one whose writer was cut off is refused
                 known = {run.path: run.stamp for run in index.runs()}
             stamps = {run: stamp(folder / run) for run in here}
             gone, wanted = known.keys() - {*here}, [run for run in here if known.get(run) != stamps[run]]

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from degense.engine.archive.frame_facts import PERCENTILES, Key, frame_facts
+from degense.engine.archive.layout import FORMATS, OF_FRAMES
 from degense.engine.archive.names import Things
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Steps
@@ -18,19 +19,6 @@ from degense.engine.semantics.prompts import PromptSet
 from degense.engine.semantics.text.encoder import EmbeddedEncoder
 from degense.engine.vocabulary.questions import Noun
 
-#: Type and further axes of a column's values.
-FORMATS: dict[str, tuple[str, tuple[int, ...]]] = {
-    "counts": ("<u2", ()),
-    "pixels": ("<u4", ()),
-    "middle": ("<f4", (2,)),
-    "confidence": ("<f2", ()),
-    "displacement": ("<f4", (len(PERCENTILES),)),
-    "overlap": ("<u4", ()),
-    "sizes": ("<u4", ()),
-    "centres": ("<f4", (2,)),
-    **dict.fromkeys(("touching", "near", "inside", "between"), ("?", ())),
-}
-OF_FRAMES = ("counts", "pixels", "middle", "confidence", "displacement", "overlap")
 #: Small pictures of a run: so many evenly spaced ones, beside that of the frame in which each thing is largest.
 PICTURES, LONGER_SIDE, JPEG_QUALITY = 32, 128, 70
 
@@ -64,16 +52,16 @@ def observe(scene: Scene) -> Steps[Observed]:
         moved = scene.render(frame, what=("displacement",))["displacement"]
         for name, vectors in zip(things.names, asked.included, strict=True):
             if (mask := masks[name]).any():
-                facts["confidence", name, ""] = np.array([semantics.confidence(vectors, mask, asked.classes)])
-                facts["displacement", name, ""] = _percentiles(moved[mask])[None]
+                facts["confidence", name] = np.array([semantics.confidence(vectors, mask, asked.classes)])
+                facts["displacement", name] = _percentiles(moved[mask])[None]
         table.add(frame, facts)
         if frame in spread:
-            found.pictures[frame] = _picture(scene, frame)
+            found.pictures[frame] = small_jpeg(scene.render_rgb(frame))
         yield (frame + 1) / scene.frames, f"{scene.name}, frame {frame}"
     found.columns = table.columns()
-    for (kind, _, _), values in found.columns.items():
-        if kind == "pixels" and (peak := int(values.argmax())) not in found.pictures:
-            found.pictures[peak] = _picture(scene, peak)
+    for key, values in found.columns.items():
+        if key[0] == "pixels" and (peak := int(values.argmax())) not in found.pictures:
+            found.pictures[peak] = small_jpeg(scene.render_rgb(peak))
     return found
 
 
@@ -120,8 +108,8 @@ def _percentiles(values: np.ndarray) -> np.ndarray:
     return np.percentile(known, PERCENTILES) if len(known) else np.zeros(len(PERCENTILES))
 
 
-def _picture(scene: Scene, frame: int) -> bytes:
-    rgb = scene.render_rgb(frame)
+def small_jpeg(rgb: np.ndarray) -> bytes:
+    """A picture uint8 [H, W, 3] as an index keeps it."""
     scale = min(1.0, LONGER_SIDE / max(rgb.shape[:2]))
     small = cv2.resize(rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     _, data = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,12 @@ from degense.engine.archive.answers import Answers
 from degense.engine.archive.columns import Columns
 from degense.engine.archive.index_file import IndexedRun, IndexFile
 from degense.engine.archive.names import NeedsRun, Things
+from degense.engine.archive.times import found_moments, kept_frames
 from degense.engine.errors import PromptError
-from degense.engine.semantics.moments import Moment, expressions, frames_of
-from degense.engine.vocabulary.questions import Expression, Question, heads, read_question
+from degense.engine.semantics.moments import Moment, expressions
+from degense.engine.vocabulary.questions import Expression, Question, read_question
+
+FRAMES_AT_ONCE, RUNS_AT_ONCE = 1 << 16, 256
 
 
 class FoundMoments(Sequence[Moment]):
@@ -58,14 +60,6 @@ class Found:
         return sum(len(hit.moments) for hit in self.hits)
 
 
-@dataclass(frozen=True)
-class Measures:
-    """What is known of the first thing that a question names, in one frame."""
-
-    confidence: float  # in [0, 1], as `FrameSemantics.confidence`
-    displacement: tuple[float, ...]  # at `frame_facts.PERCENTILES` of its mask, in the unit of the run
-
-
 def search(index: IndexFile, text: str, runs: Sequence[IndexedRun] | None = None) -> Found:
     """Ask all runs, or those that are given, without opening any.
 
@@ -81,7 +75,8 @@ def search(index: IndexFile, text: str, runs: Sequence[IndexedRun] | None = None
     refused: list[PromptError] = []
     for things, members in groups.items():
         try:
-            hits += _asked(index, members, read_question(text, things.classes), unanswered)
+            question = read_question(text, things.classes)
+            hits += [hit for some in _together(members) for hit in _asked(index, some, question, unanswered)]
         except PromptError as error:  # a name that only the classes of other runs know
             refused.append(error)
             unanswered += [(run, str(error)) for run in members]
@@ -94,19 +89,17 @@ def search(index: IndexFile, text: str, runs: Sequence[IndexedRun] | None = None
     return Found(tuple(hits), tuple(unanswered), broken, len(known) - len(broken))
 
 
-def measures(index: IndexFile, run: IndexedRun, text: str, frame: int) -> Measures | None:
-    """Of what a hit shows in a frame; None where its first name is no thing of the run."""
-    try:
-        thing = run.things.meant(heads(read_question(text, run.things.classes).what)[0])
-    except (NeedsRun, PromptError):
-        return None
-    if thing is None:
-        return None
-    lengths = {run.id: run.frames}
-    confidence, displacement = (index.columns(kind, thing, "", lengths).get(run.id) for kind in ("confidence", "displacement"))
-    if confidence is None or displacement is None:
-        return None
-    return Measures(float(confidence[frame]), tuple(map(float, displacement[frame])))
+def _together(runs: Sequence[IndexedRun]) -> Iterator[list[IndexedRun]]:
+    """Runs that are asked at once: so few that the processor's cache holds the columns that are computed with."""
+    some: list[IndexedRun] = []
+    frames = 0
+    for run in runs:
+        if some and (frames + run.frames > FRAMES_AT_ONCE or len(some) == RUNS_AT_ONCE):
+            yield some
+            some, frames = [], 0
+        some.append(run)
+        frames += run.frames
+    yield some
 
 
 def _asked(index: IndexFile, runs: list[IndexedRun], question: Question, unanswered: list[tuple[IndexedRun, str]]) -> Iterable[Hit]:
@@ -125,14 +118,8 @@ def _asked(index: IndexFile, runs: list[IndexedRun], question: Question, unanswe
 
 def _hits(columns: Columns, question: Question, areas: dict[Expression, np.ndarray]) -> list[Hit]:
     starts, area = columns.starts, areas[question.what]
-    if question.times:
-        kept = np.zeros(columns.frames, bool)
-        for first, end in pairwise(starts):
-            if question.absent or area[first:end].any():
-                kept[first:end] = frames_of(question, {part: values[first:end] for part, values in areas.items()})
-    else:
-        kept = area == 0 if question.absent else area > 0
-    frames, most = _moments(kept, area, starts)
+    kept = kept_frames(question, areas, starts)
+    frames, most = found_moments(kept, area, starts)
     answering = np.add.reduceat(kept.astype(np.int64), starts[:-1])
     ends = np.searchsorted(frames[:, 0], starts)
     hits = []
@@ -141,20 +128,3 @@ def _hits(columns: Columns, question: Question, areas: dict[Expression, np.ndarr
         pixels = run.size[0] * run.size[1]
         hits.append(Hit(run, int(answering[number]), FoundMoments(frames[rows] - starts[number], most[rows] / pixels)))
     return hits
-
-
-def _moments(kept: np.ndarray, area: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`semantics.moments.moments` of runs end to end, which begin at `starts`: first, last and peak [n, 3], and the area there [n]."""
-    before, after = np.roll(kept, 1), np.roll(kept, -1)
-    before[starts[:-1]], after[starts[1:] - 1] = False, False
-    first, last = np.flatnonzero(kept & ~before), np.flatnonzero(kept & ~after)
-    if not len(first):
-        return np.zeros((0, 3), np.int64), np.zeros(0)
-    inside = np.flatnonzero(kept)
-    lengths = last - first + 1
-    begins = np.concatenate([[0], lengths.cumsum()[:-1]])
-    values = area[inside]
-    most = np.maximum.reduceat(values, begins)
-    candidates = np.flatnonzero(values == np.repeat(most, lengths))
-    peak = inside[candidates[np.searchsorted(candidates, begins)]]
-    return np.stack([first, last, peak], 1), most

@@ -122,12 +122,14 @@ def facts(**values) -> str:
     return json.dumps(known | values)
 
 
+MANY = {"classes": ["liver"], "kinds": [[f"kind {number}", ["liver"]] for number in range(255)], "closed": True}
 HOSTILE = {
     "of another program": lambda path: (path.unlink(), altered("CREATE TABLE places (url TEXT)")(path)),
     "no database": lambda path: path.write_bytes(b"MZ" * 4000),
     "empty": lambda path: path.write_bytes(b""),
     "cut": lambda path: path.write_bytes(path.read_bytes()[:6000]),
     "of another version": altered("PRAGMA user_version = 99"),
+    "of the layout before this": altered("PRAGMA user_version = 1"),
     "with a trigger": altered("CREATE TRIGGER t AFTER DELETE ON runs BEGIN DELETE FROM columns; END"),
     "with a view for a table": altered("DROP TABLE runs", "CREATE VIEW runs AS SELECT 1 AS id"),
     "in write-ahead mode": altered("PRAGMA journal_mode = WAL"),
@@ -136,10 +138,13 @@ HOSTILE = {
     "an absolute path": altered("UPDATE runs SET path = '/etc'"),
     "numbers that cannot be": altered(f"UPDATE runs SET facts = '{facts(frames=10**12)}'"),
     "no numbers": altered("UPDATE runs SET facts = '[]'"),
+    "more things than have numbers": altered(f"UPDATE runs SET facts = '{facts(things=MANY)}'"),
+    "a run without a number": altered("UPDATE runs SET id = -5"),
+    "a run with too large a number": altered("UPDATE runs SET id = 1 << 60"),
     "deep": altered(f"UPDATE runs SET facts = '{'[' * 5000}'"),
     "columns too short": altered("UPDATE columns SET data = x'00'"),
     "columns of text": altered("UPDATE columns SET data = 'aaaa'"),
-    "more objects than there are": altered(f"UPDATE columns SET data = x'{'ff' * 2 * made.FRAMES}' WHERE kind = 'counts'"),
+    "more objects than there are": altered(f"UPDATE columns SET data = x'{'ff' * 2 * made.FRAMES}' WHERE number & 15 = 0"),
     "bytes overwritten": lambda path: path.write_bytes(path.read_bytes()[:16_384] + b"\xff" * 100_000 + path.read_bytes()[116_384:]),
 }
 

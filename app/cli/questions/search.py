@@ -16,7 +16,8 @@ from degense.engine.errors import DegenseError
 from degense.engine.files import replacing, write_text
 
 if TYPE_CHECKING:
-    from degense.engine.archive.index_file import IndexedRun, IndexFile
+    from degense.engine.archive.index_file import IndexedRun
+    from degense.engine.archive.listing import Line
     from degense.engine.archive.search import Found
 
 #: Sentences of runs that are printed in full; the rest is a number.
@@ -27,6 +28,7 @@ def search(options: argparse.Namespace) -> None:
     """Bring the index of a folder up to date, ask it, and open the runs that it cannot answer for where that is wished."""
     from degense.engine.archive.index_file import INDEX, open_index
     from degense.engine.archive.indexing import update_index
+    from degense.engine.archive.listing import list_moments
     from degense.engine.archive.opening import ask_runs
     from degense.engine.archive.search import search as ask
     from degense.engine.scene.anonymous import LEFT_OUT
@@ -49,11 +51,12 @@ def search(options: argparse.Namespace) -> None:
             if options.anonymise:
                 found = _anonymous(found, runs)
             pictures = None if options.thumbnails is None else options.thumbnails / folder_name(number, text)
-            rows = _rows(index, found, text, options.limit)
-            print("\n".join(_told(text, found, rows, options.limit)))
+            lines = list_moments(index, found, text, options.limit, pictures is not None)
+            print("\n".join(_told(text, found, lines)))
             if pictures is not None:
-                print(f"{pictures}: {_write_pictures(index, rows[: options.limit], pictures)} pictures")
-            written.append(_json(text, found, rows))
+                print(f"{pictures}: {_write_pictures(lines, pictures)} pictures")
+            if options.json is not None:
+                written.append(_json(text, found, lines))
     if options.json is not None:
         folder = LEFT_OUT if options.anonymise else str(options.folder)
         write_text(options.json, json.dumps({"folder": folder, "questions": written}, ensure_ascii=False))
@@ -76,29 +79,14 @@ def _anonymous(found: Found, runs: Sequence[IndexedRun]) -> Found:
     )
 
 
-def _rows(index: IndexFile, found: Found, text: str, limit: int) -> list[dict[str, Any]]:
-    """A line for each moment, with what is known of the frame in which the mask is largest."""
-    from degense.engine.archive.search import measures
-
-    rows: list[dict[str, Any]] = []
-    for hit in found.hits:
-        for moment in hit.moments:
-            row = {"run": hit.run.path.as_posix(), "fps": hit.run.fps, "unit": hit.run.unit, **vars(moment), "id": hit.run}
-            if len(rows) < limit and (known := measures(index, hit.run, text, moment.peak)) is not None:
-                row |= {"confidence": known.confidence, "displacement": known.displacement}
-            rows.append(row)
-    return rows
-
-
-def _told(text: str, found: Found, rows: list[dict[str, Any]], limit: int) -> list[str]:
-    count = len({row["run"] for row in rows})
-    lines = [f"{text}: {_plural(len(rows), 'moment')} in {count} of {_plural(found.searched, 'run')}"]
-    for row in rows[:limit]:
-        when = f"{row['first'] / row['fps']:.2f} to {row['last'] / row['fps']:.2f} s"
-        most = f"{row['area']:.1%} of the picture at most, in frame {row['peak']}"
-        lines.append(f"  {row['run']}: frames {row['first']} to {row['last']} ({when}): {most}")
-    if len(rows) > limit:
-        lines.append(f"  … and {len(rows) - limit} more (--limit)")
+def _told(text: str, found: Found, listed: Sequence[Line]) -> list[str]:
+    lines = [f"{text}: {_plural(found.moments, 'moment')} in {len(found.hits)} of {_plural(found.searched, 'run')}"]
+    for run, moment in ((line.run, line.moment) for line in listed):
+        when = f"{moment.first / run.fps:.2f} to {moment.last / run.fps:.2f} s"
+        most = f"{moment.area:.1%} of the picture at most, in frame {moment.peak}"
+        lines.append(f"  {run.path}: frames {moment.first} to {moment.last} ({when}): {most}")
+    if found.moments > len(listed):
+        lines.append(f"  … and {found.moments - len(listed)} more (--limit)")
     lines += _some("  not answered from the index (--open asks the run)", found.unanswered)
     return lines + _some("  not indexed", [(run, run.error) for run in found.broken])
 
@@ -112,25 +100,32 @@ def _plural(count: int, what: str) -> str:
     return f"{count:,} {what}{'s' * (count != 1)}"
 
 
-def _write_pictures(index: IndexFile, rows: list[dict[str, Any]], folder: Path) -> int:
+def _write_pictures(lines: Sequence[Line], folder: Path) -> int:
     """The picture nearest to the peak of each moment, named by its place in the list; how many there are."""
-    count = 0
-    for number, row in enumerate(rows, 1):
-        if (picture := index.picture(row["id"].id, row["peak"])) is not None:
-            with replacing(folder / f"{number:04d}.jpg") as temporary:
-                temporary.write_bytes(picture[1])
-            count += 1
-    return count
+    shown = [(number, line.picture) for number, line in enumerate(lines, 1) if line.picture is not None]
+    for number, picture in shown:
+        with replacing(folder / f"{number:04d}.jpg") as temporary:
+            temporary.write_bytes(picture)
+    return len(shown)
 
 
-def _json(text: str, found: Found, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    def told(runs: list[tuple[IndexedRun, str]]) -> list[dict[str, str]]:
+def _json(text: str, found: Found, listed: Sequence[Line]) -> dict[str, Any]:
+    """All moments, those that are listed with what is known of them."""
+
+    def told(runs: Sequence[tuple[IndexedRun, str]]) -> list[dict[str, str]]:
         return [{"run": run.path.as_posix(), "why": why} for run, why in runs]
 
+    moments = [
+        {"run": hit.run.path.as_posix(), "fps": hit.run.fps, "unit": hit.run.unit, **vars(moment)}
+        for hit in found.hits
+        for moment in hit.moments
+    ]
+    for row, line in zip(moments, listed, strict=False):
+        row |= {} if line.known is None else vars(line.known)
     return {
         "question": text,
         "runs": found.searched,
-        "moments": [{key: value for key, value in row.items() if key != "id"} for row in rows],
-        "unanswered": told(list(found.unanswered)),
+        "moments": moments,
+        "unanswered": told(found.unanswered),
         "broken": told([(run, run.error) for run in found.broken]),
     }

@@ -60,9 +60,15 @@ def _joining() -> re.Pattern[str]:
 @lru_cache(maxsize=64)
 def _unbroken(names: tuple[str, ...]) -> re.Pattern[str]:
     """Quotes, and names that hold a joining word ("kidney under fat")."""
-    wordings = [*names, *(wording for concept in surgical_vocabulary().concepts for wording in concept.wordings)]
-    holding = [wording for wording in wordings if _joining().search(wording)]
+    holding = [*(name for name in names if _joining().search(name)), *_holding()]
     return re.compile("|".join([QUOTED, *([any_of(holding)] if holding else [])]), re.IGNORECASE)
+
+
+@lru_cache(maxsize=1)
+def _holding() -> list[str]:
+    """Wordings of the vocabulary that hold a joining word."""
+    wordings = [wording for concept in surgical_vocabulary().concepts for wording in concept.wordings]
+    return [wording for wording in wordings if _joining().search(wording)]
 
 
 def _without_accents(word: str) -> str:
