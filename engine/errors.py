@@ -1,7 +1,7 @@
 """Errors that are meant to be read by the person at the screen."""
 
 #: Letters of an error that are shown: what a hostile file says of itself may be endless.
-LONGEST = 2000
+LONGEST = 600
 
 
 class DegenseError(Exception):
@@ -41,3 +41,11 @@ OUT_OF_MEMORY = (
 def is_out_of_memory(error: BaseException) -> bool:
     """Whether an exception says that memory is not enough, on the GPU (torch's, told by its name: torch need not be there) or the CPU."""
     return isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
+
+
+def what_is_wrong(error: BaseException) -> str:
+    """Why a file could not be read, in a line, without the words of Python for parts that do not fit each other."""
+    if isinstance(error, KeyError):
+        return f"{error} is missing"
+    said = str(error).strip().partition("\n")[0]
+    return said if said and isinstance(error, (ValueError, OSError, ArithmeticError, DegenseError)) else "its parts do not fit each other"

@@ -1,4 +1,4 @@
-"""Whether this machine's GPU can be used: there must be one, and its kernels must be compiled or a compiler for them be there."""
+"""Whether this machine's GPU can be used: one must be there and answer, with compiled kernels or a compiler for them."""
 
 from __future__ import annotations
 
@@ -13,15 +13,30 @@ log = logging.getLogger(__name__)
 
 
 def gpu_usable() -> bool:
-    """Whether a GPU draws and trains here. Where one is that cannot, for want of kernels, that is said once."""
+    """Whether a GPU draws and trains here. Where one is that cannot, that is said once."""
     import torch
 
     if not torch.cuda.is_available():
         return False
-    if sentence := lacking_kernels():
+    if sentence := lacking_kernels() or driver_fault():
         _say_once(sentence)
         return False
     return True
+
+
+def driver_fault() -> str:
+    """What to do where a driver promises a GPU and fails at its first use, as after an update of the driver; empty where it works."""
+    import torch
+
+    try:
+        torch.zeros(1, device="cuda")
+    except (RuntimeError, torch.cuda.DeferredCudaCallError) as error:
+        reason = str(error).strip().partition("\n")[0].rstrip(".")
+        return (
+            f"The GPU cannot be used ({reason}): close what else uses it, restart the computer, or see degense doctor; "
+            "meanwhile the processor does all."
+        )
+    return ""
 
 
 def lacking_kernels() -> str:

@@ -13,7 +13,7 @@ from typing import Any, get_type_hints
 from degense.app.features.export.formats import get_format
 from degense.app.features.train.job import TrainingJob
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.errors import DegenseError
+from degense.engine.errors import DegenseError, what_is_wrong
 
 MOST_JOBS, LONGEST_NAME, LONGEST_TEXT = 100_000, 100, 4096
 #: What Windows reserves, in any case and with any suffix.
@@ -83,7 +83,7 @@ class BatchJob:
             job = BatchJob(**{**own, "training": TrainingJob.from_json(data["training"])})
             check_name(job.name)
         except (KeyError, TypeError, ValueError) as error:
-            raise DegenseError(f"A job of the batch cannot be read ({error}).") from error
+            raise DegenseError(f"A job of the batch cannot be read ({what_is_wrong(error)}).") from error
         check(job)
         return job
 

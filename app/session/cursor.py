@@ -6,7 +6,7 @@ from typing import Any, Literal, get_args
 
 from degense.app.session.state import PersistentState
 from degense.app.session.targets import Target, target_from_json, target_to_json
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 
 CameraMode = Literal["surgeon", "free"]
 LoopMode = Literal["once", "loop", "bounce"]
@@ -36,7 +36,7 @@ class Cursor(PersistentState):
                 raise ValueError(f"{mode!r} is no camera mode")
             target = target_from_json(probe)
         except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-            raise RunError(f"{source} does not hold a frame and camera ({error}).") from error
+            raise RunError(f"{source} does not hold a frame and camera ({what_is_wrong(error)}).") from error
         self.frame, self.camera_mode, self.probe = max(0, frame), mode, target
 
 
@@ -93,5 +93,5 @@ class Playback(PersistentState):
             if data["mode"] not in get_args(LoopMode) or (first is not None and last is not None and last <= first):
                 raise ValueError("no way to play")
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise RunError(f"{source} does not say how to play ({error}).") from error
+            raise RunError(f"{source} does not say how to play ({what_is_wrong(error)}).") from error
         self.first, self.last, self.mode = first, last, data["mode"]

@@ -30,13 +30,15 @@ class Journal:
     """An append-only file of small records: a header, then one JSON line each.
 
     The header names the session file that the records continue, by its id. A crash between saving and emptying the journal leaves records
-    that are in the session file already; their journal names another file and is not read, so nothing is applied twice.
+    that are in the session file already; their journal names another file and is not read, so nothing is applied twice. While a session
+    file is being written, which may take long, the journal goes on: a line names the file that will hold what stands before it.
     Records are handed to the system at once, without waiting for the disk: they survive any end of the program. `sync` has the disk keep
     them, in a thread of its own: called every second, a power cut loses two seconds at most.
-    `after` is the id of the session file, empty for none; `source` the run or clip, `folder` where it is saved.
+    `after` is the id of the session file, empty for none, `begun` of one that is being written; `source` the run or clip, `folder` where
+    it is saved.
     """
 
-    def __init__(self, path: Path, after: str, source: Path, folder: Path) -> None:
+    def __init__(self, path: Path, after: str, source: Path, folder: Path, begun: str = "") -> None:
         self.path = path
         self._end = sum(size for _, size in _read(path)) if continues(path, after) else 0
         try:
@@ -49,6 +51,8 @@ class Journal:
         os.ftruncate(self._file, self._end)  # without what a crash left half written
         if not self._end:
             self._write({"journal": 1, "after": after, "source": str(source), "folder": str(folder)})
+        if begun:
+            self._write({"file": begun})
         sync_folder(path.parent)
 
     def append(self, state: str, record: Any) -> None:
@@ -69,8 +73,8 @@ class Journal:
     def close(self) -> None:
         with suppress(DegenseError):  # it is said where records are appended
             self.sync()
-        self._disk.shutdown()
-        os.close(self._file)
+        self._disk.submit(os.close, self._file)
+        self._disk.shutdown(wait=False)  # a disk that stalls is waited for when the program ends
 
     def _write(self, line: dict[str, Any]) -> None:
         data = json.dumps(line, separators=(",", ":")).encode() + b"\n"
@@ -91,8 +95,7 @@ class Journal:
 
 def continues(path: Path, after: str) -> bool:
     """Whether the journal at `path` continues the session file with this id."""
-    head = header(path)
-    return (head.get("journal"), head.get("after")) == (1, after)
+    return _since([line for line, _ in _read(path)], after) is not None
 
 
 def header(path: Path) -> dict[str, Any]:
@@ -102,8 +105,18 @@ def header(path: Path) -> dict[str, Any]:
 
 def entries(path: Path, after: str) -> list[Entry]:
     """The changes since the session file with the id `after`, up to the first line that a crash left half written."""
-    lines = [line for line, _ in _read(path)] if continues(path, after) else []
+    lines = _since([line for line, _ in _read(path)], after) or []
     return [Entry(str(line["part"]), line["record"]) for line in lines if set(line) == {"part", "record"}]
+
+
+def _since(lines: list[dict[str, Any]], after: str) -> list[dict[str, Any]] | None:
+    """The lines that continue the session file with this id; None where none do."""
+    if not lines or lines[0].get("journal") != 1:
+        return None
+    if lines[0].get("after") == after:
+        return lines
+    begun = [number for number, line in enumerate(lines) if line == {"file": after}]
+    return lines[begun[-1] :] if begun else None
 
 
 def _read(path: Path) -> list[tuple[dict[str, Any], int]]:

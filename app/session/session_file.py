@@ -61,16 +61,18 @@ def read(path: Path) -> SavedSession:
     raise DamagedSession(path, "not the fields of a session")
 
 
-def write(path: Path, states: dict[str, Any]) -> SavedSession:
+def new_id() -> str:
+    return secrets.token_hex(8)
+
+
+def write(path: Path, saved: SavedSession) -> None:
     """Replace the file; keep the old one as a backup unless the last backup is younger than `SPACING`.
 
     DegenseError when it cannot be written whole; the old file stays.
     """
-    saved = SavedSession(states, secrets.token_hex(8))
-    text = json.dumps({"id": saved.id, "parts": states}, indent=1)
+    text = json.dumps({"id": saved.id, "parts": saved.states}, indent=1)
     _back_up(path)
     write_text(path, text)
-    return saved
 
 
 def backups(folder: Path) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, ParamSpec
 
@@ -28,6 +29,14 @@ class Signal(Generic[P]):
     def emit(self, *args: P.args, **kwargs: P.kwargs) -> None:
         for slot in tuple(self._slots):
             slot(*args, **kwargs)
+
+
+@dataclass(frozen=True)
+class Storing:
+    """A state's own files, of one instant: `write` in any thread, while the state may change; then `done` in that of the state."""
+
+    write: Callable[[], None]
+    done: Callable[[], None]
 
 
 class PersistentState:
@@ -60,8 +69,9 @@ class PersistentState:
         """Repeat a change from the journal. Errors as `from_json`."""
         self.from_json(record, source)
 
-    def store(self, folder: Path) -> None:
-        """Write what is too large for the session file beside it, before that file is written. Nothing by default."""
+    def storing(self, folder: Path) -> Storing | None:
+        """What is too large for the session file and is written beside it, before that file. The journal is empty from then on."""
+        return None
 
     def load(self, folder: Path) -> None:
-        """Read what `store` wrote, before `from_json`. Nothing by default."""
+        """Read what `storing` wrote, before `from_json`. Nothing by default."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import platformdirs
@@ -42,6 +43,19 @@ def left_behind() -> list[Path]:
         except (DegenseError, KeyError, TypeError, OSError) as error:
             log.info("%s is not offered: %s", path, error)
     return [source for _, source in sorted(found, reverse=True)]
+
+
+def left_in_journal(home: Path, folder: Path, id: str) -> list[journal.Entry]:
+    """What the journal in `home` holds since the session file with this id, in `folder`; one of another session file is set aside."""
+    left = home / JOURNAL
+    if (folder / JOURNAL).is_file() and not left.exists():  # as earlier versions kept it
+        shutil.copyfile(folder / JOURNAL, left)
+        with suppress(OSError):
+            (folder / JOURNAL).unlink()
+    found = journal.entries(left, id)
+    if not journal.continues(left, id):
+        session_file.set_aside(left)  # of a session file that was restored or deleted
+    return found
 
 
 def saved_in(folder: Path) -> Path:

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import errno
-import json
-import os
-import shutil
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
-from degense.app.session import journal, session_file, state_folder
+from degense.app.session import session_file, state_folder
+from degense.app.session.folder_locks import FolderHeld, FolderLocks
 from degense.app.session.journal import Entry, Journal
+from degense.app.session.saving import Saving, plain
 from degense.app.session.session_file import SavedSession
 from degense.app.session.state import PersistentState, Signal
-from degense.app.session.state_folder import JOURNAL, LOCK, PLACE
+from degense.app.session.state_folder import JOURNAL, PLACE
 from degense.engine.errors import DegenseError
-from degense.engine.files import make_folder, write_text
 
 
 class SessionStore:
@@ -43,8 +38,10 @@ class SessionStore:
         self._pending: set[str] = set()
         self._missed: list[Entry] = []  # what the journal could not take yet
         self._own = self._home = self._source = Path()  # the folder where it belongs, that of its journal, and what is open
-        self._locks: dict[Path, FileLock] = {}
+        self._locks = FolderLocks()
         self._journal: Journal | None = None
+        self._saving: Saving | None = None  # what is being written
+        self._since: dict[str, bool] = {}  # states that changed since that began, and whether by a record
         self._loading = False
 
     def register(self, name: str, state: PersistentState) -> None:
@@ -94,23 +91,14 @@ class SessionStore:
             self._set_problem(str(error))
         if self.elsewhere or self._home not in self._locks:
             return
-        left = self._home / JOURNAL
-        if (folder / JOURNAL).is_file() and not left.exists():  # as earlier versions kept it
-            shutil.copyfile(folder / JOURNAL, left)
-            with suppress(OSError):
-                (folder / JOURNAL).unlink()
-        self.unsaved = [entry for entry in journal.entries(left, self._saved.id) if entry.state in self.states]
-        if not journal.continues(left, self._saved.id):
-            session_file.set_aside(left)  # of another session file: one that was restored or deleted
+        self.unsaved = [entry for entry in state_folder.left_in_journal(self._home, folder, self._saved.id) if entry.state in self.states]
 
     def close(self) -> None:
         """Clear the states and let the folder go. What was not saved stays in the journal."""
         self.write_pending()
         self._close_journal()
-        for lock in self._locks.values():
-            lock.release()
-        self._locks.clear()
-        self.folder = None
+        self._locks.release()
+        self.folder = self._saving = None
         self.unsaved, self._saved = [], SavedSession()
         self._dirty.clear()
         self._missed.clear()
@@ -121,27 +109,12 @@ class SessionStore:
         self._set_problem("")
 
     def _hold(self, place: Path) -> None:
-        """Take the lock of the journal's folder or the session's, which is made where it is missing.
-
-        DegenseError when another window holds it, which is `elsewhere` then, or the folder cannot be written.
-        """
+        """Take the lock of the journal's folder or the session's. Errors as `FolderLocks.hold`; FolderHeld: the session is `elsewhere`."""
         try:
-            if place not in self._locks:
-                if place == self._home:
-                    make_folder(place)
-                else:
-                    place.mkdir(exist_ok=True)
-                lock = FileLock(place / LOCK, timeout=0)
-                lock.acquire()
-                self._locks[place] = lock
-            elif not os.access(place, os.W_OK):
-                raise PermissionError(errno.EACCES, "it is gone or read-only now")
-        except Timeout as error:
+            self._locks.hold(place, self._source.name, with_parents=place == self._home)
+        except FolderHeld:
             self.elsewhere = True
-            name = self._source.name
-            raise DegenseError(f"{name} is open in another window: close it there and open it again here to change it.") from error
-        except OSError as error:
-            raise DegenseError(f"{place} cannot be written ({error.strerror}).") from error
+            raise
 
     # Saving
 
@@ -160,28 +133,61 @@ class SessionStore:
 
         DegenseError when the folder cannot be written or another window holds it; what was there before stays, and so does `dirty`.
         """
-        if self.folder is None or not (self.dirty or self.folder.exists()):
+        saving = self.begin_save()
+        if saving is None:
             return
+        try:
+            saving.write()
+        except DegenseError as error:
+            self.fail_save(saving, error)
+            raise
+        self.end_save(saving)
+
+    def begin_save(self) -> Saving | None:
+        """What there is to save now; None where there is nothing. Write it, then call `end_save` or `fail_save`. Errors as `save`."""
+        if self.folder is None or not (self.dirty or self.folder.exists()):
+            return None
         if self.unsaved:
             raise DegenseError("Decide first what becomes of the recovered work: restore it or discard it.")
         try:
             if self.elsewhere:
                 raise DegenseError(self.problem)
             self._hold(self.folder)
-            for state in self.states.values():
-                state.store(self.folder)
-            self._saved = session_file.write(self.folder / session_file.NAME, {**self._saved.states, **self._to_json()})
-            if self.folder != self._own:
-                write_text(self._home / PLACE, str(self.folder))
         except DegenseError as error:
             if self.dirty:
                 self._set_problem(str(error))
             raise
-        self._pending.clear()
+        self.write_pending()
+        stored = [storing for state in self.states.values() if (storing := state.storing(self.folder)) is not None]
+        saved = SavedSession({**self._saved.states, **self._to_json()}, session_file.new_id())
+        moved_from = self._home / PLACE if self.folder != self._own else None
+        self._saving = Saving(self.folder, saved, stored, tuple(self._missed), moved_from)
         self._missed.clear()
-        self.discard()
+        self._since.clear()
+        self._close_journal()  # the next change opens it again, which says in it what this save holds
+        return self._saving
+
+    def end_save(self, saving: Saving) -> None:
+        """It is written. What was changed since it began stays in the journal."""
+        if saving is not self._saving:
+            return  # something else is open by now
+        self._saving = None
+        for storing in saving.stored:
+            storing.done()
+        self._saved = saving.saved
+        if not self._since:
+            self.discard()
         self._set_problem("")
-        self._set_dirty(set())
+        self._set_dirty({name for name, recorded in self._since.items() if recorded or self._differs(name)})
+
+    def fail_save(self, saving: Saving, error: DegenseError) -> None:
+        """It could not be written, and all is as it was."""
+        if saving is not self._saving:
+            return
+        self._saving = None
+        self._missed[:0] = saving.missed
+        if self.dirty:
+            self._set_problem(str(error))
 
     def save_elsewhere(self, folder: Path) -> None:
         """Save in another folder, and read and write there from now on. Errors as `save`; then all is as before."""
@@ -239,13 +245,16 @@ class SessionStore:
     def _state_changed(self, name: str, state: PersistentState, record: Any) -> None:
         if self._loading or not state.counts:
             return
+        self._since[name] = self._since.get(name, False) or record is not None
         if record is None:
-            changed = _plain(state.to_json()) != self._saved.states.get(name)
-            self._set_dirty(self._dirty | {name} if changed else self._dirty - {name})
+            self._set_dirty(self._dirty | {name} if self._saving or self._differs(name) else self._dirty - {name})
             self._pending.add(name)
         else:
             self._set_dirty(self._dirty | {name})
             self._append(name, record)
+
+    def _differs(self, name: str) -> bool:
+        return bool(plain(self.states[name].to_json()) != self._saved.states.get(name))
 
     def _append(self, name: str, record: Any) -> None:
         """Add a record to the journal, where this session may write one."""
@@ -260,7 +269,8 @@ class SessionStore:
         try:
             self._hold(self._home)
             if self._journal is None:
-                self._journal = Journal(self._home / JOURNAL, self._saved.id, self._source, self.folder)
+                begun = self._saving.saved.id if self._saving is not None else ""
+                self._journal = Journal(self._home / JOURNAL, self._saved.id, self._source, self.folder, begun)
             while self._missed:
                 self._journal.append(self._missed[0].state, self._missed[0].record)
                 del self._missed[0]
@@ -284,9 +294,4 @@ class SessionStore:
             self.dirty_changed.emit(self.dirty)
 
     def _to_json(self) -> dict[str, Any]:
-        return {name: _plain(state.to_json()) for name, state in self.states.items()}
-
-
-def _plain(state: Any) -> Any:
-    """A state as it comes back from a file: tuples are lists."""
-    return json.loads(json.dumps(state))
+        return {name: plain(state.to_json()) for name, state in self.states.items()}

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from degense.engine.colour_maps import CLASS_COLOURS
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 from degense.engine.layer_titles import LAYER_TITLES
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ class ViewState:
                 ranges=tuple((current_layer(str(layer)), _colour_range(item)) for layer, item in data["ranges"]),
             )
         except (KeyError, TypeError, ValueError) as error:
-            raise RunError(f"{source} does not hold a saved view ({error}); delete it to start with a fresh one.") from error
+            raise RunError(f"{source} does not hold a saved view ({what_is_wrong(error)}); delete it to start with a fresh one.") from error
 
 
 def _prompt(data: dict[str, Any]) -> Prompt:

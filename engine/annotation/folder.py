@@ -19,7 +19,7 @@ from degense.engine.annotation.annotations import Annotations, Record
 from degense.engine.annotation.edits import STATUSES, LabelClass, Proposal, check_classes, pack, unpack
 from degense.engine.annotation.label_png import label_png, read_label_png
 from degense.engine.clip import UNLABELLED
-from degense.engine.errors import DegenseError, RunError
+from degense.engine.errors import DegenseError, RunError, what_is_wrong
 from degense.engine.files import replacing, write_text
 from degense.engine.untrusted import read_json
 
@@ -96,7 +96,7 @@ def load(folder: Path, shape: tuple[int, int], count: int, original: Callable[[i
     try:
         return _annotations(data, folder, shape, count, original)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError, DegenseError) as error:
-        raise RunError(f"{path} does not hold annotations of this clip ({error}); put it back from a backup.") from error
+        raise RunError(f"{path} does not hold annotations of this clip ({what_is_wrong(error)}); put it back from a backup.") from error
 
 
 def _annotations(data: Any, folder: Path, shape: tuple[int, int], count: int, original: Callable[[int], np.ndarray | None]) -> Annotations:

@@ -91,6 +91,15 @@ class Scene:
         kept = run.load_observability(len(model)), run.load_label_support(len(model))
         return cls(run, model, basis, encoder_of_run, clip, missing, *kept)
 
+    def move_to(self, device: str | torch.device) -> None:
+        """Be drawn on another device from now on, where the memory of this one is not enough; what was drawn and kept is forgotten."""
+        vars(self).update(vars(Scene.open(self.run.path, device=device, clip=self.clip, encoder=self.encoder)))
+
+    @property
+    def device(self) -> torch.device:
+        """Where it is drawn."""
+        return self.model.bounds.device
+
     @property
     def frames(self) -> int:
         """How many there are; displacement is measured from `reference_frame`."""

@@ -16,7 +16,7 @@ import torch
 
 from degense.engine.camera import Camera
 from degense.engine.clip import Clip
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.field.model import CANONICAL
 from degense.engine.files import make_folder
@@ -214,7 +214,7 @@ def cameras_from_json(values: dict[str, Any], path: Path) -> list[Camera]:
         width, height = int(values["width"]), int(values["height"])
         fx, fy, cx, cy = (float(values[name]) for name in ("fx", "fy", "cx", "cy"))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise RunError(f"{path}: the cameras cannot be read ({error})") from error
+        raise RunError(f"{path}: the cameras cannot be read ({what_is_wrong(error)})") from error
     sane = 1 <= count <= MAX_FRAMES and 1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and np.isfinite([fx, fy, cx, cy]).all()
     if not sane or viewmats.shape not in ((1, 4, 4), (count, 4, 4)) or not np.isfinite(viewmats).all():
         raise RunError(f"{path}: the cameras make no sense; the file is damaged")

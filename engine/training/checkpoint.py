@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 from degense.engine.store.files import finite, read_json, read_tensors, write_json, write_tensors
 from degense.engine.store.migrations import current_consensus, current_progress, current_tensors
 
@@ -48,5 +48,5 @@ def load_checkpoint(folder: Path) -> dict[str, Any]:
         state["moments"] = current_tensors(state["moments"])
         state["consensus"] = current_consensus(state["consensus"])
     except (LookupError, TypeError, RuntimeError) as error:
-        raise RunError(f"{folder / 'last.json'} is damaged ({type(error).__name__}: {error})") from error
+        raise RunError(f"{folder / 'last.json'} is damaged ({what_is_wrong(error)})") from error
     return state

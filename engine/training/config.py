@@ -9,7 +9,7 @@ import torch
 
 from degense.engine.errors import DegenseError
 from degense.engine.field import ROUTINGS, Routing
-from degense.engine.gpu import gpu_usable, lacking_kernels
+from degense.engine.gpu import driver_fault, gpu_usable, lacking_kernels
 
 CoarseFrames = Literal["first", "all"]
 
@@ -218,6 +218,6 @@ def choose_device(name: str) -> torch.device:
         raise DegenseError(f"there is no device {name!r}; choose auto, cpu or cuda")
     if name == "cuda" and not torch.cuda.is_available():
         raise DegenseError("no CUDA GPU was found; train with --device cpu, or see degense doctor")
-    if name == "cuda" and (sentence := lacking_kernels()):
+    if name == "cuda" and (sentence := lacking_kernels() or driver_fault()):
         raise DegenseError(sentence)
     return torch.device("cuda" if name == "cuda" or (name == "auto" and gpu_usable()) else "cpu")

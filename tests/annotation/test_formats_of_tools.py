@@ -92,6 +92,17 @@ def test_dicom_segments_with_highdicom(tmp_path):
     assert np.abs(np.subtract([kind.colour for kind in again.classes], [kind.colour for kind in GRASPERS])).max() <= 1
 
 
+@pytest.mark.parametrize("frames", [(0,), (0, 2)])
+def test_a_dicom_segmentation_of_one_class_is_read(frames, tmp_path):
+    """What is the same for all masks then stands once, beside them."""
+    label_map = np.full(SHAPE, UNLABELLED, np.uint8)
+    label_map[3:9, 4:20] = 0
+    maps = MapSet(GRASPERS[1:2], SHAPE, NAMES, frames, lambda frame: label_map)
+    again = LABEL_FORMATS["dicom-seg"].read(exported("dicom-seg", maps, tmp_path), SHAPE, NAMES)
+    assert tuple(again.frames) == frames
+    assert all(np.array_equal(again.read(frame), label_map) for frame in frames)
+
+
 def test_an_empty_dicom_segmentation_is_not_written(tmp_path):
     maps = MapSet(GRASPERS, SHAPE, NAMES, (0,), lambda frame: np.full(SHAPE, UNLABELLED, np.uint8))
     with pytest.raises(DegenseError, match="No pixel"):

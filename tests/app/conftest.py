@@ -27,6 +27,12 @@ def light_collections() -> Iterator[None]:
     gc.unfreeze()
 
 
+@pytest.fixture(autouse=True)
+def waits_for_saves(monkeypatch) -> None:
+    """What is saved is saved when that returns, however slow the disk of this machine is."""
+    monkeypatch.setattr("degense.app.features.documents.saver.PATIENCE", 60.0)
+
+
 @pytest.fixture(scope="session")
 def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A phantom of 10 frames, 96 × 80."""

@@ -190,7 +190,8 @@ class AnnotationPanel(QWidget):
         elif record.labels is not None:
             text = "propagated and accepted"
         else:
-            text = "labels of the clip" if work.is_labelled(frame) else "not labelled"
+            clip = self.state.session.clip
+            text = "labels of the clip" if clip is not None and frame in clip.labelled_frames else "not labelled"  # without reading them
         self.describe(f"Frame {frame}: {text}", record.status)
         self.queue.show(frame)
         waiting = [proposal for index in work.waiting() if (proposal := work.record(index).proposal) is not None]

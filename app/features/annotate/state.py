@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -14,7 +15,7 @@ import numpy as np
 
 from degense.app.features.annotate.label_sets import annotated, open_annotations
 from degense.app.features.annotate.tool import PaintTool
-from degense.app.session.state import PersistentState, Signal
+from degense.app.session.state import PersistentState, Signal, Storing
 from degense.engine.annotation.annotations import Annotations, Stroke
 from degense.engine.annotation.edits import (
     LabelClass,
@@ -31,7 +32,7 @@ from degense.engine.annotation.edits import (
 )
 from degense.engine.annotation.folder import NAME, save
 from degense.engine.annotation.painting import PixelRegion
-from degense.engine.errors import DegenseError, RunError
+from degense.engine.errors import DegenseError, RunError, what_is_wrong
 
 if TYPE_CHECKING:
     from degense.app.session.session import Session
@@ -62,7 +63,8 @@ class AnnotationState(PersistentState):
         self.folder: Path | None = None  # where the label maps are saved
         self.blocked = ""  # why the annotations of a clip cannot be opened; they are left alone then
         self._stroke: Stroke | None = None
-        self._written, self._unwritten, self._edited = -math.inf, False, False
+        self._written, self._unwritten = -math.inf, False
+        self._edits = self._stored = 0  # how often the label maps were changed, and of these how often when they were stored
         self.tool.clear()
 
     def to_json(self) -> Any:
@@ -81,12 +83,21 @@ class AnnotationState(PersistentState):
                 raise
             self.blocked = str(error)  # the clip can still be watched and trained on
 
-    def store(self, folder: Path) -> None:
-        place = self._place(folder)
-        if self.work is not None and (self._edited or place != self.folder):
-            save(self.work, place)
-            self.folder, self._edited = place, False
+    def storing(self, folder: Path) -> Storing | None:
         self._unwritten = self._stroke is not None  # the journal, which is emptied now, held what the stroke has painted so far
+        place, work, edits = self._place(folder), self.work, self._edits
+        if work is None or (edits == self._stored and place == self.folder):
+            return None
+        before, shown = dict(work.records), copy.copy(work)
+        shown.records = dict(before)
+
+        def done() -> None:
+            self.folder, self._stored = place, edits
+            for frame, record in shown.records.items():
+                if work.records.get(frame) is before[frame]:
+                    work.records[frame] = record  # which is on disk now
+
+        return Storing(lambda: save(shown, place), done)
 
     def _place(self, folder: Path) -> Path:
         return folder / NAME if self.session.scene is not None else folder
@@ -100,7 +111,7 @@ class AnnotationState(PersistentState):
             else:
                 self._restore(tuple(Piece.from_json(item) for item in record["pieces"]))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise RunError(f"{source} does not hold strokes that can be painted again ({error}).") from error
+            raise RunError(f"{source} does not hold strokes that can be painted again ({what_is_wrong(error)}).") from error
 
     # Painting
 
@@ -238,7 +249,7 @@ class AnnotationState(PersistentState):
         if self.work is not None:
             check_classes(classes)
             self.work.classes = classes
-            self._edited = True
+            self._edits += 1
             self.changed.emit({"classes": [[kind.name, kind.colour, kind.number] for kind in classes]})
             self.classes_changed.emit()
             self.pixels_changed.emit(self.session.frame, None)
@@ -258,7 +269,7 @@ class AnnotationState(PersistentState):
             self._announce(state)
 
     def _announce(self, state: State, drawn: bool = False) -> None:
-        self._edited = True
+        self._edits += 1
         self.changed.emit({"pieces": [piece.to_json() for piece in state]})
         self.records_changed.emit()
         for frame in () if drawn else [piece.frame for piece in state]:

@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from degense.app.session.state import Signal
 from degense.engine.clip import UNLABELLED
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 
 ToolName = Literal["brush", "eraser", "superpixels", "polygon", "fill", "wand"]
 SMALLEST, LARGEST = 0.5, 100.0  # radius of the brush, pixels
@@ -85,4 +85,4 @@ class PaintTool:
             self.label = max(0, int(data["current"]))
             self.inside = None if data["inside"] is None else int(data["inside"])
         except (KeyError, TypeError, ValueError) as error:
-            raise RunError(f"{source} does not hold a paint tool ({error}).") from error
+            raise RunError(f"{source} does not hold a paint tool ({what_is_wrong(error)}).") from error

@@ -13,7 +13,7 @@ from degense.app.session.camera_json import camera_from_json, camera_to_json
 from degense.app.session.state import PersistentState
 from degense.app.session.undo import UndoStack
 from degense.engine.camera import Camera
-from degense.engine.errors import DegenseError, RunError
+from degense.engine.errors import DegenseError, RunError, what_is_wrong
 from degense.engine.files import write_text
 from degense.engine.untrusted import read_json
 
@@ -131,7 +131,7 @@ class CameraBook(PersistentState):
         try:
             self._stops = _stops(data)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise RunError(f"{source} does not hold cameras ({error}).") from error
+            raise RunError(f"{source} does not hold cameras ({what_is_wrong(error)}).") from error
 
 
 def save_path(path: Path, stops: tuple[Stop, ...]) -> None:
@@ -145,7 +145,7 @@ def load_path(path: Path) -> tuple[Stop, ...]:
         return _stops(read_json(path, LARGEST_FILE)["cameras"])
     except (OSError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise DegenseError(
-            f"{path} does not hold a camera path ({error}); choose a file that was saved from the list of cameras."
+            f"{path} does not hold a camera path ({what_is_wrong(error)}); choose a file that was saved from the list of cameras."
         ) from error
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, QTimer
 
 from degense.app.features.viewer.controller import Viewer
-from degense.app.features.viewer.view_rendering import View, ViewRequest, draw_view
+from degense.app.features.viewer.view_rendering import View, ViewRequest, draw_shown
 from degense.engine.errors import RunError
 from degense.widgets.frame.render_panel import RenderPanel
 
@@ -90,7 +90,7 @@ class RunComparison(QObject):
             return
         camera = first.camera if self.viewer.free_camera() is not None else None
         wanted = ViewRequest(first.frame, view_state, first.spans, splats=False, quick=self.viewer.pacing.quick, camera=camera)
-        self.worker.submit("second-view", lambda: draw_view(scene, wanted), self._show, self._failed, self._show)
+        self.worker.submit("second-view", lambda: draw_shown(scene, wanted), self._show, self._failed, self._show)
 
     def _show(self, view: View) -> None:
         self.view = view

@@ -10,6 +10,7 @@ from functools import partial
 from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import QApplication, QMessageBox
 
+from degense.app.features.documents.saver import Saver
 from degense.app.session import session_file
 from degense.app.session.session_file import DamagedSession
 from degense.app.shell.messages import Choice
@@ -28,7 +29,11 @@ class Autosave(QObject):
         self.shell, self.session, self.settings = shell, shell.session, shell.settings
         session = self.session
         self._dirty_since: float | None = None
-        self._left_unsaved = False
+        self._may_leave = False
+        self._go_on: Callable[[], object] | None = None  # what waits until a save is over
+        self.saver = Saver(session.store, self)
+        self.saver.ended.connect(self._saved)
+        shell.closed.connect(self.saver.close)
         session.opened.connect(self._opened)
         session.dirty_changed.connect(self._dirty_changed)
         shell.ticked.connect(self.tick)
@@ -37,16 +42,34 @@ class Autosave(QObject):
     # Saving
 
     def save(self) -> bool:
-        """Save what is open; whether that succeeded. The sample is not changed. What goes wrong is the store's `problem`."""
+        """Save what is open; False where that failed at once. The sample is not changed. What goes wrong is the store's `problem`."""
         if self.session.store.unsaved:
             return True
         try:
-            self.session.save()
+            if not self.saver.save():
+                self.shell.say(f"{self.session.store.folder} is slow: it is being saved while you go on.")
         except DegenseError as error:
-            self._dirty_since = time.monotonic()  # the next try is an interval away
-            log.warning("not saved: %s", error)
+            self._failed(error)
             return False
         return True
+
+    def _failed(self, error: DegenseError) -> None:
+        self._dirty_since = time.monotonic()  # the next try is an interval away
+        log.warning("not saved: %s", error)
+
+    def _saved(self, error: DegenseError | None) -> None:
+        """A save that took long is over."""
+        if error is not None:
+            self._failed(error)
+        go_on, self._go_on = self._go_on, None
+        if go_on is not None and not self.session.dirty:
+            self._may_leave = True
+            go_on()
+            self._may_leave = False
+        elif go_on is not None and error is not None:
+            self._ask_to_leave(str(error), go_on)
+        elif go_on is not None:
+            go_on()  # what was done meanwhile is saved too
 
     def save_elsewhere(self) -> bool:
         """Ask for a folder, and save and read there from now on; whether that was done."""
@@ -64,21 +87,29 @@ class Autosave(QObject):
 
     def may_leave(self, go_on: Callable[[], object]) -> bool:
         """Whether what is open may be left now. When it cannot be saved the user is asked, and `go_on` called if they leave it so."""
-        if self._left_unsaved or self.session.store.unsaved:
+        if self._may_leave or self.session.store.unsaved:
             return True
+        waits, self._go_on = self._go_on is not None, None
         try:
-            self.session.save()
+            done = self.saver.save()
+            if done and self.session.dirty:  # since an earlier save began
+                done = self.saver.save()
         except DegenseError as error:
             if not self.session.dirty:
                 log.info("the view was not saved: %s", error)
                 return True
             self._ask_to_leave(str(error), go_on)
             return False
-        return True
+        if not done and waits:
+            self._ask_to_leave(f"{self.session.store.folder} does not answer: what was done may not be saved there.", go_on)
+        elif not done:
+            self._go_on = go_on
+            self.shell.say(f"{self.session.store.folder} is slow: this goes on as soon as everything is saved there.", 60)
+        return done
 
     def _ask_to_leave(self, problem: str, go_on: Callable[[], object]) -> None:
         def leave() -> None:
-            self._left_unsaved = True
+            self._may_leave = True
             go_on()
 
         store = self.session.store
@@ -108,7 +139,7 @@ class Autosave(QObject):
     # What was left behind
 
     def _opened(self) -> None:
-        self._dirty_since, self._left_unsaved = None, False
+        self._dirty_since, self._may_leave = None, False
         if self.session.store.unsaved:
             self._offer_recovery()
 

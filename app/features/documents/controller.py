@@ -18,6 +18,7 @@ from degense.app.session.state_folder import left_behind
 from degense.app.shell.logs import hide_names
 from degense.app.shell.shell import Shell
 from degense.app.start_up import import_for_good
+from degense.engine.errors import is_out_of_memory
 from degense.engine.gpu import lacking_kernels
 
 if TYPE_CHECKING:
@@ -157,7 +158,12 @@ def _open_run(path: Path) -> Scene:
     import_for_good("degense.engine.scene")
     from degense.engine.scene import Scene
 
-    return Scene.open(path)
+    try:
+        return Scene.open(path)
+    except Exception as error:
+        if not is_out_of_memory(error):
+            raise
+    return Scene.open(path, device="cpu")  # the GPU is full
 
 
 def _open_clip(path: Path, answers: dict[str, Any]) -> Clip:

@@ -6,7 +6,7 @@ from typing import Any
 
 from degense.app.session.state import PersistentState
 from degense.app.session.undo import UndoStack
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 
 MOST_EVENTS, LONGEST_NOTE = 1000, 500
 
@@ -53,5 +53,5 @@ class Events(PersistentState):
             if len(notes) > MOST_EVENTS or any(frame < 0 for frame in notes):
                 raise ValueError(f"not up to {MOST_EVENTS} frames with notes")
         except (TypeError, ValueError, OverflowError) as error:
-            raise RunError(f"{source} does not hold events ({error}).") from error
+            raise RunError(f"{source} does not hold events ({what_is_wrong(error)}).") from error
         self._restore(dict(sorted(notes.items())))

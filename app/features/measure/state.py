@@ -8,7 +8,7 @@ import numpy as np
 
 from degense.app.session.state import PersistentState
 from degense.app.session.undo import UndoStack
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 
 Kind = Literal["distance", "path", "area"]
 #: The fewest and the most corners of a kind; None: any number.
@@ -64,7 +64,7 @@ class Measures(PersistentState):
             if len(measures) > MOST_MEASURES:
                 raise ValueError(f"more than {MOST_MEASURES}")
         except (TypeError, ValueError, OverflowError) as error:
-            raise RunError(f"{source} does not hold what was measured ({error}).") from error
+            raise RunError(f"{source} does not hold what was measured ({what_is_wrong(error)}).") from error
         self._restore(measures)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from degense.app.session.state import PersistentState
 from degense.app.session.view_state import ViewState
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -100,7 +100,7 @@ class AreaCurves(PersistentState):
                     raise ValueError("not a curve")
                 curves[(str(text), str(decoder), float(threshold), tuple(map(str, negatives)))] = curve
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise RunError(f"{source} does not hold areas of masks ({error}).") from error
+            raise RunError(f"{source} does not hold areas of masks ({what_is_wrong(error)}).") from error
         self._curves = curves
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from degense.app.session.state import PersistentState
 from degense.app.session.undo import UndoStack
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 
 MOST_POINTS = 10_000
 Query = tuple[int, float, float]  # frame, x, y
@@ -65,5 +65,5 @@ class TrackedPoints(PersistentState):
             if len(points) > MOST_POINTS or not all(point.queries for point in points) or not np.isfinite(places).all():
                 raise ValueError(f"not up to {MOST_POINTS} points")
         except (TypeError, ValueError, OverflowError) as error:
-            raise RunError(f"{source} does not hold points to follow ({error}).") from error
+            raise RunError(f"{source} does not hold points to follow ({what_is_wrong(error)}).") from error
         self._restore(points)

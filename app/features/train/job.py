@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from degense.engine.data.clip_options import ClipOptions
-from degense.engine.errors import DegenseError
+from degense.engine.errors import DegenseError, what_is_wrong
 
 if TYPE_CHECKING:
     from degense.engine.training import TrainConfig
@@ -91,7 +91,7 @@ class TrainingJob:
             if wrong := [name for name, value in values.items() if name != "settings" and not isinstance(value, kinds[name])]:
                 raise ValueError(f"{wrong[0]} cannot be {values[wrong[0]]!r}")
         except (KeyError, TypeError, ValueError, DegenseError) as error:
-            raise DegenseError(f"A training that was kept for this start cannot be read ({error}).") from error
+            raise DegenseError(f"A training that was kept for this start cannot be read ({what_is_wrong(error)}).") from error
         return TrainingJob(**values)
 
     def answers(self) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from degense.app.features.viewer.view_rendering import (
     View,
     ViewRequest,
     draw_clip,
+    draw_shown,
     draw_snapshot,
-    draw_view,
 )
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN
@@ -138,7 +138,7 @@ class Viewer(QObject):
                 self.free_camera(),
                 self.recorded,
             )
-            self.worker.submit("view", lambda: draw_view(scene, wanted), self._show, self._failed, progress=self._show)
+            self.worker.submit("view", lambda: draw_shown(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
             clip, frame = session.clip, session.frame
             self.worker.submit("view", lambda: draw_clip(clip, frame), self._show, self._failed)
@@ -172,6 +172,8 @@ class Viewer(QObject):
         self.fill(self.panel, view, keep_overlay=same_frame)
         self.drawn.emit(view)
         self._show_bar(view)
+        if view.notice:
+            self.shell.say(view.notice, 20)
         if view.complete:
             self.panel.repaint()  # at once: all that follows from it can wait
         # A changed view state waits for its masks: the 3D view would be drawn twice, and the worker would do it before them.

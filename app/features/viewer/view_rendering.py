@@ -13,7 +13,7 @@ import numpy as np
 from degense.app.features.viewer.layer_images import beyond, get_layer
 from degense.app.session.view_state import ViewState
 from degense.engine.colour_maps import colourise, greyed, mask_overlay
-from degense.engine.errors import DegenseError
+from degense.engine.errors import DegenseError, is_out_of_memory
 from degense.engine.gpu import gpu_usable
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ NO_MASK = 40
 MASK_FILL = 0.6
 #: From this coverage on splats hide what lies behind them in 3D.
 HIDES = 0.5
+GPU_FULL = "The memory of the GPU is not enough: the processor draws this scene from now on. Open it again to try the GPU once more."
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,7 @@ class View:
     beyond: tuple[bool, bool] = (False, False)  # whether values lie below and above the span
     spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # of every drawn layer of numbers
     uncertain: str = ""  # what the hatched pixels mean; empty when there are none
+    notice: str = ""  # what the user should know of how it was drawn
 
 
 def layer_request(view_state: ViewState, frame: float) -> LayerRequest:
@@ -75,6 +77,17 @@ def layer_request(view_state: ViewState, frame: float) -> LayerRequest:
     from degense.engine.layers import LayerRequest
 
     return LayerRequest(frame, prompt_set=view_state.prompt_set)
+
+
+def draw_shown(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
+    """`draw_view` of a scene that is open in a window. Where the memory of the GPU is not enough, the processor draws it from here on."""
+    try:
+        return (yield from draw_view(scene, request))
+    except Exception as error:
+        if not is_out_of_memory(error) or scene.device.type == "cpu":
+            raise
+    scene.move_to("cpu")
+    return replace((yield from draw_view(scene, request)), notice=GPU_FULL)
 
 
 def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]:
@@ -106,6 +119,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         uncertain=shown.uncertain,
     )
     if request.recorded and (recorded := scene.observed(round(frame))) is not None:
+        scene.labels(round(frame))  # read here and kept by the clip: painting waits for no drive
         view = replace(view, rgb=recorded, span=None, uncertain="")
     if not masked:
         return view
@@ -232,14 +246,23 @@ def _device() -> str:
 
 
 def draw_snapshot(request: SnapshotRequest) -> np.ndarray:
-    """Splats as the 3D view wants them, drawn by the rasterizer, with the guides over them, uint8 [H, W, 3]."""
+    """Splats as the 3D view wants them, drawn by the rasterizer, with the guides over them, uint8 [H, W, 3]; where the memory of the GPU is
+    not enough, by the processor."""
+    try:
+        return _snapshot(request, _device())
+    except Exception as error:
+        if not is_out_of_memory(error) or _device() == "cpu":
+            raise
+    return _snapshot(request, "cpu")
+
+
+def _snapshot(request: SnapshotRequest, device: str) -> np.ndarray:
     import torch
 
     from degense.engine.raster import camera_depths, rasterize
     from degense.engine.splats import Splats
 
     values = (*request.gaussians, np.empty((len(request.gaussians.means), 0), np.float32))
-    device = _device()
     splats = Splats(*(torch.from_numpy(np.ascontiguousarray(array)) for array in values)).to(device)
     features, background = splats.colors, torch.tensor(request.background, dtype=torch.float32, device=device) / 255
     if request.guides:

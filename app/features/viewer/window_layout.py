@@ -9,7 +9,7 @@ from degense.app.features.viewer.controller import Viewer
 from degense.app.session.camera_json import camera_from_json, camera_to_json
 from degense.app.session.state import PersistentState
 from degense.engine.camera import Camera
-from degense.engine.errors import RunError
+from degense.engine.errors import RunError, what_is_wrong
 
 LONGEST = 1 << 16
 
@@ -45,7 +45,7 @@ class WindowLayout(PersistentState):
             self._camera = None if data["camera"] is None else camera_from_json(data["camera"])
             self._zoom = "whole" if data.get("picture", "whole") == "whole" else _view(*data["picture"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise RunError(f"{source} does not hold the layout of a window ({error}).") from error
+            raise RunError(f"{source} does not hold the layout of a window ({what_is_wrong(error)}).") from error
         self.docks.restore(docks)
         if self.docks.views.count() == len(views):
             self.docks.views.setSizes(views)

@@ -31,7 +31,7 @@ from degense.engine.annotation.formats.map_set import (
 from degense.engine.annotation.painting import polygon, region_of
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
-from degense.engine.errors import ClipError
+from degense.engine.errors import ClipError, what_is_wrong
 from degense.engine.files import write_text
 from degense.engine.untrusted import parse_json
 
@@ -94,7 +94,7 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
                 classes.append(LabelClass(classes[category].name, default_colour(len(classes)), number))
             found[frames[item["image_id"]]].append((objects[category, number], item["segmentation"]))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise ClipError(f"{shown(path)} is not a COCO file that can be read ({type(error).__name__}: {error}).") from error
+        raise ClipError(f"{shown(path)} is not a COCO file that can be read ({what_is_wrong(error)}).") from error
 
     def labels(frame: int) -> np.ndarray:
         return drawn(shape, ((region_of(_mask(segmentation, shape, path)), index) for index, segmentation in found[frame]))
@@ -116,4 +116,4 @@ def _mask(segmentation: Any, shape: tuple[int, int], path: Path) -> np.ndarray:
             raise ValueError(f"a mask of size {segmentation['size']}")
         return mask_of_runs(segmentation["counts"], shape)
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        raise ClipError(f"{shown(path)} has a mask that cannot be read ({error}).") from error
+        raise ClipError(f"{shown(path)} has a mask that cannot be read ({what_is_wrong(error)}).") from error

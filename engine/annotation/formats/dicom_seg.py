@@ -21,7 +21,7 @@ from degense.engine.annotation.edits import LabelClass, default_colour
 from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, checked_classes
 from degense.engine.clip import UNLABELLED
 from degense.engine.data.files.numbered import shown
-from degense.engine.errors import ClipError, DegenseError
+from degense.engine.errors import ClipError, DegenseError, what_is_wrong
 from degense.engine.files import replacing
 from degense.engine.untrusted import read_bytes
 
@@ -146,7 +146,7 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
             for place, (frame, segment) in enumerate(planes):
                 found.setdefault(frame, []).append((index[segment], place))
     except (*BROKEN, InvalidDicomError, BytesLengthException) as error:
-        raise ClipError(f"{shown(path)} is damaged or no binary DICOM segmentation ({type(error).__name__}: {error}).") from error
+        raise ClipError(f"{shown(path)} is damaged or no binary DICOM segmentation ({what_is_wrong(error)}).") from error
     if (len(planes) * shape[0] * shape[1] + 7) // 8 > len(pixels):
         raise ClipError(f"{shown(path)} is cut short; copy it again.")
 
@@ -186,7 +186,8 @@ def _planes(data: Dataset, shape: tuple[int, int], count: int, path: Path) -> li
         frame = _frame(group)
         if not 0 <= frame < count:
             raise ClipError(f"{shown(path)} has a mask of frame {frame}, but the clip has {count} frames.")
-        found.append((frame, int(group.SegmentIdentificationSequence[0].ReferencedSegmentNumber)))
+        segment = group if "SegmentIdentificationSequence" in group else data.SharedFunctionalGroupsSequence[0]  # where there is but one
+        found.append((frame, int(segment.SegmentIdentificationSequence[0].ReferencedSegmentNumber)))
     return found
 
 

@@ -19,7 +19,7 @@ from degense.engine.annotation.edits import LabelClass, default_colour
 from degense.engine.annotation.formats.map_set import MapSet, check_picture_size, checked_classes, drawn, frame_of, read_text
 from degense.engine.annotation.painting import PixelRegion, polygon, region_of
 from degense.engine.data.files.numbered import shown
-from degense.engine.errors import ClipError
+from degense.engine.errors import ClipError, what_is_wrong
 from degense.engine.files import write_text
 from degense.engine.untrusted import parse_json
 
@@ -65,7 +65,7 @@ def read(path: Path, shape: tuple[int, int], names: Sequence[str]) -> MapSet:
             for key, _ in found[frame]:
                 classes.setdefault(key, LabelClass(key[0], default_colour(len(classes)), key[1]))
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, RecursionError) as error:
-        raise ClipError(f"{shown(path)} is not a Label Studio export that can be read ({type(error).__name__}: {error}).") from error
+        raise ClipError(f"{shown(path)} is not a Label Studio export that can be read ({what_is_wrong(error)}).") from error
     index = {key: value for value, key in enumerate(classes)}
 
     def labels(frame: int) -> np.ndarray:
@@ -95,7 +95,7 @@ def _region(item: Any, shape: tuple[int, int], path: Path) -> PixelRegion | None
         corners = [(x, y), (x + right, y), (x + right, y + down), (x, y + down)]
         return polygon([(u * width / 100, v * height / 100) for u, v in corners], shape)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise ClipError(f"{shown(path)} has a region that cannot be read ({error}).") from error
+        raise ClipError(f"{shown(path)} has a region that cannot be read ({what_is_wrong(error)}).") from error
 
 
 def encode(mask: np.ndarray) -> list[int]:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
-from degense.engine.semantics.models.model_folder import model_config, model_digest, read_config, transformers_library
+from degense.engine.semantics.models.model_folder import brightness, from_transformers, model_config, model_digest, read_config
 
 POINTS = 16  # along each side of the grid
 ASKED = 64  # points at once
@@ -34,16 +34,11 @@ class MaskProposals:
     def __init__(self, folder: Path, device: torch.device):
         if (kind := model_config(folder).get("model_type")) != "sam":
             raise DegenseError(f"{shown(folder)} holds a model of the kind {kind!r}; regions are proposed by a SAM (SamModel).")
-        try:
-            model = transformers_library().SamModel.from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
-        except (OSError, ValueError, KeyError, RuntimeError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise DegenseError(f"{shown(folder)} holds no SAM with model.safetensors: {reason}") from error
+        model = from_transformers(folder, "SAM with model.safetensors", "SamModel", use_safetensors=True)
         preprocessing = folder / "preprocessor_config.json"
         values = read_config(preprocessing) if preprocessing.exists() else {}
         self._model: Any = model.eval().requires_grad_(False).to(device)
-        self._mean = torch.tensor(values.get("image_mean", MEAN), device=device).reshape(3, 1, 1)
-        self._deviation = torch.tensor(values.get("image_std", DEVIATION), device=device).reshape(3, 1, 1)
+        self._mean, self._deviation = (three.to(device) for three in brightness(folder, values, MEAN, DEVIATION))
         self._side, self._device = int(model.config.vision_config.image_size), device
         self.name = f"sam-{model_digest(folder)}"
 

@@ -7,8 +7,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+import torch
+from torch import Tensor
+
 from degense.engine.data.files.numbered import shown
-from degense.engine.errors import DegenseError
+from degense.engine.errors import DegenseError, what_is_wrong
 from degense.engine.untrusted import read_json
 
 HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
@@ -16,6 +19,7 @@ HUB_NAME = re.compile(r"[\w.-]+/[\w.-]+")
 OPEN_CLIP_CONFIG, OPEN_CLIP_WEIGHTS = "open_clip_config.json", "open_clip_model.safetensors"
 MOST_BYTES = 16 << 20  # of a configuration
 PIECE = 1 << 20
+MOST_BRIGHT = 1000.0  # of means and deviations, and their inverse
 
 
 def find_model(place: str) -> Path:
@@ -82,13 +86,34 @@ def transformers_library() -> Any:
 
 def saved_by_transformers(folder: Path, kind: str, model: str) -> tuple[Any, Any]:
     """The model of a class of transformers, and its tokenizer. DegenseError in one sentence when there is no such `kind`."""
-    library = transformers_library()
+    what = f"{kind} with model.safetensors and its tokenizer"
+    return from_transformers(folder, what, model, use_safetensors=True), from_transformers(folder, what, "AutoTokenizer")
+
+
+def from_transformers(folder: Path, what: str, name: str, **options: Any) -> Any:
+    """What a class of transformers makes of a folder. DegenseError in one sentence when it holds no such thing, called `what`."""
+    kind = getattr(transformers_library(), name)
     try:
-        found = getattr(library, model).from_pretrained(str(folder), local_files_only=True, use_safetensors=True)
-        return found, library.AutoTokenizer.from_pretrained(str(folder), local_files_only=True)
-    except (OSError, ValueError, KeyError, RuntimeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DegenseError(f"{shown(folder)} holds no {kind} with model.safetensors and its tokenizer: {reason}") from error
+        return kind.from_pretrained(str(folder), local_files_only=True, **options)
+    except Exception as error:  # whatever transformers, safetensors and tokenizers meet in a damaged folder
+        raise DegenseError(f"{shown(folder)} holds no {what}: {what_is_wrong(error)}") from error
+
+
+Three = tuple[float, float, float]
+
+
+def brightness(folder: Path, preprocessing: dict[str, Any], mean: Three, deviation: Three) -> tuple[Tensor, Tensor]:
+    """Mean and deviation of a model's pictures, float32 [3, 1, 1], where `preprocessing` says nothing those given.
+
+    DegenseError for anything but three numbers each, and for a deviation that is not positive.
+    """
+    found = [preprocessing.get("image_mean", mean), preprocessing.get("image_std", deviation)]
+    for name, three, least in (("image_mean", found[0], -MOST_BRIGHT), ("image_std", found[1], 1 / MOST_BRIGHT)):
+        numbers = isinstance(three, (list, tuple)) and len(three) == 3 and all(type(one) in (int, float) for one in three)
+        if not numbers or not all(least <= one <= MOST_BRIGHT for one in three):
+            raise DegenseError(f"{shown(folder)} gives its pictures the {name} {str(three)[:80]}; it is damaged: download the model anew.")
+    first, second = (torch.tensor(three, dtype=torch.float32).reshape(3, 1, 1) for three in found)
+    return first, second
 
 
 def model_digest(folder: Path) -> str:

@@ -25,8 +25,16 @@ from torch import Tensor
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.basis import unit_rows
-from degense.engine.semantics.models.model_folder import is_open_clip, model_config, model_digest, read_config, saved_by_transformers
+from degense.engine.semantics.models.model_folder import (
+    brightness,
+    is_open_clip,
+    model_config,
+    model_digest,
+    read_config,
+    saved_by_transformers,
+)
 from degense.engine.semantics.models.open_clip import read_open_clip
+from degense.engine.semantics.models.tokens import tokenized
 
 Embed = Callable[[Sequence[str]], np.ndarray]
 #: The one of CLIPSeg, and of runs whose encoder's name has no digest of templates.
@@ -86,8 +94,7 @@ class DenseModel:
         self._model, self._device = model.eval().requires_grad_(False).to(device), device
         self.side = int(model.config.vision_config.image_size)
         self.name = f"{self.kind}-{model_digest(folder)}"
-        self._mean = torch.tensor(preprocessing.get("image_mean", MEAN), device=device).reshape(3, 1, 1)
-        self._deviation = torch.tensor(preprocessing.get("image_std", DEVIATION), device=device).reshape(3, 1, 1)
+        self._mean, self._deviation = (values.to(device) for values in brightness(folder, preprocessing, MEAN, DEVIATION))
 
     @property
     def has_text_vectors(self) -> bool:
@@ -146,12 +153,13 @@ class DenseModel:
         return np.concatenate(rows)
 
     def _tokens(self, sentences: Sequence[str]) -> dict[str, Tensor]:
+        config = self._model.config
         if self.kind == "siglip":  # trained on texts of one length, whose padding it attends to
-            length = int(self._model.config.text_config.max_position_embeddings)
-            tokens = self._tokenizer(list(sentences), padding="max_length", max_length=length, truncation=True, return_tensors="pt")
-            return {"input_ids": tokens["input_ids"].to(self._device)}
-        tokens = self._tokenizer(list(sentences), padding=True, truncation=True, return_tensors="pt")
-        return {name: tokens[name].to(self._device) for name in ("input_ids", "attention_mask")}
+            length = int(config.text_config.max_position_embeddings)
+            tokens = tokenized(self._tokenizer, sentences, config, ("input_ids",), padding="max_length", max_length=length)
+        else:
+            tokens = tokenized(self._tokenizer, sentences, config, ("input_ids", "attention_mask"), padding=True)
+        return {name: values.to(self._device) for name, values in tokens.items()}
 
 
 def _read(folder: Path, kind: str) -> tuple[Any, Any, dict[str, Any]]:

@@ -10,8 +10,6 @@ import json
 import os
 import shutil
 import time
-import zipfile
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +19,9 @@ import numpy as np
 import platformdirs
 
 from degense.engine.clip import Clip
+from degense.engine.data.files.numpy_files import read_npz
 from degense.engine.data.readers import fingerprint
-from degense.engine.errors import DegenseError
+from degense.engine.errors import ClipError, DegenseError
 from degense.engine.files import replacing, write_text
 from degense.engine.progress import Progress, silent
 from degense.engine.semantics.teachers.teacher import Described, Targets, Teacher
@@ -31,7 +30,6 @@ from degense.engine.untrusted import read_json
 FORMAT = 1
 LIMIT = 4 << 30  # bytes, unless the user chose otherwise
 IN_USE = 3600.0  # seconds since it was last read for which an entry is not removed: a training may be reading it
-_BROKEN = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error)
 
 
 @runtime_checkable
@@ -61,12 +59,21 @@ class CachedTeacher:
             return None
         path = self.folder / f"{frame:06d}.npz"
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                vectors, index = archive["vectors"], archive["index"]
-        except _BROKEN as error:
+            vectors, index = read_npz(path, "vectors"), read_npz(path, "index")
+            if not _fit(vectors, index):
+                raise ClipError("no targets")
+        except ClipError as error:
             raise DegenseError(f"{path} is gone or damaged; clear the cache with degense cache --clear and train again.") from error
         os.utime(self.folder)
         return (vectors.astype(np.float32), index.astype(np.int32)) if len(vectors) else None
+
+
+def _fit(vectors: np.ndarray, index: np.ndarray) -> bool:
+    """Whether these are finite vectors [k, D] and a map [H, W] of which each value is one of them, or −1 for none."""
+    kinds = vectors.dtype.kind == "f" and index.dtype.kind in "iu" and vectors.ndim == index.ndim == 2
+    if not kinds or not np.isfinite(vectors).all():
+        return False
+    return index.size == 0 or bool(index.min() >= -1 and index.max() < max(1, len(vectors)))
 
 
 def with_cached_targets(teacher: Teacher | CostlyTeacher, progress: Progress = silent) -> Teacher:

@@ -13,6 +13,7 @@ import torch
 from degense.engine.errors import DegenseError
 from degense.engine.semantics.basis import unit_rows
 from degense.engine.semantics.models.model_folder import MOST_BYTES, find_model, model_config, model_digest, saved_by_transformers
+from degense.engine.semantics.models.tokens import tokenized
 from degense.engine.semantics.models.vlm_models import DenseModel, Embed, template_encoders
 from degense.engine.semantics.text.encoder import TextEncoder
 from degense.engine.semantics.text.text_vectors import TextVectors
@@ -93,7 +94,8 @@ class SentenceModel:
         """Unit vectors float32 [n, D] before the mean is taken off."""
         rows = []
         for first in range(0, len(texts), BATCH):
-            tokens = self._tokenizer(list(texts[first : first + BATCH]), padding=True, truncation=True, return_tensors="pt")
+            names = ("input_ids", "attention_mask")
+            tokens = tokenized(self._tokenizer, texts[first : first + BATCH], self._model.config, names, padding=True)
             hidden = self._model(**tokens).last_hidden_state
             weight = tokens["attention_mask"][..., None].float()
             pooled = hidden[:, 0] if self._pooling == "cls" else (hidden * weight).sum(1) / weight.sum(1)

@@ -149,7 +149,7 @@ def test_backups_are_spaced_and_few(tmp_path):
     path = tmp_path / session_file.NAME
     now = 1_700_000_000
     for save in range(40):
-        session_file.write(path, {"save": save})
+        session_file.write(path, session_file.SavedSession({"save": save}, session_file.new_id()))
         os.utime(path, (now + 100 * save,) * 2)
     kept = session_file.backups(tmp_path)
     numbers = [json.loads(file.read_text())["parts"]["save"] for file in kept]

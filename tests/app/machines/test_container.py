@@ -45,7 +45,8 @@ def test_what_it_copies_and_installs_is_there(instructions):
     assert "constraints.txt" in runs
     assert (ROOT / "constraints.txt").is_file()
     assert "system-packages headless" in runs
-    assert "chmod 1777 /var/cache/degense" in runs  # kernels are kept for any user that `--user` names
+    assert "chown worker /var/cache/degense" in runs
+    assert re.findall(r"chmod (\w+) /var/cache/degense", runs) == ["700"]  # kernels are code: nobody else may put some there
     assert of(instructions, "ENTRYPOINT") == ['["degense"]']
     assert re.search(r"^degense = ", project, re.MULTILINE)
 

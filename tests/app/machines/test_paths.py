@@ -1,4 +1,4 @@
-"""Spaces, letters beyond ASCII and names that differ only in case, in the paths of every command and of the window."""
+"""Spaces, letters beyond ASCII, PowerShell's signs and names that differ only in case, in the paths of every command and of the window."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ from degense.engine.annotation.formats import LABEL_FORMATS
 from tests.app import installed as on
 from tests.house.source import ROOT
 
-FOLDER = "Größe – Óperation 手術"
+#: Letters beyond ASCII, and the signs that PowerShell, other shells and patterns of file names read as their own.
+FOLDERS = ("Größe – Óperation 手術", "a[1] $x & 'y' `z`; (b) {c} 100% #d!")
 #: Those that know the classes of one data set alone.
 READ_ONLY = {"cholecseg8k", "endovis18"}
 TINY = ("--preset", "quick", "--iterations", "20", "--max-gaussians", "300", "--device", "cpu")
 
 
-@pytest.fixture(scope="module")
-def home(tmp_path_factory) -> Path:
+@pytest.fixture(scope="module", params=FOLDERS, ids=["letters", "signs"])
+def home(request, tmp_path_factory) -> Path:
     """A folder with such a name, with a clip and its run in folders with such names."""
-    home = tmp_path_factory.mktemp("paths") / FOLDER
+    home = tmp_path_factory.mktemp("paths") / request.param
     clip, run = home / "Süß clip 日本", home / "Läufe" / "erster Lauf №1"
     assert main(["phantom", str(clip), "--frames", "4", "--size", "48x40", "--seed", "3"]) == 0
     assert main(["train", str(clip), "--out", str(run), *TINY]) == 0
@@ -77,7 +78,7 @@ def test_imports(name, home, tmp_path):
     """What was exported comes back, into a clip in such a folder."""
     out = home / f"Rückweg {name}{LABEL_FORMATS[name].suffix}"
     does("export", home / "Süß clip 日本", "--format", name, "--out", out)
-    other = tmp_path / FOLDER / "clip"
+    other = tmp_path / home.name / "clip"
     shutil.copytree(home / "Süß clip 日本", other)
     does("import", other, out, "--format", name)
 
@@ -104,14 +105,14 @@ def test_pictures_masks_questions_movies_and_pages(trained, home):
 def test_a_batch_and_a_search(home, clip, tmp_path, capsys):
     """The plan is a file; two clips whose names differ only in case get runs that no system mistakes for each other."""
     for name in ("Galle É", "galle é"):
-        shutil.copytree(clip, tmp_path / FOLDER / name[:5] / name)
-    clips = ", ".join(json.dumps(str(path), ensure_ascii=False) for path in sorted((tmp_path / FOLDER).glob("?alle/*")))
-    plan = tmp_path / FOLDER / "Plan ü.toml"
+        shutil.copytree(clip, tmp_path / home.name / name[:5] / name)
+    clips = ", ".join(json.dumps(str(path), ensure_ascii=False) for path in sorted((tmp_path / home.name).glob("?alle/*")))
+    plan = tmp_path / home.name / "Plan ü.toml"
     plan.write_text(
         f'clips = [{clips}]\npreset = "quick"\niterations = 20\nmax_gaussians = 200\ndevice = "cpu"\nexports = ["coco"]\nscores = false\n',
         encoding="utf-8",
     )
-    out = tmp_path / FOLDER / "Stapel 一"
+    out = tmp_path / home.name / "Stapel 一"
     does("batch", plan, "--out", out, "--slots", 1)
     runs = sorted(path.name for path in (out / "runs").iterdir())
     assert len({name.casefold() for name in runs}) == len(runs) == 2
@@ -122,17 +123,24 @@ def test_a_batch_and_a_search(home, clip, tmp_path, capsys):
     assert all(name in said for name in runs)
 
 
-@pytest.mark.parametrize("name", ["case [1] $x & 'y'", "`case` #2; 100 % {a,b}!"])
-def test_what_shells_and_patterns_read_as_signs(name, clip, tmp_path):
-    """As folders of clips, of runs and of a batch: PowerShell's signs, and those of patterns."""
-    shutil.copytree(clip, tmp_path / name)
-    run, out = tmp_path / f"run {name}", tmp_path / f"batch {name}"
-    does("info", tmp_path / name)
-    does("train", tmp_path / name, "--out", run, *TINY)
-    does("export", run, "--format", "coco", "--out", tmp_path / f"{name}.json")
-    does("batch", tmp_path / name, "--out", out, *TINY, "--slots", 1, "--no-eval", "--export", "coco")
-    assert len(list((out / "exports" / "coco").iterdir())) == 1
-    does("search", out / "runs", "liver")
+def test_other_trainings_and_what_lists_and_checks(home, clip, trained, tmp_path, capsys):
+    """Resumed, compared, listed, summed and taken away; and the words that a plan and a job array are given."""
+    out = tmp_path / home.name
+    does("train", clip, "--out", out / "run", *TINY)
+    does("compare", clip, "--out", out / "compared", "--methods", "dgd", *TINY)
+    does("checksum", out / "run")
+    does("checksum", out / "run", "--check")
+    does("info", clip)
+    capsys.readouterr()
+    does("datasets", home)
+    assert clip.name in capsys.readouterr().out
+    does("demo", "--headless", out / "demo")
+    does("batch", clip, "--out", out / "batch", *TINY, "--slots", 1, "--no-eval", "--export", "coco", "--emit", "slurm", out / "array.sh")
+    assert subprocess.run(["bash", "-n", str(out / "array.sh")]).returncode == 0
+    does("batch", "--out", out / "batch")
+    assert len(list((out / "batch" / "exports" / "coco").iterdir())) == 1
+    does("search", out / "batch" / "runs", "liver", "--json", out / "said.json", "--thumbnails", out / "pictures")
+    assert any((out / "pictures").iterdir())
 
 
 def test_the_window(qtbot, window, home, trained, idle, screenshot):

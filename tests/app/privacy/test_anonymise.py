@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 import shutil
 import zipfile
 from pathlib import Path
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 
 from degense.app.cli.main import main
+from degense.engine.clip import UNLABELLED
 from degense.engine.data.readers import open_clip
 from degense.engine.scene import Scene
 from degense.engine.scene.anonymous import anonymised
@@ -60,12 +63,19 @@ def assert_nameless(out: Path) -> None:
                 assert secret.encode("utf-16-le") not in data, path
 
 
+def report_pictures(folder: Path) -> list[np.ndarray]:
+    """The pictures of a report of scores but those of the true labels, which are painted over the frame."""
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    found = re.findall(r"alt=\"(?!truth)[^\"]+\" src=\"data:image/\w+;base64,([^\"]+)\"", page)
+    return [cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_COLOR) for data in found]
+
+
 LABELS = ("coco", "cvat", "cvat-video", "label-studio", "yolo", "nifti", "seg-nrrd", "dicom-seg", "masks-png")
 ENDINGS = {"coco": ".json", "cvat": ".xml", "cvat-video": ".xml", "label-studio": ".json", "nifti": ".nii.gz", "seg-nrrd": ".seg.nrrd"}
 ENDINGS |= {"dicom-seg": ".dcm", "ply": ".ply", "spz": ".spz", "gltf": ".glb", "movie": ".mp4"}
 
 
-@pytest.mark.parametrize("name", [*LABELS, "ply", "spz", "gltf", "movie"])
+@pytest.mark.parametrize("name", [*LABELS, "ply", "ply-sequence", "spz", "gltf", "movie"])
 def test_exports(name, named, tmp_path):
     out = tmp_path / f"out{ENDINGS.get(name, '')}"
     assert main(["export", str(named), "--format", name, "--out", str(out), "--anonymise"]) == 0
@@ -87,6 +97,12 @@ def test_a_page_and_a_report(named, tmp_path):
     cover = ["--cover", str(named.parent / "cover.png")]
     assert main(["eval", str(named), "--report", str(tmp_path / "report"), "--anonymise", *cover]) == 0
     assert_nameless(tmp_path / "report")
+    assert main(["eval", str(named), "--report", str(tmp_path / "uncovered"), "--anonymise"]) == 0
+    for folder, light in (("report", False), ("uncovered", True)):
+        pictures = report_pictures(tmp_path / folder)
+        assert len(pictures) >= 4
+        assert all(bool(picture[:8, :38].max() > 60) is light for picture in pictures)  # JPEG blurs next to the border
+        assert all(picture[12:].max() > 100 for picture in pictures)
     assert main(["eval", str(named), "--report", str(tmp_path / "plain")]) == 0
     assert NAME in (tmp_path / "plain" / "report.html").read_text(encoding="utf-8")  # so that the test would find it
 
@@ -104,6 +120,36 @@ def test_burnt_in_text_is_black_in_pictures_and_movies(named, tmp_path):
     for left in (0, 96):  # the recording, and the scene
         assert picture[0:8, left : left + 38].max() < 40  # next to the border of the cover a codec blurs
     assert picture.max() > 100
+
+
+def test_masks_and_raw_values_hold_nothing_under_the_cover(named, tmp_path):
+    """Neither a name nor a pixel: of one frame, of all frames in a folder, and of layers as numbers."""
+    cover = ["--anonymise", "--cover", str(named.parent / "cover.png")]
+    prompts = ["--prompt", "liver", "--prompt", "gallbladder", "--prompt", "fat"]
+    for words, empty in ((cover, True), (["--anonymise"], False)):
+        out = tmp_path / ("covered" if empty else "open")
+        out.mkdir()
+        assert main(["segment", str(named), "--frame", "3", "--out", str(out / "masks.npy"), *prompts, *words]) == 0
+        assert main(["segment", str(named), "--frame", "3", "--out", str(out / "masks.png"), *prompts, *words]) == 0
+        assert main(["segment", str(named), "--frames", "all", "--out", str(out / "all"), *prompts, *words]) == 0
+        maps = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted((out / "all" / "masks").rglob("*.png"))]
+        assert len(maps) == 30
+        maps += [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) != UNLABELLED for path in (out / "all" / "labels").iterdir()]
+        maps += [np.load(out / "masks.npy").any(0), cv2.imread(str(out / "masks.png"), cv2.IMREAD_UNCHANGED)]
+        under = [bool(picture[COVERED].any()) for picture in maps]
+        assert any(picture[12:].any() for picture in maps)
+        assert any(under) is not empty
+        for layer in ("rgb", "depth", "displacement", "similarity", "features"):
+            asked = ["--prompt", "liver"] if layer == "similarity" else []
+            assert (
+                main(["render", str(named), "--frames", "2:4", "--layer", layer, "--out", str(out / f"{layer}.npy"), *asked, *words]) == 0
+            )
+            values = np.load(out / f"{layer}.npy").astype(float)
+            assert bool(np.ptp(np.nan_to_num(values[:, COVERED[0], COVERED[1]]), (0, 1, 2)).any()) is not empty, (
+                layer
+            )  # one value: that of nothing
+            assert np.nan_to_num(values).any()
+        assert_nameless(out)
 
 
 def test_what_cannot_be_covered_is_refused(named, tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import os
 import time
+import zipfile
 
 import numpy as np
 import pytest
@@ -74,6 +75,37 @@ def test_a_damaged_answer_is_one_sentence():
     np.savez(path, vectors=pickled, index=pickled)
     with pytest.raises(DegenseError, match="damaged"):
         kept.targets(2)
+
+
+@pytest.mark.parametrize(
+    ("vectors", "index"),
+    [
+        (np.full((2, 3), np.nan), np.zeros((4, 5), int)),
+        (np.ones((2, 3)), np.full((4, 5), 2)),
+        (np.ones((2, 3)), np.full((4, 5), -2)),
+        (np.ones((2, 3)), np.zeros((4, 5))),
+        (np.ones(3), np.zeros((4, 5), int)),
+        (np.ones((2, 3)), np.zeros(4, int)),
+        (np.zeros((2, 3), "M8[s]"), np.zeros((4, 5), int)),
+    ],
+    ids=["not finite", "beyond the vectors", "below none", "fractions", "one vector", "no map", "dates"],
+)
+def test_targets_that_do_not_fit_each_other_are_damaged(vectors, index):
+    kept = with_cached_targets(Slow())
+    np.savez(kept.folder / "000002.npz", vectors=vectors, index=index)
+    with pytest.raises(DegenseError, match=r"000002\.npz is gone or damaged"):
+        kept.targets(2)
+
+
+def test_an_array_that_announces_more_than_it_holds_takes_no_memory():
+    """Numbers that a header announces are asked for by numpy at once; a header of brackets raises an error of Python's tokenizer."""
+    kept = with_cached_targets(Slow())
+    for header in (b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 9)}", b"(" * 200):
+        with zipfile.ZipFile(kept.folder / "000002.npz", "w") as archive:
+            for name in ("vectors.npy", "index.npy"):
+                archive.writestr(name, b"\x93NUMPY\x01\0" + len(header).to_bytes(2, "little") + header + bytes(80))
+        with pytest.raises(DegenseError, match=r"000002\.npz is gone or damaged"):
+            kept.targets(2)
 
 
 def test_what_was_not_read_for_longest_makes_room():
