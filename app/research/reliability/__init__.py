@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 from degense.app.research.reliability import faults, kills, mutations
 from degense.app.research.reliability.guarded import READ
-from degense.app.research.reliability.programs import ALLOWED
+from degense.app.research.reliability.kills.programs import ALLOWED
 from degense.app.research.reliability.readers import readers
 from degense.app.research.reliability.tally import COLUMNS, Tally
-from degense.engine.errors import DegenseError
+from degense.engine.errors import LONGEST, DegenseError
 from degense.engine.processes.capacity import trainings_at_once
 from degense.engine.progress import Progress
 from degense.engine.research.bench.run import BenchOptions
@@ -47,29 +48,40 @@ def _said(told: dict[str, Any], part: str) -> list[str]:
     return [f"--{name} {told[name]}" for name in own if told.get(name)]
 
 
+def _log(options: BenchOptions, part: str) -> Path | None:
+    """Where a part keeps what it has found while it goes on."""
+    return None if options.out is None else options.out / f"{part}-{datetime.now():%Y%m%d-%H%M%S}.jsonl"
+
+
 def _kills(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
     count = int(told.get("kills") or (kills.QUICK_COUNT if options.quick else kills.COUNT))
     return _table(
         "reliability-kills",
         "Kills",
         f"{count} ends at random moments: SIGKILL, SIGTERM, and a power cut after which only what was synced is left (bytes by fsync of "
-        "the file, names by fsync of the folder). Then what the program left is opened. Read: it opens, is whole under its final name, and "
-        f"no painting is missing (after a power cut none that is older than {ALLOWED:g} s).",
+        "the file, names by fsync of the folder; of an index, which SQLite writes in place, also with half of the sectors written since). "
+        "A signal to a program that has started others goes to these too every other time. Then what is left is opened, and a training, a "
+        "batch or an index gone on with to its end. Read: it ends as an undisturbed one, an export under its final name is read whole, and "
+        f"no painting is missing (after a power cut none that is older than {ALLOWED:g} s). Nothing yet: nothing had been begun.",
         kills.tallies(count, options.scratch / "kills", 0, progress),
+        [Column("nothing", "nothing yet", 0)],
     )
 
 
 def _mutations(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
     count = int(told.get("inputs") or (mutations.QUICK_COUNT if options.quick else mutations.COUNT))
+    log = _log(options, "mutations")
     return _table(
         "reliability-mutations",
         "Damaged inputs",
         f"{count:,} damaged inputs, as many of each kind: bits, lengths and ends of the file; values, names and nesting where the format "
-        "has them. Half are sound files damaged once; half are damaged further, from inputs that led the program to steps (from one of its "
-        "lines to the next) that it had not taken before. "
-        f"Each is read in a process of its own, with {mutations.SECONDS:g} s and {mutations.MEBIBYTES:,} MiB beyond what the "
-        "program has. Neither: another exception, a signal, a hang, want of memory, or a file opened outside of the input.",
-        mutations.tallies(readers(), count, options.scratch / "mutations", 0, progress),
+        "has them; what is packed or has a check sum (.gz, .nrrd, PNG, .npz, .pt) is damaged unpacked and packed again. Half are sound "
+        "files damaged once; half are damaged further, from inputs that led the program to steps (from one of its lines to the next) that "
+        f"it had not taken before. Each is read in a process of its own, with {mutations.SECONDS:g} s and {mutations.MEBIBYTES:,} MiB more "
+        f"than the program has. Refused: in a line of three words or more and at most {LONGEST} letters, none of them an exception of "
+        "Python's. Neither: any other refusal or exception, a signal, a hang, want of memory, a program or connection, or a place outside "
+        "of the input that was opened, listed or changed.",
+        mutations.tallies(readers(), count, options.scratch / "mutations", 0, progress, log),
         [Column("steps", "steps taken", 0)],
     )
 
@@ -91,8 +103,7 @@ def _soak(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Ta
     from degense.app.research.reliability import soak
 
     minutes = float(told.get("minutes") or (QUICK_MINUTES if options.quick else MINUTES))
-    log = None if options.out is None else options.out / f"soak-{datetime.now():%Y%m%d-%H%M%S}.jsonl"
-    rows = soak.rows(options.scratch / "soak", minutes, progress, log)
+    rows = soak.rows(options.scratch / "soak", minutes, progress, _log(options, "soak"))
     columns = [
         Column("what", "what"),
         Column("first", "first tenth", 2),

@@ -19,9 +19,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from degense.app.research.reliability import samples
-from degense.app.research.reliability.guarded import Fate, guarded
-from degense.app.research.reliability.readers import opened_session, paint
+from degense.app.research.reliability import samples, stalled_work
+from degense.app.research.reliability.guarded import READ, Fate, guarded
+from degense.app.research.reliability.readers.sessions import opened_session, paint
 from degense.engine.errors import DegenseError
 from degense.engine.progress import Progress, silent
 
@@ -48,7 +48,10 @@ def faults() -> list[Fault]:
         Fault("permission lost while a run is open", _ready, _permission_lost),
         Fault("clock that jumps back by a day", _ready, _clock),
         Fault("folder renamed under an open run", _ready, _renamed),
-        Fault("stalled reads", _ready, _stalled),
+        Fault("stalling drive: a training with checkpoints is stopped", stalled_work.prepare, stalled_work.train_and_stop),
+        Fault("stalling drive: a run is opened in the window", stalled_work.prepare, stalled_work.open_in_window),
+        Fault("stalling drive: a run is played in the window", stalled_work.prepare, stalled_work.play_in_window),
+        Fault("stalling drive: painting while it is saved", stalled_work.prepare, stalled_work.paint_and_save),
         Fault("memory of the GPU full in a training", _ready, _no_gpu_memory),
         Fault("CUDA promised and absent", _ready, _no_cuda),
         Fault("corrupted cache of kernels", _ready, _kernels),
@@ -72,6 +75,9 @@ def meet(fault: Fault, scratch: Path) -> Fate:
     if not made.sound:
         raise DegenseError(f"{fault.name} could not be prepared: {made.outcome} {made.words}")
     fate = guarded(lambda: fault.meet(scratch), SECONDS, 16 << 10)
+    said = scratch / stalled_work.SAID
+    if fate.outcome == READ and said.is_file():
+        fate = replace(fate, words=said.read_text(encoding="utf-8"))
     shutil.rmtree(scratch, ignore_errors=True)
     return fate
 
@@ -209,27 +215,6 @@ def _renamed(folder: Path) -> None:
     scene.render_rgb(1)
     annotations.add_class("kidney")
     session.save()
-
-
-def _stalled(folder: Path) -> None:
-    """Every picture takes a third of a second, as on a drive that stalls: a training that is asked to stop leaves within a few of them."""
-    from degense.engine.data.files.images import ImageFiles
-    from degense.engine.data.readers import open_clip
-    from degense.engine.training import TrainConfig, train
-
-    read = ImageFiles.read
-
-    def slowly(self: ImageFiles, index: int) -> Any:
-        time.sleep(0.3)
-        return read(self, index)
-
-    ImageFiles.read = slowly  # type: ignore[method-assign]
-    begin = time.monotonic()
-    clip = open_clip(folder / "clip")
-    found = train(clip, folder / "work" / "t", TrainConfig.preset_of("quick", device="cpu"), events=lambda event: None, stop=lambda: True)
-    assert found is None
-    spent = time.monotonic() - begin
-    assert spent < 60, f"it left after {spent:.0f} seconds"
 
 
 # -- GPUs and kernels ----------------------------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import select
 import signal
@@ -12,9 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from degense.engine.errors import DegenseError
+from degense.engine.errors import LONGEST, DegenseError
 
 READ, REFUSED = "read", "refused"
+#: What belongs to Python and not to a reader.
+PYTHONS = re.compile(r"Traceback|NoneType|has no attribute|object at 0x|<class |\w+(?:Error|Exception|Warning)\b|Errno")
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ def guarded(work: Callable[[], object], seconds: float, mebibytes: int) -> Fate:
 
     A process that only waits for a core is given time until it has had `seconds` of one.
 
-    A DegenseError of one line is a refusal; any other exception, signal, hang or want of memory is a defect.
+    A DegenseError of one sentence (`is_sentence`) is a refusal; any other exception, signal, hang or want of memory is a defect.
     """
     sys.stdout.flush()
     sys.stderr.flush()
@@ -68,6 +71,11 @@ def waits_for_a_core(process: int, seconds: float) -> bool:
     return any(thread[0] in "RD" for thread in threads) and ticks < seconds * os.sysconf("SC_CLK_TCK")
 
 
+def is_sentence(text: str) -> bool:
+    """Whether a text can be shown as it is: a line of at least three words and at most `LONGEST` letters, none of them Python's own."""
+    return text.isprintable() and text == text.strip() and len(text.split()) >= 3 and len(text) <= LONGEST and not PYTHONS.search(text)
+
+
 def silence() -> None:
     """From now on this process prints nothing and reads nothing from its terminal."""
     quiet = os.open(os.devnull, os.O_RDWR)
@@ -87,9 +95,7 @@ def _do(work: Callable[[], object], writing: int, mebibytes: int) -> None:
         work()
         text = READ
     except DegenseError as error:
-        sentence = str(error)
-        one_line = len(sentence.strip().splitlines()) == 1 and "Traceback" not in sentence
-        text = f"{REFUSED if one_line else 'NO SENTENCE'}\n{sentence}"
+        text = f"{REFUSED if is_sentence(str(error)) else 'NO SENTENCE'}\n{error}"
     except MemoryError:
         text = "MEMORY\n" + _where()
     except BaseException as error:

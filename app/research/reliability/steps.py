@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from array import array
 from collections.abc import Callable
@@ -11,8 +12,8 @@ from typing import Any
 
 import degense.engine
 
-#: Files below are the program's own; libraries are not followed.
-OURS = str(Path(degense.engine.__file__).parents[1])
+#: Files below are the program's own; libraries are not followed, also where they lie beside it.
+OURS = tuple(f"{Path(degense.engine.__file__).parents[1] / part}{os.sep}" for part in ("app", "engine", "widgets"))
 
 
 def traced(work: Callable[[], object], record: Path) -> None:

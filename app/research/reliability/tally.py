@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from degense.app.research.reliability.guarded import READ, REFUSED, Fate
 from degense.engine.research.bench.table import Cell, Column
 
+NOTHING = "nothing yet"
 COLUMNS = [
     Column("what", "what"),
     Column("cases", "cases", 0),
@@ -31,9 +32,11 @@ class Tally:
     seconds: float = 0.0
     defects: list[str] = field(default_factory=list)
     steps: int | None = None
+    note: str = ""  # why there are no cases
 
-    def add(self, fate: Fate, words: str) -> None:
-        self.outcomes[fate.outcome] += 1
+    def add(self, fate: Fate, words: str, begun: bool = True) -> None:
+        """Count a case; one in which nothing had `begun` yet cannot be read, and is counted apart."""
+        self.outcomes[NOTHING if fate.outcome == READ and not begun else fate.outcome] += 1
         self.seconds = max(self.seconds, fate.seconds)
         if not fate.sound:
             self.defects.append(f"{fate.outcome}: {words}: {fate.words}")
@@ -41,4 +44,5 @@ class Tally:
     def row(self) -> dict[str, Cell]:
         about: dict[str, Cell] = {"what": self.name, "cases": self.outcomes.total(), "seconds": self.seconds}
         counts: dict[str, Cell] = {"read": self.outcomes[READ], "refused": self.outcomes[REFUSED], "defects": len(self.defects)}
-        return {**about, **counts, "steps": self.steps, "words": "; ".join(defect[:160] for defect in self.defects[:3])}
+        words = self.note or "; ".join(defect[:160] for defect in self.defects[:3])
+        return {**about, **counts, "nothing": self.outcomes[NOTHING], "steps": self.steps, "words": words}

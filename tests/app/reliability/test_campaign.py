@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -13,13 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from degense.app.research.reliability import kills, mutations, programs
-from degense.app.research.reliability.filesystem_log import lay_out, record
+from degense.app.research.reliability import mutations
 from degense.app.research.reliability.guarded import READ, REFUSED, guarded, waits_for_a_core
 from degense.app.research.reliability.readers import Reader, readers
 from degense.app.research.reliability.soak import Slope
 from degense.engine.errors import DegenseError
-from degense.engine.files import write_text
 from degense.engine.research.bench.child import call_in_child
 from tests.app.reliability import cases
 
@@ -108,66 +105,13 @@ def test_a_refusal_that_is_no_line_is_a_defect(text):
     assert (fate.outcome, fate.words, fate.sound) == ("NO SENTENCE", text, False)
 
 
-def test_what_is_synced_survives_a_power_cut_and_nothing_else(tmp_path):
-    """`write_text` survives; a file that is written but not synced is not there, and one whose name alone was kept is empty."""
-    out, log, target = tmp_path / "out", tmp_path / "log", tmp_path / "target"
-    out.mkdir()
-    inode = out.stat().st_ino
-
-    def work() -> None:
-        record(out, log)
-        write_text(out / "inner" / "a", "first")
-        (out / "careless").write_text("x")
-        write_text(out / "inner" / "a", "second")
-        (out / "inner" / "late").write_text("y")
-        write_text(out / "b", "third")
-
-    assert guarded(work, 20.0, 512).sound
-    lay_out(log, time.monotonic(), inode, target)
-    assert {str(path.relative_to(target)): path.read_text() for path in target.rglob("*") if path.is_file()} == {
-        "inner/a": "second",
-        "careless": "",
-        "b": "third",
-    }
-    shutil.rmtree(target)
-    lay_out(log, 0.0, inode, target)
-    assert list(target.iterdir()) == []
-
-
-@pytest.mark.parametrize("how", ["SIGKILL", "power cut"])
-def test_painting_survives_kills_and_power_cuts(how, tmp_path):
-    tally = call_in_child(cases.killed, "annotate", how, 3, tmp_path / "scratch", 5.0)
-    assert tally.outcomes == {READ: 3}, tally.defects
-
-
-@pytest.mark.parametrize("how", ["SIGKILL", "power cut"])
-def test_exports_are_whole_under_their_final_names(how, tmp_path):
-    tally = call_in_child(cases.killed, "export", how, 2, tmp_path / "scratch", 5.0)
-    assert tally.outcomes == {READ: 2}, tally.defects
-
-
-def test_a_program_that_writes_carelessly_is_found(tmp_path):
-    """It writes under the final name, and syncs nothing but the folder."""
-
-    def work(folder: Path) -> None:
-        handle = os.open(folder / "out", os.O_RDONLY)
-        for number in range(40):
-            (folder / "out" / f"{number}.json").write_text("{}")
-            os.fsync(handle)
-            time.sleep(0.02)
-
-    program = programs.Program("careless", lambda folder: None, work, cases.named("export").check)
-    tally = kills.tally(program, "power cut", 4, tmp_path / "scratch", seed=0, longest=1.0)
-    assert set(tally.outcomes) == {"CRASHED"}
-
-
 @pytest.mark.parametrize("name", ["disk full: session", "disk full: export", "disk full: index", "read-only folder: session", "CUDA"])
 def test_faults_are_met_with_a_sentence(name, tmp_path):
     fate = call_in_child(cases.met, name, tmp_path / "scratch")
     assert fate.outcome == REFUSED, fate.words
 
 
-@pytest.mark.parametrize("name", ["clock that", "stalled reads", "memory of the GPU"])
+@pytest.mark.parametrize("name", ["clock that", "memory of the GPU"])
 def test_faults_that_are_survived(name, tmp_path):
     fate = call_in_child(cases.met, name, tmp_path / "scratch")
     assert fate.outcome == READ, fate.words

@@ -1,0 +1,1 @@
+"""Damages files as chance and malice do."""
