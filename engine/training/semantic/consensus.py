@@ -17,7 +17,7 @@ from torch import Tensor
 
 from degense.engine.latest import Latest
 from degense.engine.progress import Progress, silent
-from degense.engine.threads import kernel_threads, made_ahead
+from degense.engine.threads import kernel_threads, made_ahead, one_torch_thread
 from degense.engine.training.semantic.appearance import Appearance, Looks
 from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.regions import Regions
@@ -35,6 +35,7 @@ ROUNDS = 2  # in all but the first, frames vote with the consensus of the round 
 SETTLED = 5e-3  # share of the pixels that the first round calls otherwise than the teacher, up to which it is taken at its word
 MOST_VOTERS = 64  # frames that vote, evenly spread; a long clip has more
 SCORE_BYTES = 1 << 29  # of what is known of frames, kept
+AT_ONCE = 4  # frames at most, each with all its pixels in memory
 PIXELS = 400_000  # of all frames, that the appearance is learned from
 
 
@@ -92,6 +93,7 @@ class Consensus:
     The targets, which are the teacher's answers, are told their `disagreement` and `accuracy`.
     """
 
+    @one_torch_thread()
     def __init__(self, geometry: FinishedGeometry, targets: SemanticTargets, seed: int, progress: Progress = silent):
         self._frames = frames = geometry.frames
         self._targets, self._words = targets, words_of(targets.sample, targets.classes)
@@ -141,13 +143,13 @@ class Consensus:
         contested, pixels = torch.stack(counts).sum(0), sum(labelled)
         self._own, self._reach = own_weight(contested), NEAR + float(contested[3] - contested[0]) / max(pixels, 1)
         self._regions.clear()
-        for frame, before in zip(voters, self._each(self._alone, voters), strict=True):
-            self._regions.add(frame, before)
+        for frame, sums in zip(voters, self._each(self._of_regions, voters), strict=True):
+            self._regions.add(frame, sums)
         return contested, pixels
 
     def _each(self, work: Callable[[int], Made], frames: list[int]) -> Iterable[Made]:
         """What is made of each frame, in order; on a CPU each of its threads takes other frames."""
-        return map(work, frames) if self._frames.device.type == "cuda" else made_ahead(work, frames, kernel_threads())
+        return map(work, frames) if self._frames.device.type == "cuda" else made_ahead(work, frames, min(AT_ONCE, kernel_threads()))
 
     def _seen(self, frame: int) -> Tensor:
         """The looks of a frame; its regions are found too."""
@@ -159,10 +161,10 @@ class Consensus:
         around = (self._regions.read(frame, self._reach) + AROUND).log()
         return torch.softmax(self._before_regions(frame, self._told(frame)) + 2 * around / (1 + math.exp(self._own)), 1)
 
-    def _alone(self, frame: int) -> Tensor:
-        """The shares of words before regions are asked, 0 where the teacher says nothing: float [H × W, K]."""
+    def _of_regions(self, frame: int) -> Tensor:
+        """What the regions of a frame are called before others are asked, by their pixels that the teacher names: float [regions, K]."""
         told = self._told(frame)
-        return torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0)
+        return self._regions.sums(frame, torch.softmax(self._before_regions(frame, told), 1) * (told.sum(1, keepdim=True) > 0))
 
     def _before_regions(self, frame: int, told: Tensor) -> Tensor:
         """log q₀, but for a constant: float [H × W, K]."""

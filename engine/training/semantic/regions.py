@@ -54,12 +54,16 @@ class Regions:
         self._traits, self._sums = [], []
         self._read.clear()
 
-    def add(self, frame: int, shares: Float[Tensor, "pixels words"]) -> None:
-        """Let the regions of a frame vote, by size; rows of zeros say nothing."""
-        self._read.clear()
+    def sums(self, frame: int, shares: Float[Tensor, "pixels words"]) -> Float[Tensor, "regions words"]:
+        """The shares of a frame's pixels, summed in its regions; rows of zeros say nothing."""
         regions = self.of(frame)
-        self._traits.append(regions.traits)
-        self._sums.append(shares.new_zeros(len(regions.size), shares.shape[1]).index_add_(0, regions.of_pixel, shares))
+        return shares.new_zeros(len(regions.size), shares.shape[1]).index_add_(0, regions.of_pixel, shares)
+
+    def add(self, frame: int, sums: Float[Tensor, "regions words"]) -> None:
+        """Let the regions of a frame vote with their `sums`, so by size."""
+        self._read.clear()
+        self._traits.append(self.of(frame).traits)
+        self._sums.append(sums)
 
     def read(self, frame: int, reach: float) -> Float[Tensor, "pixels words"]:
         """The shares of the votes around each pixel's region, rows of sum 1:  Σ_s exp(−‖traits − traits_s‖² / 2) Σ_p∈s shares_p, with

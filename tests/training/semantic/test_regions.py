@@ -49,13 +49,13 @@ def test_votes_are_weighed_by_place_in_the_scene_and_colour(stage):
         shares[:1000] = 0  # nothing is said here
         sums[frame] = np.stack([shares[of_pixel[frame] == k].sum(0) for k in range(len(traits[frame]))])
         if frame != 3:
-            regions.add(frame, torch.from_numpy(shares).float())
+            regions.add(frame, regions.sums(frame, torch.from_numpy(shares).float()))
     far = ((traits[3][:, None] - np.concatenate([traits[0], traits[2]])[None]) ** 2).sum(-1)
     expected = np.exp(-far / 2) @ np.concatenate([sums[0], sums[2]])
     expected = (expected / expected.sum(1, keepdims=True))[of_pixel[3]]
     np.testing.assert_allclose(regions.read(3, 0.15), expected, atol=2e-3)
     regions.clear()
-    regions.add(2, torch.eye(3)[torch.zeros(96 * 80, dtype=torch.int64)])
+    regions.add(2, regions.sums(2, torch.eye(3)[torch.zeros(96 * 80, dtype=torch.int64)]))
     assert (regions.read(3, 0.15)[:, 0] > 0.999).all()
 
 
@@ -76,7 +76,7 @@ def test_a_region_that_is_called_otherwise_for_most_of_the_clip_is_called_as_wha
     for frame in (0, 2, 3, 4):
         names = truth.copy()
         names[30:44, 20:34] = frame > 0
-        regions.add(frame, torch.eye(2)[torch.from_numpy(names.ravel())])
+        regions.add(frame, regions.sums(frame, torch.eye(2)[torch.from_numpy(names.ravel())]))
     said = regions.read(0, 0.15).argmax(1).reshape(80, 96).numpy()
     assert (said == truth).mean() > 0.97
     assert (said[30:44, 20:34] == 0).all()

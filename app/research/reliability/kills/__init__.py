@@ -131,6 +131,8 @@ def _cut_power_in_calls(program: Program, whole: Path, at: Path, count: int, rng
             _wait(child, PATIENCE)
     made = calls(log)
     changes = [place for place, call in enumerate(made) if call.name not in ("openat", "lseek", "close")]
+    if not changes:
+        raise DegenseError("nothing was written in the time that was given; give more")
     for case in range(count):
         shutil.rmtree(out)
         last = rng.choice(changes)

@@ -81,11 +81,11 @@ def _prepare_index(folder: Path) -> None:
 
     for place in ("out", "undisturbed"):
         trainings.small_run(folder, f"{place}/one")
-    finish(update_index(folder / "undisturbed"))
+        finish(update_index(folder / place))
 
 
 def _index(folder: Path) -> None:
-    """The index is made, and brought up to date after each change of the run, again and again."""
+    """The index is brought up to date after each change of the run, and then made from nothing, again and again."""
     from degense.engine.archive.indexing import update_index
 
     while True:
