@@ -5,14 +5,14 @@ LONGEST = 600
 
 
 class DegenseError(Exception):
-    """What is wrong, where, and what to do, in one sentence: a line of at most `LONGEST` letters.
+    """What is wrong, where, and what to do, in one sentence: a line of at most `LONGEST` letters, without its middle where it is longer.
 
     The command line prints it and exits with status 2; the window shows it in a dialog. Anything else that is raised is a defect.
     """
 
     def __str__(self) -> str:
         line = "".join(letter if letter.isprintable() else " " for letter in super().__str__())
-        return line if len(line) <= LONGEST else f"{line[: LONGEST - 1]}…"
+        return line if len(line) <= LONGEST else f"{line[: LONGEST // 2 - 2]} … {line[1 - LONGEST // 2 :]}"
 
 
 class ClipError(DegenseError):

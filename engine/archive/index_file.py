@@ -26,6 +26,8 @@ from degense.engine.untrusted import parse_json
 INDEX = "degense-index.sqlite"
 #: Changes with the tables and with what the columns mean.
 APPLICATION, VERSION = 0x44474E53, 2
+#: Of a damaged file SQLite may say what is wrong in letters that are none.
+UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
 #: An index answers by the rules it was made with.
 RULES = {"contact": CONTACT, "near": NEAR, "enclosed": ENCLOSED, "decoder": "rnse"}
 TABLES = """
@@ -134,8 +136,8 @@ class IndexFile:
     def _rows(self, query: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
         try:
             return self._db.execute(query, values).fetchall()
-        except sqlite3.Error as error:
-            raise DegenseError(f"{self.path} cannot be read ({error}); if it is damaged, delete it, and it is made again.") from error
+        except UNREADABLE as error:
+            raise _unreadable(self.path, error) from error
 
 
 def create_index(path: Path) -> None:
@@ -169,13 +171,18 @@ def open_index(path: Path, write: bool = False) -> Iterator[IndexFile]:
                 connection.execute("PRAGMA query_only = ON")
             tables = connection.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL ORDER BY name LIMIT 50").fetchall()
             rules = connection.execute("SELECT text FROM rules LIMIT 1").fetchall() if tables == _tables() else []
-        except sqlite3.Error as error:
-            raise DegenseError(f"{path} cannot be read ({error}); if it is damaged, delete it, and it is made again.") from error
+        except UNREADABLE as error:
+            raise _unreadable(path, error) from error
         if tables != _tables():
             raise DegenseError(f"{path} holds other tables than an index of degense; move it away, and an index is made.")
         if rules != [(json.dumps(RULES),)]:
             raise DegenseError(f"{path} was made by other rules than those of this version; delete it, and it is made again.")
         yield IndexFile(path, connection)
+
+
+def _unreadable(path: Path, error: Exception) -> DegenseError:
+    why = f" ({error})" if isinstance(error, sqlite3.Error) else ""
+    return DegenseError(f"{path} cannot be read{why}; if it is damaged, delete it, and it is made again.")
 
 
 def _check_header(path: Path) -> None:

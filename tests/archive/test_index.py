@@ -133,6 +133,7 @@ HOSTILE = {
     "with a trigger": altered("CREATE TRIGGER t AFTER DELETE ON runs BEGIN DELETE FROM columns; END"),
     "with a view for a table": altered("DROP TABLE runs", "CREATE VIEW runs AS SELECT 1 AS id"),
     "in write-ahead mode": altered("PRAGMA journal_mode = WAL"),
+    "tables whose names are no letters": lambda path: path.write_bytes(path.read_bytes().replace(b"E TABLE ru", b"E TAB\xccE ru")),
     "by other rules": altered("UPDATE rules SET text = '{}'"),
     "a path that leaves": altered("UPDATE runs SET path = '../../etc'"),
     "an absolute path": altered("UPDATE runs SET path = '/etc'"),

@@ -73,6 +73,10 @@ def test_errors_are_one_line_of_bounded_length():
     assert text.isprintable()
     text.encode()
     assert str(DegenseError("A plain sentence, 5 × 3; é.")) == "A plain sentence, 5 × 3; é."
+    said = str(DegenseError(f"{'9' * 1000} is no name of a file; the file that names it is damaged."))
+    assert len(said) == LONGEST
+    assert said.startswith("999")
+    assert said.endswith(" is no name of a file; the file that names it is damaged."), "what to do stands at the end"
 
 
 @pytest.mark.parametrize("text", ["[" * 50_000, '{"a":' * 50_000, "- " * 50_000, "a: [" * 100], ids=["lists", "maps", "dashes", "both"])

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from degense.engine.data.files.numbered import shown
-from degense.engine.errors import DegenseError
+from degense.engine.errors import DegenseError, is_out_of_memory, what_is_wrong
 from degense.engine.semantics.models.model_folder import brightness, from_transformers, model_config, model_digest, read_config
 
 POINTS = 16  # along each side of the grid
@@ -39,7 +39,7 @@ class MaskProposals:
         values = read_config(preprocessing) if preprocessing.exists() else {}
         self._model: Any = model.eval().requires_grad_(False).to(device)
         self._mean, self._deviation = (three.to(device) for three in brightness(folder, values, MEAN, DEVIATION))
-        self._side, self._device = int(model.config.vision_config.image_size), device
+        self._side, self._device, self._folder = int(model.config.vision_config.image_size), device, folder
         self.name = f"sam-{model_digest(folder)}"
 
     @torch.no_grad()
@@ -51,10 +51,15 @@ class MaskProposals:
         small = torch.from_numpy(cv2.resize(rgb, inner[::-1], interpolation=cv2.INTER_AREA)).to(self._device).permute(2, 0, 1).float()
         picture = torch.zeros(1, 3, self._side, self._side, device=self._device)
         picture[0, :, : inner[0], : inner[1]] = (small / 255 - self._mean) / self._deviation
-        embedded = self._model.get_image_embeddings(picture)
         place = (torch.arange(POINTS, device=self._device) + 0.5) / POINTS
         points = torch.stack(torch.meshgrid(place * inner[1], place * inner[0], indexing="xy"), -1).reshape(-1, 1, 2)
-        found, scores = zip(*(self._asked(embedded, some, inner) for some in points.split(ASKED)), strict=True)
+        try:
+            embedded = self._model.get_image_embeddings(picture)
+            found, scores = zip(*(self._asked(embedded, some, inner) for some in points.split(ASKED)), strict=True)
+        except Exception as error:  # whatever parts of a damaged model that do not fit each other lead to
+            if is_out_of_memory(error):
+                raise
+            raise DegenseError(f"{shown(self._folder)} holds no SAM that proposes masks: {what_is_wrong(error)}") from error
         kept = distinct(torch.cat(found), torch.cat(scores))
         masks = np.zeros((len(kept), height, width), bool)
         for mask, logits in zip(masks, kept, strict=True):

@@ -49,6 +49,15 @@ def test_damaged_weights_are_one_sentence(name, read, models):
     assert "Error" not in str(refused.value).replace("Error while", "")
 
 
+def test_a_sam_whose_parts_do_not_fit_each_other_is_one_sentence(models):
+    file = models / "sam" / "config.json"
+    said = json.loads(file.read_text())
+    said["prompt_encoder_config"]["image_embedding_size"] = str(said["prompt_encoder_config"]["image_embedding_size"])
+    file.write_text(json.dumps(said))
+    with pytest.raises(DegenseError, match=r"sam holds no SAM .*: its parts do not fit each other$"):
+        MaskProposals(models / "sam", CPU)(np.zeros((40, 48, 3), np.uint8))
+
+
 def shifted(tokenizer: Path, by: int) -> None:
     """Every token gets a number that is so much higher."""
     said = json.loads(tokenizer.read_text())
