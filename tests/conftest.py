@@ -124,7 +124,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log):
     class ByScreen(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             room, of = nodeid.split("/")[1:3]
-            with_windows = room == "widgets" or (room == "app" and of not in ("headless", "interop"))
+            with_windows = room == "widgets" or (room == "app" and of not in ("headless", "interop", "batch", "reliability"))
             return "window" if with_windows else f"{room}/{of}" if room == "app" else room
 
     return ByScreen(config, log)

@@ -51,7 +51,9 @@ def read(path: Path) -> SavedSession:
         data = read_json(path, LARGEST)
     except FileNotFoundError:
         return SavedSession()
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise DamagedSession(path, error.strerror or "it cannot be read") from error
+    except ValueError as error:
         raise DamagedSession(path, str(error)) from error
     match data:
         case {"id": str(id), "parts": dict(states)}:
