@@ -144,10 +144,16 @@ def _full(write: Callable[[Path], None], folder: Path) -> None:
 
 
 def _as_somebody() -> None:
-    """The superuser may write everything: be nobody, who may not even import what is imported later."""
+    """The superuser may write everything: be nobody, who may not even import or read what the program needs later."""
+    from PIL import Image
+
+    from degense.engine.vocabulary.concepts import surgical_vocabulary
+
     for module in ("degense.app.features.export.formats", "degense.engine.training", "encodings.cp437"):
         importlib.import_module(module)
     codecs.lookup("cp437")
+    Image.preinit()
+    surgical_vocabulary()
     if os.geteuid() == 0:
         os.setgroups([])
         os.setgid(NOBODY)

@@ -13,7 +13,7 @@ from tests.house.source import imports, modules, within
 
 ABSENT = ("PySide6", "shiboken6", "pyqtgraph", "pyvista", "vtk", "vtkmodules")
 #: They show a window.
-IN_A_WINDOW = ("degense.app.research.reliability.soak", "degense.app.application")
+IN_A_WINDOW = ("degense.app.research.reliability.soak", "degense.app.research.reliability.stalled_work", "degense.app.application")
 
 
 @pytest.fixture

@@ -112,14 +112,14 @@ def test_the_window_stays_alive_while_frames_are_drawn(qtbot, opened, idle, monk
     """A frame is drawn by the worker; until it is done the event loop turns."""
     import degense.app.features.viewer.controller as drawing
 
-    real, begun, go_on = drawing.draw_view, threading.Event(), threading.Event()
+    real, begun, go_on = drawing.draw_shown, threading.Event(), threading.Event()
 
     def held(scene, request):
         begun.set()
         assert go_on.wait(30)  # in vain, if the window itself were drawing
         return (yield from real(scene, request))
 
-    monkeypatch.setattr(drawing, "draw_view", held)
+    monkeypatch.setattr(drawing, "draw_shown", held)
     opened.session.go_to(6)
     qtbot.waitUntil(begun.is_set)
     qtbot.wait(50)
