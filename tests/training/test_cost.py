@@ -8,6 +8,7 @@ import torch
 
 from degense.engine import gpu
 from degense.engine.errors import DegenseError
+from degense.engine.training import config
 from degense.engine.training.config import PRESETS, TrainConfig
 from degense.engine.training.cost import estimate
 from tests.fakes import MemoryClip
@@ -72,6 +73,7 @@ def test_the_gpu_must_exist(monkeypatch):
     with pytest.raises(DegenseError, match="no CUDA GPU was found"):
         cost(device="cuda")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(gpu, "driver_fault", lambda: "")  # the driver of the imagined GPU works
+    for module in (gpu, config):
+        monkeypatch.setattr(module, "driver_fault", lambda: "")  # the driver of the imagined GPU works
     assert "on the GPU" in cost(device="auto")["words"]
     assert cost(device="cuda")["seconds"] < cost(device="cpu")["seconds"]

@@ -34,7 +34,8 @@ def test_two_windows_lose_no_settings_of_each_other(tmp_path):
     last = SettingsFile(path).value
     assert (last.theme, last.speed, [Path(entry).name for entry in last.recent]) == ("light", 2.0, ["b", "a"])
     program = (
-        "import sys; from pathlib import Path; from degense.app.shell import settings; from degense.app.shell.settings import SettingsFile\n"
+        "import sys; from pathlib import Path\n"
+        "from degense.app.shell import settings; from degense.app.shell.settings import SettingsFile\n"
         "settings.PATIENCE = 300.0\n"  # whether a change is lost to another, not how long a busy machine takes
         "file = SettingsFile(Path(sys.argv[1]))\n"
         "for step in range(20):\n"
