@@ -1,8 +1,9 @@
-"""Sixteen float32 lanes in numba kernels.
+"""Sixteen float32 lanes in numba kernels, or eight.
 
 Numba vectorises only what LLVM's loop vectoriser recognises, and a masked blend of neighbouring pixels is beyond it. Here
 is a `Lanes` value and the few operations that the blending kernels need, each a handful of LLVM vector instructions: AVX-512
-or twice AVX on x86, NEON on ARM, SSE where there is no better. Loads, stores and the counter do not check bounds.
+or twice AVX on x86, NEON on ARM, SSE where there is no better. Loads, stores and the counter do not check bounds. A `Half`
+has half the lanes, for the few channels of a feature plane; `mul`, `fma` and `store` take either.
 """
 
 from __future__ import annotations
@@ -14,22 +15,23 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
 LANES = 16
+HALF = LANES // 2
 _FLOAT, _INT, _BIT = ir.FloatType(), ir.IntType(32), ir.IntType(1)
-_VECTOR, _INTS = ir.VectorType(_FLOAT, LANES), ir.VectorType(_INT, LANES)
+_VECTOR, _INTS, _HALF_VECTOR = ir.VectorType(_FLOAT, LANES), ir.VectorType(_INT, LANES), ir.VectorType(_FLOAT, HALF)
 
 
 class _Type(types.Type):
     """An opaque numba type held in one LLVM vector."""
 
 
-lanes, mask = _Type("Lanes"), _Type("Mask")
+lanes, mask, half = _Type("Lanes"), _Type("Mask"), _Type("Half")
 
 
 @register_model(_Type)
 class _Model(models.PrimitiveModel):
     def __init__(self, manager, numba_type):
-        element = _FLOAT if numba_type.name == "Lanes" else _BIT
-        super().__init__(manager, numba_type, ir.VectorType(element, LANES))
+        vector = {"Lanes": _VECTOR, "Half": _HALF_VECTOR, "Mask": ir.VectorType(_BIT, LANES)}[numba_type.name]
+        super().__init__(manager, numba_type, vector)
 
 
 def _constant(value: float) -> ir.Constant:
@@ -40,14 +42,16 @@ def _integers(value: int) -> ir.Constant:
     return ir.Constant(_INTS, [ir.Constant(_INT, value)] * LANES)
 
 
-def _broadcast(builder, scalar):
-    first = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.Constant(_INT, 0))
-    return builder.shuffle_vector(first, ir.Constant(_VECTOR, ir.Undefined), _integers(0))
+def _broadcast(builder, scalar, vector=_VECTOR):
+    first = builder.insert_element(ir.Constant(vector, ir.Undefined), scalar, ir.Constant(_INT, 0))
+    order = ir.Constant(ir.VectorType(_INT, vector.count), [ir.Constant(_INT, 0)] * vector.count)
+    return builder.shuffle_vector(first, ir.Constant(vector, ir.Undefined), order)
 
 
 def _call(builder, name, *arguments):
-    function_type = ir.FunctionType(_VECTOR, [_VECTOR] * len(arguments))
-    return builder.call(cgutils.get_or_insert_function(builder.module, function_type, f"llvm.{name}.v{LANES}f32"), arguments)
+    vector = arguments[0].type
+    function_type = ir.FunctionType(vector, [vector] * len(arguments))
+    return builder.call(cgutils.get_or_insert_function(builder.module, function_type, f"llvm.{name}.v{vector.count}f32"), arguments)
 
 
 def _fma(builder, a, b, c):
@@ -101,10 +105,16 @@ def ramp(builder, start):
     return builder.fadd(_broadcast(builder, start), ir.Constant(_VECTOR, [ir.Constant(_FLOAT, float(i)) for i in range(LANES)]))
 
 
+@_operation(half, types.float32)
+def splat_half(builder, value):
+    """The same number in each of eight lanes."""
+    return _broadcast(builder, value, _HALF_VECTOR)
+
+
 def _arithmetic(instruction: str):
-    @_operation(lanes, lanes, lanes)
-    def operation(builder, a, b):
-        return getattr(builder, instruction)(a, b)
+    @intrinsic
+    def operation(typing, a, b):
+        return a(a, a), lambda context, builder, signature, values: getattr(builder, instruction)(*values)
 
     return operation
 
@@ -112,10 +122,10 @@ def _arithmetic(instruction: str):
 add, sub, mul, div = (_arithmetic(instruction) for instruction in ("fadd", "fsub", "fmul", "fdiv"))
 
 
-@_operation(lanes, lanes, lanes, lanes)
-def fma(builder, a, b, c):
+@intrinsic
+def fma(typing, a, b, c):
     """a b + c, rounded once where the processor can."""
-    return _fma(builder, a, b, c)
+    return a(a, a, a), lambda context, builder, signature, values: _fma(builder, *values)
 
 
 @_operation(lanes, lanes, lanes)
@@ -209,15 +219,19 @@ def exp2(builder, x):
     return builder.bitcast(builder.add(builder.bitcast(power, _INTS), exponent), _VECTOR)
 
 
-@intrinsic
-def load(typing, array, index):
-    """LANES numbers of a contiguous float32 array from a flat index."""
+def _loading(result, vector):
+    @intrinsic
+    def load(typing, array, index):
+        def codegen(context, builder, signature, values):
+            return builder.load(_pointer(context, builder, signature.args[0], values[0], values[1], vector), align=4)
 
-    def codegen(context, builder, signature, values):
-        pointer = _pointer(context, builder, signature.args[0], values[0], values[1], _VECTOR)
-        return builder.load(pointer, align=4)
+        return result(array, types.intp), codegen
 
-    return lanes(array, types.intp), codegen
+    return load
+
+
+#: LANES numbers, or HALF, of a contiguous float32 array from a flat index.
+load, load_half = _loading(lanes, _VECTOR), _loading(half, _HALF_VECTOR)
 
 
 @intrinsic
@@ -232,11 +246,11 @@ def spread(typing, array, index):
 
 @intrinsic
 def store(typing, array, index, value):
-    """Write LANES numbers to a contiguous float32 array at a flat index."""
+    """Write all lanes of a value to a contiguous float32 array at a flat index."""
 
     def codegen(context, builder, signature, values):
-        pointer = _pointer(context, builder, signature.args[0], values[0], values[1], _VECTOR)
+        pointer = _pointer(context, builder, signature.args[0], values[0], values[1], values[2].type)
         builder.store(values[2], pointer, align=4)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, lanes), codegen
+    return types.void(array, types.intp, value), codegen

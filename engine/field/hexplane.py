@@ -7,7 +7,6 @@ bilinear and three linear look-ups a level instead of six bilinear ones.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from importlib.util import find_spec
 
 import torch
@@ -15,6 +14,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from degense.engine.field import hexplane_cpu
+from degense.engine.field.roughness import ACROSS, ALONG, APART, BEND, roughness
 
 #: Numbers a knot, under which a processor is faster with one product over the knots that count than with picking four of them.
 SHORT = 16
@@ -43,25 +43,27 @@ class HexPlane(nn.Module):
         """The time planes at time `t`, one [3, R, C] a level. Times outside [-1, 1] are clamped."""
         return [at_time(plane, t) for plane in self.time]
 
-    def forward(self, points: Tensor, t: float | Tensor) -> Tensor:
-        """Features [N, channels × levels] of `points` [N, 3] (clamped to [-1, 1]) at time `t`.
+    def forward(self, points: Tensor, t: float | Tensor, *others: tuple[Tensor, float | Tensor]) -> Tensor:
+        """Features [N, channels × levels] of `points` [N, 3] (clamped to [-1, 1]) at time `t`; then those of `others`, points at a time.
 
         No gradient reaches `points`: a field that can be changed by moving the query point is one more way to explain colour by motion.
         """
-        points = inside(points.detach())
-        return sampler(points, self.space[0].shape[-1])(points, list(self.space), self.lines(t))
+        queries = [(inside(query.detach()), self.lines(time)) for query, time in ((points, t), *others)]
+        spaces = list(self.space)
+        if points.device.type == "cpu" and points.dtype == torch.float32 and not self.channels % hexplane_cpu.BLOCK:
+            return hexplane_cpu.sample([query for query, _ in queries], spaces, [lines for _, lines in queries])
+        found = [sample_levels(query, spaces, lines, sampler(query)) for query, lines in queries]
+        return found[0] if len(found) == 1 else torch.cat(found)
 
     def smoothness(self) -> tuple[Tensor, Tensor, Tensor]:
         """Regularisers of the planes, each a mean of squares or absolutes.
 
         Returns (total variation in space, acceleration in time, distance of the time planes from 1).
         """
-        space = sum((p.diff(dim=1).square().mean() + p.diff(dim=2).square().mean()) for p in self.space)
-        space = space + sum(p.diff(dim=2).square().mean() for p in self.time)
-        zero = self.time[0].new_zeros(())
-        curvature = sum((p.diff(n=2, dim=1).square().mean() for p in self.time), zero) if self.time[0].shape[1] > 2 else zero
-        constancy = sum(((p - 1).abs().mean() for p in self.time), zero)
-        return space, curvature, constancy
+        in_space = [value for plane in self.space for value in roughness(plane, ALONG, ACROSS)]
+        in_time = [roughness(plane, ALONG, BEND, APART, centre=1.0) for plane in self.time]
+        along, curvature, constancy = (sum(values) for values in zip(*in_time, strict=True))
+        return sum(in_space) + along, curvature, constancy
 
 
 def inside(points: Tensor) -> Tensor:
@@ -69,20 +71,13 @@ def inside(points: Tensor) -> Tensor:
     return points.nan_to_num().clamp(-1.0, 1.0)
 
 
-def sampler(points: Tensor, channels: int) -> Callable[[Tensor, Sequence[Tensor], Sequence[Tensor]], Tensor]:
-    """`sample_levels`, or its fused twin for tensors like these, if there is one.
-
-    That is for float32; on a CPU where the channels of a level fill its blocks, on a GPU where Triton is installed.
-    """
-    if points.dtype != torch.float32:
-        return sample_levels
-    if points.device.type == "cpu":
-        return sample_levels if channels % hexplane_cpu.BLOCK else hexplane_cpu.sample
-    if find_spec("triton") is None:
-        return sample_levels
+def sampler(points: Tensor) -> Callable[[Tensor, Tensor, Tensor], Tensor]:
+    """`sample_level`, or on a GPU where Triton is installed its fused twin, which is for float32."""
+    if points.device.type == "cpu" or points.dtype != torch.float32 or find_spec("triton") is None:
+        return sample_level
     from degense.engine.field import hexplane_cuda
 
-    return partial(sample_levels, sample=hexplane_cuda.sample)
+    return hexplane_cuda.sample
 
 
 def sample_level(points: Tensor, space: Tensor, line: Tensor) -> Tensor:

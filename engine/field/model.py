@@ -229,9 +229,8 @@ class SceneModel(nn.Module):
     ) -> tuple[Tensor, Tensor | None, Tensor | None, Tensor | None]:
         """ΔG at `t` and, of the `rows` or all, at `other`, Δcolour and Δf_sem as a function of Z_kin (Eq. 1, 2); None for what there is
         none of."""
-        features = self.planes(points, t)
-        if other is not None:
-            features = torch.cat([features, self.planes(points if rows is None else points.index_select(0, rows), other)])
+        others = [] if other is None else [(points if rows is None else points.index_select(0, rows), other)]
+        features = self.planes(points, t, *others)
         latent_branch = self.semantic if semantics and self.config.routing != "coupled" else None
         if latent_branch is None and self._is_on_cpu:
             asked = [(self.geometry.decode, len(features))]

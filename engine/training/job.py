@@ -19,6 +19,7 @@ from degense.engine.events import Done, Events, Preview, Reliability, Stage, Sto
 from degense.engine.field import SceneModel
 from degense.engine.field.static_gaussians import find_moving, keep_still
 from degense.engine.files import replacing
+from degense.engine.heap import kept_heap
 from degense.engine.profile import part
 from degense.engine.semantics import TextEncoder, open_encoder, save_encoder
 from degense.engine.store import Run
@@ -42,6 +43,7 @@ STATIC_MOMENTS = 64  # at most, at which Gaussians are tested for motion
 STATIC_SHARE = 0.05  # static Gaussians that must be found before leaving them out is worth the bookkeeping
 
 
+@kept_heap()
 def train(
     clip: Clip,
     out: Path,
@@ -69,7 +71,6 @@ def train(
         Continue the training in `out` with the settings it started with.
     """
     started, run = time.perf_counter(), None
-    device = choose_device(config.device)
     if resume:
         run = Run.open(out)
         config = TrainConfig.from_json(current_settings(run.info["config"]) | {"device": config.device})
@@ -82,7 +83,7 @@ def train(
     checkpoint = load_checkpoint(out / "checkpoints") if resume and (out / "checkpoints" / "last.json").exists() else None
     torch.manual_seed(config.seed)
     try:
-        inputs = prepare(clip, run, config, teacher, encoder, device, events, stop)
+        inputs = prepare(clip, run, config, teacher, encoder, choose_device(config.device), events, stop)
     except Cancelled:
         return None
     with part("initialise"):
@@ -164,9 +165,8 @@ class TrainingRun:
         finished = self._steps() and self._distil()
         if self.trainer.device.type == "cuda":
             torch.cuda.synchronize()
-        seconds = spent + time.perf_counter() - self.started
         made = {"iteration": self.trainer.iteration, "rollbacks": self.trainer.rollbacks, "gaussians": len(self.trainer.model)}
-        run.info |= {"train_seconds": seconds, **made}
+        run.info |= {"train_seconds": spent + time.perf_counter() - self.started, **made}
         if not finished:
             self._leave("stopped")
             self.events(Stopped(self.trainer.iteration))

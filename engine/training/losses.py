@@ -13,6 +13,8 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from degense.engine.training.fused import rigidity_cpu
+
 Scalar = Float[Tensor, ""]
 Channels = Float[Tensor, "height width channels"]
 Picture = Float[Tensor, "height width 3"]
@@ -154,6 +156,8 @@ def rigidity(displacement: Float[Tensor, "n 3"], neighbours: Int[Tensor, "n k"],
 
     Pairs that part for good, an instrument and the tissue behind it or the two sides of a cut, are hardly drawn to each other.
     """
+    if displacement.device.type == "cpu" and displacement.dtype == torch.float32:
+        return rigidity_cpu.rigidity(displacement, neighbours, weights, TORN)
     difference = displacement[:, None] - rows_of(displacement, neighbours)
     parted = (difference.square().sum(-1) + 1e-12).sqrt()
     return (weights * parted / (1 + parted / TORN)).mean()

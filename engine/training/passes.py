@@ -11,6 +11,7 @@ from torch import Tensor
 from degense.engine.camera import Camera
 from degense.engine.field import SceneModel
 from degense.engine.field.cuda_graphs import graphed
+from degense.engine.field.roughness import ALONG, APART, roughness
 from degense.engine.raster import Render, camera_depths, rasterize
 from degense.engine.raster.camera_tensors import project
 from degense.engine.splats import Splats
@@ -99,16 +100,17 @@ class SmoothnessPass:
     def __call__(self, weight: Tensor) -> tuple[Tensor, ...]:
         """The fields of a `Loss`, times `weight`, float []."""
         config = self.config
-        space, curvature, change = self.model.planes.smoothness()
+        space, curvature, constancy = self.model.planes.smoothness()
         terms = {
             "plane_space": config.plane_space * space,
             "plane_time": config.plane_time * curvature,
-            "plane_static": config.plane_static * change,
+            "plane_static": config.plane_static * constancy,
         }
         if self.model.config.color_knots > 1:
             residuals = self.model.canonical["color_residuals"]
-            terms["color_residual"] = config.color_residual * residuals.abs().mean()
-            terms["color_residual_change"] = config.color_residual_change * residuals.diff(dim=1).square().mean()
+            size, change = roughness(residuals[None], APART, ALONG)
+            terms["color_residual"] = config.color_residual * size
+            terms["color_residual_change"] = config.color_residual_change * change
         return Loss.of("smoothness", terms, weight.new_zeros(())).times(weight)
 
 

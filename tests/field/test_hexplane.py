@@ -51,18 +51,23 @@ def test_channels_that_fill_no_block_are_left_to_the_twin(channels):
 
 
 def test_fused_values_and_gradients_match_the_twin_in_float64():
+    """Of two queries, each with lines of its own."""
     torch.manual_seed(3)
-    points = torch.rand(500, 3) * 2 - 1
-    levels = [torch.randn(3, 9, 9, 16), torch.randn(3, 17, 17, 8), torch.randn(3, 9, 16), torch.randn(3, 17, 8)]
-    weights = torch.randn(500, 24)
+    queries = torch.rand(500, 3) * 2 - 1, torch.rand(70, 3) * 2 - 1
+    spaces, lines = [torch.randn(3, 9, 9, 16), torch.randn(3, 17, 17, 8)], [torch.randn(3, 9, 16), torch.randn(3, 17, 8)]
+    levels, weights = [*spaces, *lines, *(torch.randn_like(line) for line in lines)], torch.randn(570, 24)
     results = []
-    for cast, sample in ((torch.float32, hexplane_cpu.sample), (torch.float64, sample_levels)):
+    for cast, sample in ((torch.float32, hexplane_cpu.sample), (torch.float64, _one_after_the_other)):
         planes = [plane.to(cast, copy=True).requires_grad_() for plane in levels]
-        out = sample(points.to(cast), planes[:2], planes[2:])
+        out = sample([points.to(cast) for points in queries], planes[:2], [planes[2:4], planes[4:]])
         (out * weights.to(cast)).sum().backward()
         results.append((out.detach().double(), *(plane.grad.double() for plane in planes)))
     for fused, exact in zip(*results, strict=True):
         assert (fused - exact).norm() / exact.norm() < 1e-5
+
+
+def _one_after_the_other(queries, spaces, lines):
+    return torch.cat([sample_levels(points, spaces, of) for points, of in zip(queries, lines, strict=True)])
 
 
 @pytest.mark.parametrize("width", [6, 20])

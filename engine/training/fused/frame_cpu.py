@@ -5,13 +5,13 @@ The gradient is that of the total and is made with it, since nothing else of the
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import torch
 from numba import njit
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from degense.engine.simd import LANES, fma, load, mul, splat, store
 from degense.engine.threads import run_kernel, take_ticket
 
 C1, C2 = np.float32(1e-4), np.float32(9e-4)  # of SSIM, for values in [0, 1]
@@ -19,48 +19,81 @@ L1, STRUCTURE, SQUARE, VALID, DEPTH, KNOWN = range(6)  # sums of a row of the pi
 
 
 @njit(nogil=True, cache=True)
-def _moments(image, recorded, visible, moments, counter):
-    """x, y, x², y², xy of each colour x that is shown and y that was recorded, into `moments` [H, W, 15]."""
+def _moments(image, recorded, visible, moments, shown, counter):
+    """x, y, x², y², xy of each colour x that is shown and y that was recorded, into `moments` [H, 5, 3 W]; `shown` [H, 3 W] is 1 where
+    they are compared."""
     while True:
         row = take_ticket(counter)
         if row >= image.shape[0]:
             return
         for column in range(image.shape[1]):
             for c in range(3):
-                y = np.float32(recorded[row, column, c]) / np.float32(255)
+                i, y = 3 * column + c, np.float32(recorded[row, column, c]) / np.float32(255)
                 x = image[row, column, c] if visible[row, column] else y
-                moments[row, column, c], moments[row, column, 3 + c] = x, y
-                moments[row, column, 6 + c], moments[row, column, 9 + c], moments[row, column, 12 + c] = x * x, y * y, x * y
+                shown[row, i] = visible[row, column]
+                moments[row, 0, i], moments[row, 1, i] = x, y
+                moments[row, 2, i], moments[row, 3, i], moments[row, 4, i] = x * x, y * y, x * y
 
 
 @njit(nogil=True, cache=True)
-def _compare(image, recorded, visible, blurred, slopes, sums, counter):
-    """Sums of each row, and of each valid pixel −∂SSIM by the means of x, x² and xy, into `slopes` [H, W, 9]."""
-    two = np.float32(2)
+def _blur_row(values, row, window, column_sums, blurred):
+    """Row `row` of the pictures `values` [H, N, 3 W] of three channels blurred by `window` along both axes, zeros outside, into `blurred`
+    [N, 3 W + `LANES`].
+
+    `column_sums` [3 (W + len(window) - 1) + `LANES`] is room, of which what lies beside the picture must be zero.
+    """
+    height, pictures, length = values.shape
+    half, flat, out = len(window) // 2, values.reshape(-1), blurred.reshape(-1)
+    first, last, between = max(row - half, 0), min(row + half, height - 1), pictures * length
+    for picture in range(pictures):
+        top = first * between + picture * length
+        for i in range(0, length - LANES + 1, LANES):
+            sums = mul(load(flat, top + i), splat(window[first - row + half]))
+            for other in range(1, last - first + 1):
+                sums = fma(load(flat, top + other * between + i), splat(window[other + first - row + half]), sums)
+            store(column_sums, 3 * half + i, sums)
+        for i in range(length - length % LANES, length):
+            single = np.float32(0)
+            for other in range(last - first + 1):
+                single += flat[top + other * between + i] * window[other + first - row + half]
+            column_sums[3 * half + i] = single
+        for i in range(0, length, LANES):
+            sums = mul(load(column_sums, i), splat(window[0]))
+            for k in range(1, len(window)):
+                sums = fma(load(column_sums, i + 3 * k), splat(window[k]), sums)
+            store(out, picture * blurred.shape[1] + i, sums)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _compare(moments, shown, visible, window, slopes, sums, counter):
+    """Sums of each row, and of each colour that is shown −∂SSIM by the means of x, x² and xy, into `slopes` [H, 3, 3 W]."""
+    length = moments.shape[2]
+    blurred = np.empty((5, length + LANES), np.float32)
+    column_sums = np.zeros(length + 3 * (len(window) - 1) + LANES, np.float32)
+    two, one = np.float32(2), np.float32(1)
     while True:
         row = take_ticket(counter)
-        if row >= image.shape[0]:
+        if row >= moments.shape[0]:
             return
-        for column in range(image.shape[1]):
-            if not visible[row, column]:
-                slopes[row, column, :] = 0
-                continue
-            sums[row, VALID] += 1
-            for c in range(3):
-                difference = image[row, column, c] - np.float32(recorded[row, column, c]) / np.float32(255)
-                sums[row, L1] += abs(difference)
-                sums[row, SQUARE] += difference * difference
-                mx, my = blurred[row, column, c], blurred[row, column, 3 + c]
-                xx, yy, xy = blurred[row, column, 6 + c], blurred[row, column, 9 + c], blurred[row, column, 12 + c]
-                means, covariance = two * mx * my + C1, two * (xy - mx * my) + C2
-                squares, variances = mx * mx + my * my + C1, xx - mx * mx + yy - my * my + C2
-                scale = np.float32(1) / (squares * variances)
-                similarity = means * covariance * scale
-                sums[row, STRUCTURE] += np.float32(1) - similarity
-                by_mean = two * my * (covariance - means) * scale + two * mx * similarity * (squares - variances) * scale
-                slopes[row, column, c] = -by_mean
-                slopes[row, column, 3 + c] = similarity * squares * scale
-                slopes[row, column, 6 + c] = -two * means * scale
+        _blur_row(moments, row, window, column_sums, blurred)
+        apart, square, structure = np.float32(0), np.float32(0), np.float32(0)
+        for i in range(length):
+            mx, my, xx, yy, xy = blurred[0, i], blurred[1, i], blurred[2, i], blurred[3, i], blurred[4, i]
+            means, covariance = two * mx * my + C1, two * (xy - mx * my) + C2
+            squares, variances = mx * mx + my * my + C1, xx - mx * mx + yy - my * my + C2
+            scale = shown[row, i] / (squares * variances)
+            similarity = means * covariance * scale
+            by_mean = two * my * (covariance - means) * scale + two * mx * similarity * (squares - variances) / (squares * variances)
+            slopes[row, 0, i], slopes[row, 1, i], slopes[row, 2, i] = -by_mean, similarity / variances, -two * means * scale
+            blurred[0, i] = shown[row, i] * (one - similarity)
+        for i in range(length):
+            difference = moments[row, 0, i] - moments[row, 1, i]  # 0 where nothing is compared
+            apart += abs(difference)
+            square += difference * difference
+            structure += blurred[0, i]
+        sums[row, L1], sums[row, SQUARE], sums[row, STRUCTURE] = apart, square, structure
+        for column in range(visible.shape[1]):
+            sums[row, VALID] += visible[row, column]
 
 
 @njit(nogil=True, cache=True)
@@ -85,42 +118,48 @@ def _depth(image, alpha, known, visible, sums, grad_image, grad_alpha, counter):
 
 
 @njit(nogil=True, cache=True)
-def _gradient(image, recorded, visible, slopes, weights, grad_image, grad_alpha, counter):
-    """∂/∂image from `slopes` that were blurred; `weights` [3] of a pixel's L1, 1 − SSIM and depth."""
+def _gradient(moments, shown, slopes, window, weights, grad_image, grad_alpha, counter):
+    """∂/∂image from the blurred `slopes`; `weights` [3] of a colour's L1, 1 − SSIM and a pixel's depth."""
+    length = slopes.shape[2]
+    blurred = np.empty((3, length + LANES), np.float32)
+    column_sums = np.zeros(length + 3 * (len(window) - 1) + LANES, np.float32)
+    two = np.float32(2)
     while True:
         row = take_ticket(counter)
-        if row >= image.shape[0]:
+        if row >= slopes.shape[0]:
             return
-        for column in range(image.shape[1]):
+        _blur_row(slopes, row, window, column_sums, blurred)
+        for i in range(length):
+            x, y = moments[row, 0, i], moments[row, 1, i]
+            structure = blurred[0, i] + two * x * blurred[1, i] + y * blurred[2, i]
+            blurred[0, i] = shown[row, i] * (weights[0] * np.sign(x - y) + weights[1] * structure)
+        for column in range(grad_alpha.shape[1]):
+            for c in range(3):
+                grad_image[row, column, c] = blurred[0, 3 * column + c]
             grad_image[row, column, 3] *= weights[2]
             grad_alpha[row, column] *= weights[2]
-            for c in range(3):
-                x, y = image[row, column, c], np.float32(recorded[row, column, c]) / np.float32(255)
-                structure = slopes[row, column, c] + 2 * x * slopes[row, column, 3 + c] + y * slopes[row, column, 6 + c]
-                value = weights[0] * np.sign(x - y) + weights[1] * structure
-                grad_image[row, column, c] = value if visible[row, column] else np.float32(0)
 
 
 class _FrameLoss(torch.autograd.Function):
     @staticmethod
     def forward(ctx, image, alpha, frame, weights, window):
         recorded, visible, known = (tensor.numpy() for tensor in frame)
+        window = window.astype(np.float32)
         drawn, cover = image.detach().contiguous().numpy(), alpha.detach().contiguous().numpy()
         height, width = cover.shape
         grad_image, grad_alpha = torch.zeros(height, width, 4), torch.zeros(height, width)
-        rows, slopes = np.zeros((height, 6)), np.empty((height, width, 9), np.float32)
-        moments = np.empty((height, width, 15), np.float32)
-        run_kernel(_moments, drawn, recorded, visible, moments)
-        run_kernel(_compare, drawn, recorded, visible, _blurred(moments, window), slopes, rows)
+        moments, slopes = np.empty((height, 5, 3 * width), np.float32), np.empty((height, 3, 3 * width), np.float32)
+        rows, shown = np.zeros((height, 6)), np.empty((height, 3 * width), np.float32)
+        run_kernel(_moments, drawn, recorded, visible, moments, shown)
+        run_kernel(_compare, moments, shown, visible, window, slopes, rows)
         if weights[2] > 0:
             run_kernel(_depth, drawn, cover, known, visible, rows, grad_image.numpy(), grad_alpha.numpy())
         sums = rows.sum(0)
         counts = np.maximum(sums[[VALID, VALID, KNOWN]] * (3, 3, 1), (3, 3, 1))
         share = np.array(weights) / counts
         terms = torch.from_numpy((share * sums[[L1, STRUCTURE, DEPTH]]).astype(np.float32))
-        run_kernel(
-            _gradient, drawn, recorded, visible, _blurred(slopes, window), share.astype(np.float32), grad_image.numpy(), grad_alpha.numpy()
-        )
+        grads = grad_image.numpy(), grad_alpha.numpy()
+        run_kernel(_gradient, moments, shown, slopes, window, share.astype(np.float32), *grads)
         ctx.save_for_backward(grad_image, grad_alpha)
         error = torch.tensor(sums[SQUARE] / counts[0], dtype=torch.float32)
         ctx.mark_non_differentiable(terms, error)
@@ -131,10 +170,6 @@ class _FrameLoss(torch.autograd.Function):
     def backward(ctx, grad, *_):
         grad_image, grad_alpha = ctx.saved_tensors
         return grad_image * grad, grad_alpha * grad, None, None, None
-
-
-def _blurred(values: np.ndarray, window: np.ndarray) -> np.ndarray:
-    return cv2.sepFilter2D(values, -1, window, window, borderType=cv2.BORDER_CONSTANT)
 
 
 def frame_loss(
