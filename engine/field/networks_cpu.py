@@ -75,9 +75,9 @@ def _backward(
     features, rows, linear, entry, trunk, hidden, last, latents, inner, grad_outs, grad_features, grad_entry, grad_trunk, grad_biases,
     grad_hidden, grad_hidden_biases, grad_last, grad_last_biases, counter,
 ):  # fmt: skip
-    """Fill `grad_features` [R, F] and, by stretch, the sums of weights and biases."""
-    count, depth, wide = features.shape[0], trunk.shape[0], entry.shape[1]
-    square, narrow, flat = np.empty((wide, wide), np.float32), np.empty(last.shape[1:], np.float32), np.empty(entry.shape, np.float32)
+    """Fill `grad_features` [R, F] and, by stretch, the sums of weights and biases. The weights are transposed: [outputs, inputs]."""
+    count, depth, wide = features.shape[0], trunk.shape[0], entry.shape[0]
+    square, narrow, flat = np.empty((wide, wide), np.float32), np.empty(grad_last.shape[2:], np.float32), np.empty(entry.T.shape, np.float32)
     room = np.empty((3, ROWS, wide), np.float32)
     while True:
         stretch = take_ticket(counter)
@@ -92,22 +92,22 @@ def _backward(
                 if begin < stop:
                     up, values, part = grad_outs[decoder, begin:stop], inner[decoder, begin:stop], room[2, : stop - begin]
                     _add_layer(values, up, narrow, grad_last[stretch, decoder], grad_last_biases[stretch, decoder])
-                    np.dot(up, last[decoder].T, part)
+                    np.dot(up, last[decoder], part)
                     _rectify(part, values)
                     latent = latents[depth, begin:stop]
                     _add_layer(latent, part, square, grad_hidden[stretch, decoder], grad_hidden_biases[stretch, decoder])
-                    np.dot(part, hidden[decoder].T, below[: stop - begin])
+                    np.dot(part, hidden[decoder], below[: stop - begin])
                     _add(above, below[: stop - begin])
             if not linear:
                 _rectify(above, latents[depth, begin:end])
             for layer in range(depth - 1, -1, -1):
                 values = latents[layer, begin:end]
                 _add_layer(values, above, square, grad_trunk[stretch, layer], grad_biases[stretch, layer + 1])
-                np.dot(above, trunk[layer].T, below)
+                np.dot(above, trunk[layer], below)
                 _rectify(below, values)
                 above, below = below, above
             _add_layer(features[begin:end], above, flat, grad_entry[stretch], grad_biases[stretch, 0])
-            np.dot(above, entry.T, grad_features[begin:end])
+            np.dot(above, entry, grad_features[begin:end])
 
 
 class _Networks(torch.autograd.Function):
@@ -127,8 +127,8 @@ class _Networks(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, *grads):
         features, *weights, latents, inner = ctx.saved_tensors
-        entry, trunk, _, hidden, _, last, _ = (weight.numpy() for weight in weights)
-        grad_outs = torch.empty(len(hidden), len(features), last.shape[2])
+        entry, trunk, hidden, last = (weights[i].transpose(-1, -2).contiguous().numpy() for i in (0, 1, 3, 5))
+        grad_outs = torch.empty(len(hidden), len(features), last.shape[1])
         for place, grad in zip(grad_outs, grads, strict=True):
             place[: len(grad)] = grad
         stretches = -(-len(features) // STRETCH)
