@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -11,6 +12,7 @@ from degense.engine.field import decode_cpu, networks_cpu
 from degense.engine.field.branches import DEFORMATION, Branch, Deformation, Kinematics
 from degense.engine.field.config import FieldConfig
 from degense.engine.field.hexplane import HexPlane, at_time
+from degense.engine.raster.limits import MIN_ALPHA
 from degense.engine.splats import Splats
 
 CANONICAL = ("means", "log_scales", "quats", "logits", "colors", "color_residuals", "semantics", "temporal_windows", "velocities")
@@ -129,8 +131,11 @@ class SceneModel(nn.Module):
         semantics: bool = True,
         other: float | Tensor | None = None,
         rows: Tensor | None = None,
+        present: Tensor | None = None,
     ) -> State:
         """The scene at time `t` ∈ [-1, 1], and with `other` the centres at a second time, of all or only of the `rows`, int64 [m].
+
+        Only the Gaussians that are `present`, int64 [k], ascending, enter the field, where they are named; the others are not deformed.
 
         Times are tensors on the model's device where the call is recorded in a CUDA graph. Without `deform` it is the canonical Gaussians
         (the coarse stage); without `semantics` the splats carry no latents, and everything that only latents need is skipped.
@@ -139,22 +144,24 @@ class SceneModel(nn.Module):
         if not deform or self.config.static:
             means = None if other is None else self.means_at(other)
             return State(self._splats(t, None, None, latents), None, None, None, means if means is None or rows is None else means[rows])
-        moving = slice(None) if self.moving is None else self.moving
-        points = self.normalised(self.canonical["means"].detach()[moving])
+        moving = self.moving if present is None else present
+        places = self.normalised(self.canonical["means"].detach())
+        points = places if moving is None else places.index_select(0, moving)
         means_at_other = None
         if other is None and self._is_fused():
             decoded, delta_color, change = self._decode_fused(points, t, semantics)
         else:
-            decoded, decoded_at_other, delta_color, change = self._decode(points, t, other, rows, semantics)
+            asked = None if other is None else (places if rows is None else places.index_select(0, rows), other)
+            decoded, decoded_at_other, delta_color, change = self._decode(points, t, asked, semantics)
             if other is not None and decoded_at_other is not None:
                 placed = self.canonical["means"] + self.linear_motion(other)
                 shift = self._shift(decoded_at_other[:, :3], rows)
                 means_at_other = (placed if rows is None else placed.index_select(0, rows)) + shift
         deformation = Deformation.of(decoded)
         if semantics and self.semantic is not None and self.config.routing == "coupled":  # f_sem(t) = f_sem + C([ΔG_t, f_sem])
-            change = self.semantic(torch.cat([deformation.flat, latents[moving]], 1))
-        if self.moving is not None:
-            deformation, delta_color, change = self._scatter_moving(deformation, delta_color, change)
+            change = self.semantic(torch.cat([deformation.flat, latents if moving is None else latents[moving]], 1))
+        if moving is not None:
+            deformation, delta_color, change = self._scatter(moving, deformation, delta_color, change)
         deformation = replace(deformation, means=self._shift(deformation.means))
         splats = self._splats(t, deformation, delta_color, latents if change is None else latents + change)
         return State(splats, deformation, delta_color, change, means_at_other)
@@ -179,6 +186,10 @@ class SceneModel(nn.Module):
         still = self.still if rows is None else self.still.index_select(0, rows)
         return decoded.masked_fill(still[:, None], 0.0)
 
+    def present(self, t: Tensor) -> Tensor:
+        """Rows, int64 [k], of the Gaussians whose temporal window lets them be drawn at a time."""
+        return torch.nonzero(self._age(t).square() <= -2 * math.log(MIN_ALPHA))[:, 0]
+
     def linear_motion(self, t: float | Tensor) -> Tensor:
         """Displacement [N, 3] by each transient Gaussian's linear velocity since its temporal centre; 0 for persistent ones."""
         return self.canonical["velocities"] * self._age(t).clamp(-MAX_AGE, MAX_AGE)[:, None]
@@ -193,14 +204,13 @@ class SceneModel(nn.Module):
         """Which Gaussians are persistent, bool [N]."""
         return is_persistent(self.canonical["temporal_windows"])
 
-    def _scatter_moving(
-        self, deformation: Deformation, delta_color: Tensor | None, change: Tensor | None
+    def _scatter(
+        self, rows: Tensor, deformation: Deformation, delta_color: Tensor | None, change: Tensor | None
     ) -> tuple[Deformation, Tensor | None, Tensor | None]:
-        """Changes of the moving Gaussians as rows among all; 0 for the others."""
+        """Changes of some Gaussians as rows among all; 0 for the others."""
         parts = [deformation.flat, *(part for part in (delta_color, change) if part is not None)]
         changes = torch.cat(parts, 1)
-        assert self.moving is not None
-        all_rows = changes.new_zeros(len(self), changes.shape[1]).index_copy(0, self.moving, changes)
+        all_rows = changes.new_zeros(len(self), changes.shape[1]).index_copy(0, rows, changes)
         flat, *rest = all_rows.split([part.shape[1] for part in parts], 1)
         scattered = iter(rest)
         return Deformation.of(flat), next(scattered) if delta_color is not None else None, next(scattered) if change is not None else None
@@ -225,12 +235,11 @@ class SceneModel(nn.Module):
         return next(outputs), None if self.appearance is None else next(outputs), None if semantic is None else next(outputs)
 
     def _decode(
-        self, points: Tensor, t: float | Tensor, other: float | Tensor | None, rows: Tensor | None, semantics: bool
+        self, points: Tensor, t: float | Tensor, other: tuple[Tensor, float | Tensor] | None, semantics: bool
     ) -> tuple[Tensor, Tensor | None, Tensor | None, Tensor | None]:
-        """ΔG at `t` and, of the `rows` or all, at `other`, Δcolour and Δf_sem as a function of Z_kin (Eq. 1, 2); None for what there is
+        """ΔG of points at `t` and of others at another time, Δcolour and Δf_sem as a function of Z_kin (Eq. 1, 2); None for what there is
         none of."""
-        others = [] if other is None else [(points if rows is None else points.index_select(0, rows), other)]
-        features = self.planes(points, t, *others)
+        features = self.planes(points, t, *(() if other is None else (other,)))
         latent_branch = self.semantic if semantics and self.config.routing != "coupled" else None
         if latent_branch is None and self._is_on_cpu:
             asked = [(self.geometry.decode, len(features))]

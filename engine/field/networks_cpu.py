@@ -77,7 +77,11 @@ def _backward(
 ):  # fmt: skip
     """Fill `grad_features` [R, F] and, by stretch, the sums of weights and biases. The weights are transposed: [outputs, inputs]."""
     count, depth, wide = features.shape[0], trunk.shape[0], entry.shape[0]
-    square, narrow, flat = np.empty((wide, wide), np.float32), np.empty(grad_last.shape[2:], np.float32), np.empty(entry.T.shape, np.float32)
+    square, narrow, flat = (
+        np.empty((wide, wide), np.float32),
+        np.empty(grad_last.shape[2:], np.float32),
+        np.empty(entry.T.shape, np.float32),
+    )
     room = np.empty((3, ROWS, wide), np.float32)
     while True:
         stretch = take_ticket(counter)

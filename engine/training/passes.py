@@ -54,15 +54,22 @@ class FieldPass:
         self.model, self.config, self.neighbours, self.deform = model, config, neighbours, deform
 
     def __call__(
-        self, t: Tensor, camera: Tensor, precision: Tensor, other: Tensor | None = None, rows: Tensor | None = None
+        self,
+        t: Tensor,
+        camera: Tensor,
+        precision: Tensor,
+        other: Tensor | None = None,
+        rows: Tensor | None = None,
+        present: Tensor | None = None,
     ) -> tuple[Tensor, ...]:
         """The fields of a `FieldState`, the last of them only with `other`, float [] like `t`; `camera` is `view_and_lens`.
 
         `precision`, float16 [1, h, w], is how well the texture of this frame pins motion down (`FlowSupervision.precision`): colour teaches
         displacements that much. An empty one stands for 1 everywhere.
-        With `rows`, int64 [m], which needs `deform`, the centres at the other time are those of so many Gaussians.
+        With `rows`, int64 [m], which needs `deform`, the centres at the other time are those of so many Gaussians. With `present`, int64
+        [k], only so many are deformed, and only they move as those of their neighbours do that are present too.
         """
-        config, state = self.config, self.model.at(t, deform=self.deform, semantics=False, other=other, rows=rows)
+        config, state = self.config, self.model.at(t, deform=self.deform, semantics=False, other=other, rows=rows, present=present)
         splats, d, terms = state.splats, state.deformation, dict[str, Tensor]()
         if d is not None:
             terms["shape"] = config.shape * (d.log_scales.abs().mean() + d.quats.abs().mean() + d.opacities.abs().mean())
@@ -70,7 +77,7 @@ class FieldPass:
         if shift is not None:
             terms["displacement"] = config.displacement * (shift.square().sum(1) + 1e-8).sqrt().mean()
             if self.neighbours is not None:
-                terms["rigidity"] = config.rigidity * rigidity(shift, *self.neighbours)
+                terms["rigidity"] = config.rigidity * rigidity(shift, *self._neighbours_among(present))
         if state.delta_color is not None:
             terms["delta_color"] = config.delta_color * state.delta_color.abs().mean()
         z = splats.means @ camera[2, :3] + camera[2, 3]
@@ -89,6 +96,15 @@ class FieldPass:
             *Loss.of("deformation", terms, z.new_zeros(())),
         )
         return found if state.means_at_other is None else (*found, state.means_at_other)
+
+    def _neighbours_among(self, present: Tensor | None) -> Neighbours:
+        """The neighbours, of which those that are not both `present` do not count."""
+        assert self.neighbours is not None
+        index, weight = self.neighbours
+        if present is None:
+            return index, weight
+        there = torch.zeros(len(index)).index_fill_(0, present, 1.0)
+        return index, weight * there[:, None] * there[index]
 
 
 class SmoothnessPass:
@@ -181,20 +197,20 @@ class Passes:
         """Whether the passes that read the model have been made."""
         return "field" in self._graphs
 
-    def make(self, asked: tuple[Tensor, ...], smoothness_weight: Tensor, *, deform: bool) -> None:
+    def make(self, asked: tuple[Tensor | None, ...], smoothness_weight: Tensor, *, deform: bool) -> None:
         """Make the passes that read the model, for arguments of `FieldPass` like `asked`. No gradient may be on its way."""
         if self.model.bounds.is_cuda:
             torch.cuda.empty_cache()
         if self.config.rigidity > 0 and self.neighbours is None:
             self.neighbours = nearest_neighbours(self.model.canonical["means"].detach(), NEIGHBOURS)
-        parameters = list(self.model.parameters())
+        parameters, examples = list(self.model.parameters()), [value for value in asked if value is not None]
         field = FieldPass(self.model, self.config, self.neighbours, deform=deform)
-        self._graphs["field"] = graphed(field, asked, parameters)
+        self._graphs["field"] = graphed(field, examples, parameters)
         self._graphs["smoothness"] = graphed(SmoothnessPass(self.model, self.config), (smoothness_weight,), parameters)
         if self.semantics:
-            self._graphs["semantic"] = graphed(SemanticPass(self.model, self.config, deform=deform), asked[:1], parameters)
+            self._graphs["semantic"] = graphed(SemanticPass(self.model, self.config, deform=deform), examples[:1], parameters)
 
-    def __call__(self, name: str, *arguments: Tensor) -> tuple[Tensor, ...]:
+    def __call__(self, name: str, *arguments: Tensor | None) -> tuple[Tensor, ...]:
         """Run a pass; those of a drawn frame are made at their first use."""
         if name not in self._graphs:
             self._graphs[name] = graphed(self._functions[name], arguments)

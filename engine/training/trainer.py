@@ -144,9 +144,10 @@ class Trainer:
         index = self._next_frame(semantic)
         set_rates(self.optimizer, self.config, self.progress, self.rate_scale)
         camera, pair = self.frames.cameras[index], self._pair(index)
-        rows = self._rows_of_flow()
-        other = () if pair is None else (self.times[pair.to],) if rows is None else (self.times[pair.to], rows)
-        asked = self.times[index], view_and_lens(camera, self.device), self._precision(index), *other
+        other = None if pair is None else self.times[pair.to]
+        rows, present = self._rows(self.times[index])
+        parts = (other, rows, present) if present is not None else () if other is None else (other,)
+        asked = self.times[index], view_and_lens(camera, self.device), self._precision(index), *parts
         with part("prepare passes"):
             self._make_passes(asked)
         with part("field"):
@@ -195,13 +196,17 @@ class Trainer:
             losses["semantic"] = self._semantic_loss(index)
         return losses, squared_error
 
-    def _rows_of_flow(self) -> Tensor | None:
-        """Which Gaussians the flow of this step asks, int64 [m]; None for all."""
-        if self.device.type != "cpu" or not self.deforms or self.config.static:
-            return None
-        return torch.arange(self.iteration % FLOW_PARTS, len(self.model), FLOW_PARTS)
+    def _rows(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
+        """Which Gaussians the flow of this step asks, int64 [m], and which are deformed, int64 [k]: those that may be drawn at `t`.
 
-    def _make_passes(self, asked: tuple[Tensor, ...]) -> None:
+        None for all: on a GPU, and where nothing is deformed.
+        """
+        if self.device.type != "cpu" or not self.deforms or self.config.static:
+            return None, None
+        present = self.model.present(t)
+        return present[present % FLOW_PARTS == self.iteration % FLOW_PARTS], present
+
+    def _make_passes(self, asked: tuple[Tensor | None, ...]) -> None:
         """Make what reads the model, when the Gaussians or the stage have changed: before any gradient of this step is on its way."""
         if not self.passes.ready:
             self.optimizer.zero_grad()

@@ -248,3 +248,26 @@ def test_what_exists_for_a_while_goes_straight_on_and_the_rest_never_does():
     model.at(0.3).splats.means.square().sum().backward()
     assert model.canonical["velocities"].grad[:30].all()
     assert not model.canonical["velocities"].grad[30:].any()
+
+
+def test_only_what_may_be_drawn_at_a_time_is_deformed():
+    """Drawn, the scene is the same to the last bit, and the deformed Gaussians have the gradients that they have among all."""
+    model, t, other = make("isolated"), torch.tensor(0.1), torch.tensor(-0.4)
+    stir(model)
+    model.canonical["temporal_windows"].data[::2] = torch.tensor([0.9, 8.0])  # e^(−½ 6.4²) at 0.1
+    model.canonical["temporal_windows"].data[::4] = torch.tensor([0.2, 8.0])
+    present, rows = model.present(t), torch.tensor([1, 3, 8])
+    assert sorted(set(range(60)) - set(present.tolist())) == list(range(2, 60, 4))
+    full, found = (model.at(t, semantics=False, other=other, rows=rows, present=asked) for asked in (None, present))
+    assert torch.equal(full.splats.means[present], found.splats.means[present])
+    assert torch.equal(full.means_at_other, found.means_at_other)
+    assert not found.deformation.flat[2::4].any()
+    pictures, gradients = [], []
+    for state in (full, found):
+        model.zero_grad()
+        image = rasterize(state.splats, state.splats.colors, CAMERA).image
+        image.square().sum().backward()
+        pictures.append(image.detach())
+        gradients.append(torch.cat([p.grad.flatten() for p in model.parameters() if p.grad is not None]))
+    assert torch.equal(*pictures)
+    torch.testing.assert_close(*gradients, rtol=1e-4, atol=1e-6)
