@@ -24,7 +24,10 @@ STRETCH = 16 * ROWS  # rows that a ticket stands for backwards
 
 @njit(cache=True, nogil=True)
 def _forward(features, rows, linear, entry, trunk, biases, hidden, hidden_biases, last, last_biases, latents, inner, outs, counter):
-    """`latents` [layers, R, W] and `inner` [decoders, R, W] get what the layers say after rectification; decoder d reads `rows`[d] rows."""
+    """`latents` [layers, R, W] and `inner` [decoders, R, W] get what the layers say after rectification; decoder d reads `rows`[d] rows.
+
+    Without `hidden` layers, [0, W, W], decoders read the latents themselves.
+    """
     while True:
         begin = take_ticket(counter) * ROWS
         if begin >= features.shape[0]:
@@ -35,12 +38,15 @@ def _forward(features, rows, linear, entry, trunk, biases, hidden, hidden_biases
         for layer in range(trunk.shape[0]):
             np.dot(latents[layer, begin:end], trunk[layer], latents[layer + 1, begin:end])
             finish_layer(latents[layer + 1, begin:end], biases[layer + 1], not linear or layer + 1 < trunk.shape[0])
-        for decoder in range(hidden.shape[0]):
+        for decoder in range(last.shape[0]):
             stop = min(end, rows[decoder])
             if begin < stop:
-                np.dot(latents[trunk.shape[0], begin:stop], hidden[decoder], inner[decoder, begin:stop])
-                finish_layer(inner[decoder, begin:stop], hidden_biases[decoder], True)
-                np.dot(inner[decoder, begin:stop], last[decoder], outs[decoder, begin:stop])
+                read = latents[trunk.shape[0], begin:stop]
+                if hidden.shape[0]:
+                    np.dot(read, hidden[decoder], inner[decoder, begin:stop])
+                    read = inner[decoder, begin:stop]
+                    finish_layer(read, hidden_biases[decoder], True)
+                np.dot(read, last[decoder], outs[decoder, begin:stop])
                 finish_layer(outs[decoder, begin:stop], last_biases[decoder], False)
 
 
@@ -77,11 +83,8 @@ def _backward(
 ):  # fmt: skip
     """Fill `grad_features` [R, F] and, by stretch, the sums of weights and biases. The weights are transposed: [outputs, inputs]."""
     count, depth, wide = features.shape[0], trunk.shape[0], entry.shape[0]
-    square, narrow, flat = (
-        np.empty((wide, wide), np.float32),
-        np.empty(grad_last.shape[2:], np.float32),
-        np.empty(entry.T.shape, np.float32),
-    )
+    square, narrow = np.empty((wide, wide), np.float32), np.empty(grad_last.shape[2:], np.float32)
+    flat = np.empty(entry.T.shape, np.float32)
     room = np.empty((3, ROWS, wide), np.float32)
     while True:
         stretch = take_ticket(counter)
@@ -91,17 +94,20 @@ def _backward(
             end = min(begin + ROWS, count)
             above, below = room[0, : end - begin], room[1, : end - begin]
             above[:] = np.float32(0)
-            for decoder in range(hidden.shape[0]):
+            for decoder in range(last.shape[0]):
                 stop = min(end, rows[decoder])
                 if begin < stop:
-                    up, values, part = grad_outs[decoder, begin:stop], inner[decoder, begin:stop], room[2, : stop - begin]
+                    up, part, latent = grad_outs[decoder, begin:stop], room[2, : stop - begin], latents[depth, begin:stop]
+                    values = inner[decoder, begin:stop] if hidden.shape[0] else latent
                     _add_layer(values, up, narrow, grad_last[stretch, decoder], grad_last_biases[stretch, decoder])
                     np.dot(up, last[decoder], part)
-                    _rectify(part, values)
-                    latent = latents[depth, begin:stop]
-                    _add_layer(latent, part, square, grad_hidden[stretch, decoder], grad_hidden_biases[stretch, decoder])
-                    np.dot(part, hidden[decoder], below[: stop - begin])
-                    _add(above, below[: stop - begin])
+                    if hidden.shape[0]:
+                        _rectify(part, values)
+                        _add_layer(latent, part, square, grad_hidden[stretch, decoder], grad_hidden_biases[stretch, decoder])
+                        np.dot(part, hidden[decoder], below[: stop - begin])
+                        _add(above, below[: stop - begin])
+                    else:
+                        _add(above, part)
             if not linear:
                 _rectify(above, latents[depth, begin:end])
             for layer in range(depth - 1, -1, -1):
@@ -120,7 +126,7 @@ class _Networks(torch.autograd.Function):
         features, entry, hidden, last = features.contiguous(), weights[0], weights[3], weights[5]
         count, wide = len(features), entry.shape[1]
         latents, inner = torch.empty(1 + len(weights[1]), count, wide), torch.empty(len(hidden), count, wide)
-        outs = torch.empty(len(hidden), count, last.shape[2])
+        outs = torch.empty(len(last), count, last.shape[2])
         arrays = [tensor.detach().numpy() for tensor in (features, *weights, latents, inner, outs)]
         run_kernel(_forward, arrays[0], rows, linear, *arrays[1:])
         ctx.save_for_backward(features, *weights, latents, inner)
@@ -132,7 +138,7 @@ class _Networks(torch.autograd.Function):
     def backward(ctx, *grads):
         features, *weights, latents, inner = ctx.saved_tensors
         entry, trunk, hidden, last = (weights[i].transpose(-1, -2).contiguous().numpy() for i in (0, 1, 3, 5))
-        grad_outs = torch.empty(len(hidden), len(features), last.shape[1])
+        grad_outs = torch.empty(len(last), len(features), last.shape[1])
         for place, grad in zip(grad_outs, grads, strict=True):
             place[: len(grad)] = grad
         stretches = -(-len(features) // STRETCH)
@@ -161,3 +167,12 @@ def networks(features: Tensor, kinematics: Kinematics, decoders: Sequence[tuple[
     )
     outs = _Networks.apply(features, np.array([rows for _, rows in decoders]), kinematics.linear, *weights)
     return [out[:, : layer.out_features] for out, layer in zip(outs, last, strict=True)]
+
+
+def branch(inputs: Tensor, decode: nn.Sequential) -> Tensor:
+    """What a `Branch` says of its inputs, float32 [R, inputs]: the fused twin of calling it."""
+    hidden, last = (layer for layer in decode if isinstance(layer, nn.Linear))
+    wide = hidden.out_features
+    none = inputs.new_empty(0, wide, wide), inputs.new_empty(0, wide)
+    weights = (hidden.weight.T.contiguous(), none[0], hidden.bias[None], *none, last.weight.T[None].contiguous(), last.bias[None])
+    return _Networks.apply(inputs, np.array([len(inputs)]), False, *weights)[0]

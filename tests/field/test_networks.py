@@ -7,7 +7,7 @@ import torch
 
 from degense.engine.field import FieldConfig, SceneModel
 from degense.engine.field.branches import Branch, Kinematics
-from degense.engine.field.networks_cpu import STRETCH, networks
+from degense.engine.field.networks_cpu import STRETCH, branch, networks
 from degense.engine.threads import one_torch_thread
 
 
@@ -46,6 +46,18 @@ def test_values_and_gradients_are_those_of_plain_torch_in_float64(count, linear)
     for one, other in zip(outputs_and_gradients(fused, parts, features, weights), exact, strict=True):
         assert one.shape == other.shape
         assert (one - other).norm() / other.norm() < 1e-4  # a rectified number so near 0 that its sign is rounding
+
+
+@pytest.mark.parametrize("count", [333, 2 * STRETCH + 70])
+def test_a_branch_of_its_own_is_that_of_plain_torch_in_float64(count):
+    torch.manual_seed(count)
+    part, inputs, weights = torch.nn.ModuleList([Branch(80, 8)]), torch.randn(count, 80), [torch.randn(count, 8)]
+    torch.nn.init.normal_(part[0].decode[2].weight, 0, 0.1)
+    exact = outputs_and_gradients(lambda twin, of: [twin[0](of)], copy.deepcopy(part).double(), inputs.double(), weights)
+    found = outputs_and_gradients(lambda twin, of: [branch(of, twin[0].decode)], part, inputs, weights)
+    for one, other in zip(found, exact, strict=True):
+        assert one.shape == other.shape
+        assert (one - other).norm() / other.norm() < 1e-4
 
 
 def test_the_number_of_threads_changes_no_bit():

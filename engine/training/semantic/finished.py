@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from degense.engine.field import SceneModel
+from degense.engine.field.networks_cpu import branch
 from degense.engine.latest import Latest
 from degense.engine.raster import Placed
 from degense.engine.splats import Splats
@@ -65,15 +66,11 @@ class FinishedLatents:
         return latents if moment.by_color is None else latents + moment.by_color, regularizer
 
     def _change(self, frame: int, kinematic: Tensor) -> Tensor | None:
-        """Δf_sem of Z_kin and the semantic planes; what depends on Z_kin alone gets no gradient to it."""
-        branch, planes = self._model.semantic, self._model.semantic_planes
-        if branch is None or planes is None:
+        """Δf_sem of Z_kin and the semantic planes."""
+        head, planes = self._model.semantic, self._model.semantic_planes
+        if head is None or planes is None:
             return None
-        hidden, rectified, last = branch.decode
-        assert isinstance(hidden, nn.Linear)
-        weight, latent = hidden.weight, kinematic.shape[1]
-        by_planes = planes(self._points, self._frames.clip.time(frame)) @ weight[:, latent:].T
-        return last(rectified(torch.addmm(hidden.bias, kinematic, weight[:, :latent].T) + by_planes))
+        return branch(torch.cat([kinematic, planes(self._points, self._frames.clip.time(frame))], 1), head.decode)
 
     @torch.no_grad()
     def _moment(self, frame: int) -> Moment:
