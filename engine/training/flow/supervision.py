@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from degense.engine.latest import Latest
 from degense.engine.motion import chain, consistent, flow_error, follow, sample, steps_between
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.motion.depth_noise import depth_changes, depth_error
@@ -126,9 +127,13 @@ class FlowSupervision:
         way through up to `WINDOW` frames before or after.
         """
         train = self.frames.clip.train_frames
-        logs = [log_intensity(frame) for frame in small]
+        logs, kept = [log_intensity(frame) for frame in small], Latest(16 * WINDOW)  # neighbours read the same pairs
+
+        def pair_of(here: int, there: int) -> tuple[np.ndarray, np.ndarray]:
+            return kept.get((here, there), lambda: (self.seen(here, there).astype(np.float32), self.flow(here, there)))
+
         with ThreadPoolExecutor() as pool:
-            changing = list(pool.map(lambda k: around(self._changes(k, logs)), range(len(train))))
+            changing = list(pool.map(lambda k: around(self._changes(k, logs, pair_of)), range(len(train))))
         for k, frame in enumerate(train):
             for pair in self.pairs[frame]:
                 other = train.index(pair.to)
@@ -155,8 +160,9 @@ class FlowSupervision:
             changes[pair.weight[0].float().cpu().numpy() < 0.5] = np.nan
         return changes
 
-    def _changes(self, k: int, logs: list[np.ndarray]) -> np.ndarray:
-        """Where the look of training frame number `k` changes, followed through its neighbours, bool [h, w]."""
+    def _changes(self, k: int, logs: list[np.ndarray], pair_of: Callable[[int, int], tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Where the look of training frame number `k` changes, followed through its neighbours, bool [h, w]; `pair_of` two frames are where
+        their flow has weight, float32 [h, w], and their flow."""
         train, changed = self.frames.clip.train_frames, np.zeros(logs[k].shape[:2], bool)
         for direction in (1, -1):
             flow, followed = np.zeros((*changed.shape, 2), np.float32), np.ones(changed.shape, bool)
@@ -164,10 +170,9 @@ class FlowSupervision:
                 here, there = k + direction * (step - 1), k + direction * step
                 if not 0 <= there < len(train):
                     break
-                pair = self.pair(train[here], train[there])
-                assert pair is not None
-                followed &= sample(pair.weight[0].float().cpu().numpy(), flow) > 0.5
-                flow = chain(flow, self.flow(train[here], train[there]))
+                sure, step_flow = pair_of(train[here], train[there])
+                followed &= sample(sure, flow) > 0.5
+                flow = chain(flow, step_flow)
                 if step & (step - 1) == 0:  # 1, 2, 4, 8: what changes slowly shows in the long steps
                     changed |= followed & looks_changed(logs[k], logs[there], flow)
         return changed
