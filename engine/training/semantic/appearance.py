@@ -100,7 +100,7 @@ class Appearance:
             optimizer.param_groups[0]["lr"] = RATE * (1 - step / steps)
             rows = torch.randint(len(features), (BATCH,), generator=random).to(features.device)
             optimizer.zero_grad()
-            loss(features[rows], shares[rows])[0].backward()
+            loss(features.index_select(0, rows), shares.index_select(0, rows))[0].backward()
             optimizer.step()
 
     def _loss(self, features: Float[Tensor, "pixels features"], shares: Float[Tensor, "pixels words"]) -> tuple[Tensor]:
