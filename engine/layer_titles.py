@@ -1,4 +1,4 @@
-"""Names and titles of the layers, in the order in which they are offered. They stand apart from the layers, which load torch."""
+"""Names and titles of the layers in the order in which they are offered, and headings. They stand apart from layers, which load torch."""
 
 from __future__ import annotations
 
@@ -17,3 +17,8 @@ LAYER_TITLES = {
     "warp": "Spurious warp",
     "observability": "Motion observability",
 }
+
+
+def with_unit(title: str, unit: str) -> str:
+    """What stands beside numbers, or over a column of them."""
+    return f"{title} [{unit}]" if unit else title

@@ -1,7 +1,13 @@
-"""How long work reports and stops: one callable, passed down."""
+"""How long work reports and stops: one callable, passed down; and how reading stops, which opens files in many places."""
 
-from collections.abc import Callable, Generator
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
+
+from degense.engine.errors import Cancelled
 
 Result = TypeVar("Result")
 
@@ -25,3 +31,23 @@ def finish(steps: Steps[Result], progress: Progress = silent) -> Result:
         return stop.value
     finally:
         steps.close()
+
+
+_reading = threading.local()
+
+
+@contextmanager
+def stoppable_reading(stop: Callable[[], bool]) -> Iterator[None]:
+    """Meanwhile, in this thread, the next file that is opened raises `Cancelled` when `stop()` says so."""
+    _reading.stop = stop
+    try:
+        yield
+    finally:
+        del _reading.stop
+
+
+def check_reading() -> None:
+    """Called before a file from elsewhere is opened. Cancelled within `stoppable_reading`."""
+    stop = getattr(_reading, "stop", None)
+    if stop is not None and stop():
+        raise Cancelled

@@ -9,6 +9,8 @@ import stat
 from pathlib import Path
 from typing import Any, NoReturn
 
+from degense.engine.progress import check_reading
+
 #: How deep lists and objects may lie in each other: nothing that we read needs more than ten.
 DEEPEST = 64
 #: Whole numbers beyond it fit no count, index or size.
@@ -17,6 +19,7 @@ GREATEST = 1 << 63
 
 def check_regular(path: Path, most: int) -> int:
     """The bytes of a file, which is not opened: a pipe would block. ValueError for what is no regular file, or larger than `most` bytes."""
+    check_reading()
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         raise ValueError("it is not a regular file")

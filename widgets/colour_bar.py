@@ -122,8 +122,8 @@ class ColourBar(QWidget):
         for field in (self._low_field, self._high_field):
             field.setFixedWidth(9 * self.fontMetrics().averageCharWidth() + 12)
 
-    def set_title(self, title: str, unit: str = "") -> None:
-        self._heading.setText(f"{title} [{unit}]" if unit else title)
+    def set_title(self, title: str) -> None:
+        self._heading.setText(title)
 
     def set_cmap(self, name: str) -> None:
         colour_table(name)  # refuses others

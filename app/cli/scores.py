@@ -18,9 +18,6 @@ from degense.app.cli.training import StopFlag
 from degense.engine.errors import Cancelled, ClipError
 from degense.engine.files import write_text
 
-#: Long lists, which are for files.
-NOT_PRINTED = {"iou_frames", "curve", "reliability"}
-
 
 def evaluate(options: argparse.Namespace) -> None:
     from degense.engine.data.readers import open_clip
@@ -51,7 +48,9 @@ def evaluate(options: argparse.Namespace) -> None:
 
 
 def _printable(scores: dict[str, Any]) -> dict[str, Any]:
-    return {key: _printable(value) if isinstance(value, dict) else value for key, value in scores.items() if key not in NOT_PRINTED}
+    """Scores without lists, which are for files."""
+    read = {key: _printable(value) if isinstance(value, dict) else value for key, value in scores.items()}
+    return {key: value for key, value in read.items() if not isinstance(value, list) and value != {}}
 
 
 #: Measure the program around the engine, and are not among "all": one needs a display, one hours.

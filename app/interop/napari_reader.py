@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from degense.engine.colour_maps import CLASS_COLOURS
+from degense.engine.layer_titles import with_unit
 
 if TYPE_CHECKING:
     from degense.engine.scene import Scene
@@ -51,7 +52,7 @@ def read_run(path: str) -> list[LayerData]:
     scene = Scene.open(Path(path))
     layers = [_layer(scene, scene.render_rgb, "image", name=f"{scene.name} colour", rgb=True)]
     for name in ("displacement", "depth"):
-        about = {"name": f"{scene.name} {name} [{scene.unit}]", "colormap": "viridis", "visible": False}
+        about = {"name": with_unit(f"{scene.name} {name}", scene.unit), "colormap": "viridis", "visible": False}
         layers.append(_layer(scene, partial(_drawn, scene, name), "image", **about))
     if scene.has_semantics and scene.classes:
         colours = {k + 1: np.array([*colour, 255]) / 255 for k, colour in enumerate(CLASS_COLOURS)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import threading
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -18,10 +19,11 @@ class FolderHeld(DegenseError):
 
 
 class FolderLocks:
-    """The folders that this session holds."""
+    """The folders that a session holds, in whichever thread they were taken. They are let go when this is forgotten, too."""
 
     def __init__(self) -> None:
         self._locks: dict[Path, FileLock] = {}
+        self._one_at_a_time = threading.Lock()
 
     def __contains__(self, place: Path) -> bool:
         return place in self._locks
@@ -32,16 +34,17 @@ class FolderLocks:
         `source` is what is open. FolderHeld, or DegenseError when the folder cannot be written.
         """
         try:
-            if place not in self._locks:
-                if with_parents:
-                    make_folder(place)
-                else:
-                    place.mkdir(exist_ok=True)
-                lock = FileLock(place / LOCK, timeout=0)
-                lock.acquire()
-                self._locks[place] = lock
-            elif not os.access(place, os.W_OK):
-                raise PermissionError(errno.EACCES, "it is gone or read-only now")
+            with self._one_at_a_time:
+                if place not in self._locks:
+                    if with_parents:
+                        make_folder(place)
+                    else:
+                        place.mkdir(exist_ok=True)
+                    lock = FileLock(place / LOCK, timeout=0, thread_local=False)
+                    lock.acquire()
+                    self._locks[place] = lock
+                elif not os.access(place, os.W_OK):
+                    raise PermissionError(errno.EACCES, "it is gone or read-only now")
         except Timeout as error:
             raise FolderHeld(f"{source} is open in another window: close it there and open it again here to change it.") from error
         except OSError as error:

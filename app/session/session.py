@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from degense.app.session import session_file
 from degense.app.session.cursor import CameraMode, Cursor
+from degense.app.session.saving import Reading
 from degense.app.session.state import PersistentState, Signal
 from degense.app.session.store import SessionStore
 from degense.app.session.targets import Target
@@ -17,10 +18,11 @@ from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from degense.engine.clip import Clip
     from degense.engine.scene import Scene
+
+#: (scene, clip, keep)
+Reader = Callable[["Scene | None", "Clip | None", bool], Reading]
 
 
 class Session:
@@ -58,17 +60,43 @@ class Session:
         `keep` says whether to save and to write a journal; not for the sample.
         DamagedSession when the session file is damaged. Nothing is open then.
         """
-        self._open(scene, scene.clip, scene.run.path, scene.run.path, keep)
+        self._open(scene, scene.clip, keep)
 
     def open_clip(self, clip: Clip, keep: bool = True) -> None:
         """Show a clip that has no run yet, with the session saved beside it (`session_file.clip_folder`); otherwise as `open_scene`."""
-        self._open(None, clip, session_file.clip_folder(clip.path), clip.path, keep)
+        self._open(None, clip, keep)
 
-    def _open(self, scene: Scene | None, clip: Clip | None, folder: Path, source: Path, keep: bool) -> None:
+    def _open(self, scene: Scene | None, clip: Clip | None, keep: bool) -> None:
         self.close()
+        self.open(scene, clip, self.reader()(scene, clip, keep))
+
+    def reader(self) -> Reader:
+        """Reads, in any thread and while something is open, what `open` needs of a run or clip; the last argument is `keep`.
+
+        DegenseError when the journal cannot be read.
+        """
+        self.store.write_pending()
+        changes = self.store.changes
+
+        def read(scene: Scene | None, clip: Clip | None, keep: bool) -> Reading:
+            if scene is not None:
+                own = source = scene.run.path
+            else:
+                assert clip is not None
+                own, source = session_file.clip_folder(clip.path), clip.path
+            reading = self.store.reading(own, source, keep, changes)
+            reading.read(self.store.states, scene, clip)
+            return reading
+
+        return read
+
+    def open(self, scene: Scene | None, clip: Clip | None, reading: Reading) -> None:
+        """Show a run or clip in place of what is open. Errors as `open_scene`."""
+        self.pause()
+        self.undo.clear()
         self.scene, self.clip = scene, clip
         try:
-            self.store.open(folder, source, keep)
+            self.store.open(reading)
             self._cursor.frame = min(self._cursor.frame, max(0, self.frames - 1))
         except DegenseError:
             self.scene = self.clip = None
@@ -91,7 +119,7 @@ class Session:
             self.view_state_changed.emit(before, self.view_state)
 
     def close(self) -> None:
-        """Close what is open. `opened` is emitted by `open_scene` and `open_clip` only."""
+        """Close what is open. `opened` is emitted when something is opened only."""
         self.pause()
         self.scene = self.clip = None
         self.store.close()

@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, ParamSpec
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec
+
+if TYPE_CHECKING:
+    from degense.engine.clip import Clip
+    from degense.engine.scene import Scene
 
 P = ParamSpec("P")
 
@@ -73,5 +77,7 @@ class PersistentState:
         """What is too large for the session file and is written beside it, before that file. The journal is empty from then on."""
         return None
 
-    def load(self, folder: Path) -> None:
-        """Read what `storing` wrote, before `from_json`. Nothing by default."""
+    def read(self, folder: Path, scene: Scene | None, clip: Clip | None) -> Callable[[], None]:
+        """Read what `storing` wrote of a run or clip, in any thread; then, in that of the state and before `from_json`, what is returned
+        makes it the state. RunError when it is damaged. Nothing is read by default."""
+        return lambda: None

@@ -9,7 +9,7 @@ from typing import Any
 from degense.app.session import session_file, state_folder
 from degense.app.session.folder_locks import FolderHeld, FolderLocks
 from degense.app.session.journal import Entry, Journal
-from degense.app.session.saving import Saving, plain
+from degense.app.session.saving import Reading, Saving, plain
 from degense.app.session.session_file import SavedSession
 from degense.app.session.state import PersistentState, Signal
 from degense.app.session.state_folder import JOURNAL, PLACE
@@ -33,6 +33,7 @@ class SessionStore:
         #: Whether another window holds what is open. It stays so until it is opened again: what is there has changed since.
         self.elsewhere = False
         self.problem = ""  # why the last change could not be written to where it belongs, in one sentence; empty when all is well
+        self.changes = 0  # how often what is open was changed, saved or closed
         self._saved = SavedSession()
         self._dirty: set[str] = set()
         self._pending: set[str] = set()
@@ -53,48 +54,48 @@ class SessionStore:
 
     # Opening and closing
 
-    def open(self, folder: Path, source: Path, keep: bool = True) -> None:
-        """Read the states of a run or clip, `source`, from a folder, or from where they were saved in its place, and its journal.
+    def reading(self, own: Path, source: Path, keep: bool, changes: int) -> Reading:
+        """What to read of a run or clip, `source`, in any thread. `changes` is ours when the journal held all that had been done."""
+        again = state_folder.folder_of(own) in self._locks
+        return Reading(own, source.resolve(), keep, self._locks if again else FolderLocks(), again, changes)
 
-        `keep` says whether to write; not for the sample.
-        DamagedSession when the session file or what a state reads from the folder is damaged. Then nothing is open, and nothing written.
+    def is_outdated(self, reading: Reading) -> bool:
+        """Whether it was read while it was open here, and changed or saved since."""
+        return reading.again and reading.changes != self.changes
+
+    def open(self, reading: Reading) -> None:
+        """Take over what was read, in the thread of the states.
+
+        DamagedSession when the session file or what a state reads from the folder is damaged. Then nothing is open.
         """
-        self.close()
-        self._own, self._home, self._source = folder, state_folder.folder_of(folder), source.resolve()
-        folder = state_folder.saved_in(folder)
-        path = folder / session_file.NAME
-        self._saved = session_file.read(path)
-        self._loading = True
-        try:
-            for name, state in self.states.items():
-                state.load(folder)
-                if name in self._saved.states:
-                    state.from_json(self._saved.states[name], str(path))
-        except DegenseError as error:
-            self._loading = False
+        if reading.damage is not None:
             self.close()
-            raise session_file.DamagedSession(path, str(error)) from error
+            raise reading.damage
+        if reading.again:
+            self._locks = FolderLocks()  # which are let go in place of those that stay
+        self.close()
+        if reading.again:
+            reading.read_journal(self.states)
+        self._own, self._home, self._source, self._locks = reading.own, reading.home, reading.source, reading.locks
+        saved, self._loading = reading.saved, True
+        try:
+            for take, (name, state) in zip(reading.take, self.states.items(), strict=True):
+                take()
+                if name in saved.states:
+                    state.from_json(saved.states[name], str(reading.path))
+        except DegenseError as error:
+            self.close()
+            raise session_file.DamagedSession(reading.path, str(error)) from error
         finally:
             self._loading = False
-        self.folder = folder if keep else None
-        self._saved = SavedSession({**self._saved.states, **self._to_json()}, self._saved.id)
-        if keep:
-            self._read_journal(folder)
-
-    def _read_journal(self, folder: Path) -> None:
-        """Take the locks, and what a crash left."""
-        try:
-            self._hold(self._home)
-            if folder.is_dir():
-                self._hold(folder)
-        except DegenseError as error:
-            self._set_problem(str(error))
-        if self.elsewhere or self._home not in self._locks:
-            return
-        self.unsaved = [entry for entry in state_folder.left_in_journal(self._home, folder, self._saved.id) if entry.state in self.states]
+        self.folder = reading.folder if reading.keep else None
+        self._saved = SavedSession({**saved.states, **self._to_json()}, saved.id)
+        self.unsaved, self.elsewhere = list(reading.unsaved), reading.elsewhere
+        self._set_problem(reading.problem)
 
     def close(self) -> None:
         """Clear the states and let the folder go. What was not saved stays in the journal."""
+        self.changes += 1
         self.write_pending()
         self._close_journal()
         self._locks.release()
@@ -171,7 +172,7 @@ class SessionStore:
         """It is written. What was changed since it began stays in the journal."""
         if saving is not self._saving:
             return  # something else is open by now
-        self._saving = None
+        self._saving, self.changes = None, self.changes + 1
         for storing in saving.stored:
             storing.done()
         self._saved = saving.saved
@@ -245,6 +246,7 @@ class SessionStore:
     def _state_changed(self, name: str, state: PersistentState, record: Any) -> None:
         if self._loading or not state.counts:
             return
+        self.changes += 1
         self._since[name] = self._since.get(name, False) or record is not None
         if record is None:
             self._set_dirty(self._dirty | {name} if self._saving or self._differs(name) else self._dirty - {name})

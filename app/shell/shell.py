@@ -102,11 +102,13 @@ class Shell(QMainWindow):
         failed: Callable[[str], object] | None = None,
         *,
         detailed: bool = False,
+        stop: Callable[[], object] | None = None,
     ) -> None:
         """Run a job whose steps are (fraction, what is being done), with its progress in the status bar and its errors in a dialog.
 
         The title, for example "Exporting liver.mp4", is shown while it runs, with what is being done if `detailed`. `done` takes the
         result; a DegenseError it raises is shown. By default the result is a sentence, which is shown. `failed` takes what went wrong.
+        `stop` is called by a button beside the progress, which is shown where there is one.
         """
 
         def finished(result: Any) -> None:
@@ -122,9 +124,9 @@ class Shell(QMainWindow):
                 failed(message)
 
         def progress(step: tuple[float, str]) -> None:
-            self.set_busy(f"{title}: {step[1]}" if detailed else title, step[0])
+            self.set_busy(f"{title}: {step[1]}" if detailed else title, step[0], stop)
 
-        self.set_busy(title)
+        self.set_busy(title, None, stop)
         self.worker.submit(channel, job, finished, broken, progress)
 
     def say(self, text: str, seconds: float = 8.0) -> None:

@@ -44,8 +44,9 @@ class StatusBar(QObject):
         self.busy_text, self.busy_bar = QLabel(), forms.named(QProgressBar(textVisible=False), "What is being done")
         self.busy_bar.setFixedWidth(140)
         self.busy_bar.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
-        bar.addPermanentWidget(self.busy_text)
-        bar.addPermanentWidget(self.busy_bar)
+        self.stop = forms.button("Cancel", lambda: self._stop())
+        for part in (self.busy_text, self.busy_bar, self.stop):
+            bar.addPermanentWidget(part)
         #: Buttons that do not fit are in a menu at its end.
         self.stripe = forms.named(QToolBar(movable=False, floatable=False), "Panels of the drawer")
         self.stripe.setObjectName("stripe")
@@ -71,8 +72,10 @@ class StatusBar(QObject):
         button.setAccessibleName(action.text())
         button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
 
-    def set_busy(self, text: str = "", fraction: float | None = None) -> None:
-        """Show that something is being done; an empty text hides it. Without a fraction the bar only moves."""
+    def set_busy(self, text: str = "", fraction: float | None = None, stop: Callable[[], object] | None = None) -> None:
+        """Show that something is being done; an empty text hides it. Without a fraction the bar only moves. A button calls `stop`."""
+        self._stop = stop or (lambda: None)
+        self.stop.setVisible(stop is not None)
         self.busy_text.setText(text)
         self.busy_text.setVisible(bool(text))
         self.busy_bar.setVisible(bool(text))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -15,8 +16,17 @@ from degense.engine.latest import Latest
 #: Maps that stay decoded.
 KEPT = 8
 
-#: A label map of its own: compressed, or a function that reads it from disk.
-Labels = bytes | Callable[[], np.ndarray]
+
+class LabelsOnDisk(Protocol):
+    """Reads a label map."""
+
+    at_hand: bool  # whether that waits for no disk
+
+    def __call__(self) -> np.ndarray: ...
+
+
+#: A label map of its own: compressed, or what reads it.
+Labels = bytes | LabelsOnDisk
 
 
 @dataclass(frozen=True)
@@ -71,6 +81,11 @@ class Annotations:
         if isinstance(labels, bytes):
             return lambda: unpack(labels, shape)
         return labels or (lambda: _or_nothing(original(frame), shape))
+
+    def is_at_hand(self, frame: int) -> bool:
+        """Whether looking at the frame's own map waits for no disk; True where it has none."""
+        labels = self.record(frame).labels
+        return labels is None or isinstance(labels, bytes) or labels.at_hand
 
     def is_labelled(self, frame: int) -> bool:
         """Whether the frame has a map, its own or one that it came with."""

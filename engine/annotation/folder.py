@@ -28,18 +28,25 @@ FILE = re.compile(r"\d{1,9}-[0-9a-f]{8}\.png")
 
 
 class StoredMap:
-    """A label map on disk, read when it is called; `kept`, packed, stands in for it where the disk is gone."""
+    """A label map on disk, read when it is called first and `kept` from then on, packed."""
 
     def __init__(self, path: Path, shape: tuple[int, int], classes: int, kept: bytes | None = None):
         self.path, self._shape, self._classes, self._kept = path, shape, classes, kept
+        self.at_hand = kept is not None  # whether it has been read, or found damaged
 
     def __call__(self) -> np.ndarray:
         """uint8 [H, W]. RunError when the file is damaged."""
+        if self._kept is None:
+            try:
+                self._kept = pack(self._read())
+            finally:
+                self.at_hand = True
+        return unpack(self._kept, self._shape)
+
+    def _read(self) -> np.ndarray:
         try:
             data = self.path.read_bytes()
         except OSError as error:
-            if self._kept is not None:
-                return unpack(self._kept, self._shape)
             raise RunError(f"{self.path} cannot be read ({error.strerror}); put it back from a backup.") from error
         if f"{zlib.crc32(data):08x}" != self.path.stem.rpartition("-")[2]:
             raise RunError(f"{self.path} is damaged; put it back from a backup.")

@@ -160,7 +160,7 @@ class _Sample(torch.autograd.Function):
     def forward(ctx, queries, *planes):
         """`planes` are the space planes by level, then the lines by level of each of the `queries`, points [N, 3], one after the other."""
         levels = len(planes) // (1 + len(queries))
-        queries, planes = [points.contiguous() for points in queries], [plane.contiguous() for plane in planes]
+        queries, planes = [points.contiguous() for points in queries], tuple(plane.contiguous() for plane in planes)
         arrays = [tuple(plane.detach().numpy() for plane in planes[i : i + levels]) for i in range(0, len(planes), levels)]
         starts = np.array([0, *accumulate(space.shape[3] for space in arrays[0])])
         rows = [0, *accumulate(len(points) for points in queries)]

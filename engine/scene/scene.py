@@ -44,20 +44,25 @@ class Scene:
         observability: Tensor | None = None,
         label_support: LabelSupport | None = None,
     ):
-        self.run, self.model, self.basis, self.encoder, self.clip, self.clip_missing = run, model, basis, encoder, clip, clip_missing
+        self.run, self.basis, self.encoder, self.clip, self.clip_missing = run, basis, encoder, clip, clip_missing
         self.has_semantics = basis is not None
         self.name, self.classes, self.reference_frame = run.path.name, tuple(run.info["classes"]), int(run.info["reference_frame"])
         self.cameras = run.cameras
-        self.states = States(model, run.info["unit"], self.frames, self.reference_frame, observability)
+        self._asked: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._vectors: dict[tuple[str, ...], np.ndarray] = {}  # of the last texts: those of the classes, again and again
+        self._draw_from(model, observability, label_support)
+
+    def _draw_from(self, model: SceneModel, observability: Tensor | None, label_support: LabelSupport | None) -> None:
+        """Be drawn from a model, on its device."""
+        self.model = model
+        self.states = States(model, self.run.info["unit"], self.frames, self.reference_frame, observability)
         self.time, self.splats = self.states.time, self.states.splats
-        self.renderer = Renderer(self.name, self.states, basis, self.camera)
-        if (points := run.info.get("confidence")) is not None:
-            self.renderer.curve = _curve_of(points, run)
+        self.renderer = Renderer(self.name, self.states, self.basis, self.camera)
+        if (points := self.run.info.get("confidence")) is not None:
+            self.renderer.curve = _curve_of(points, self.run)
         if label_support is not None:
             self.renderer.labelled = LabelledPlaces(self.states, label_support, self.cameras)
         self.render, self.render_rgb = self.renderer.render, self.renderer.render_rgb
-        self._asked: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        self._vectors: dict[tuple[str, ...], np.ndarray] = {}  # of the last texts: those of the classes, again and again
 
     @classmethod
     def open(
@@ -75,7 +80,7 @@ class Scene:
         run = Run.open(path)
         if device is None:
             device = "cuda" if gpu_usable() else "cpu"
-        model = run.load_model(device).eval().requires_grad_(False)
+        model, observability, label_support = _load(run, device)
         name = run.info.get("encoder")
         if encoder is not None and name is None:
             raise RunError(f"{run.path.name} was trained without semantics, so no encoder can answer prompts; {NEEDS_TEACHER}")
@@ -88,12 +93,11 @@ class Scene:
         missing = ""
         if clip is None:
             clip, missing = _find_clip(run)
-        kept = run.load_observability(len(model)), run.load_label_support(len(model))
-        return cls(run, model, basis, encoder_of_run, clip, missing, *kept)
+        return cls(run, model, basis, encoder_of_run, clip, missing, observability, label_support)
 
     def move_to(self, device: str | torch.device) -> None:
         """Be drawn on another device from now on, where the memory of this one is not enough; what was drawn and kept is forgotten."""
-        vars(self).update(vars(Scene.open(self.run.path, device=device, clip=self.clip, encoder=self.encoder)))
+        self._draw_from(*_load(self.run, device))
 
     @property
     def device(self) -> torch.device:
@@ -204,6 +208,12 @@ class Scene:
         if self.clip is None:
             raise DegenseError(f"warp compares the scene with the recording, which is missing: {self.clip_missing}")
         return ObservedMotion(self.clip, self.reference_frame)
+
+
+def _load(run: Run, device: str | torch.device) -> tuple[SceneModel, Tensor | None, LabelSupport | None]:
+    """The model of a run, what the recording shows of the motion of its Gaussians, and what labels show of them."""
+    model = run.load_model(device).eval().requires_grad_(False)
+    return model, run.load_observability(len(model)), run.load_label_support(len(model))
 
 
 def _curve_of(points: Any, run: Run) -> ConfidenceCurve:

@@ -19,7 +19,7 @@ from degense.engine.events import Done, Events, Preview, Reliability, Stage, Sto
 from degense.engine.field import SceneModel
 from degense.engine.field.static_gaussians import find_moving, keep_still
 from degense.engine.files import replacing
-from degense.engine.heap import kept_heap
+from degense.engine.processes.heap import kept_heap
 from degense.engine.profile import part
 from degense.engine.semantics import TextEncoder, open_encoder, save_encoder
 from degense.engine.store import Run

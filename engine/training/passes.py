@@ -213,7 +213,7 @@ class Passes:
     def __call__(self, name: str, *arguments: Tensor | None) -> tuple[Tensor, ...]:
         """Run a pass; those of a drawn frame are made at their first use."""
         if name not in self._graphs:
-            self._graphs[name] = graphed(self._functions[name], arguments)
+            self._graphs[name] = graphed(self._functions[name], [value for value in arguments if value is not None])
         return self._graphs[name](*arguments)
 
     def forget(self) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from degense.engine.heap import kept_heap
+from degense.engine.processes.heap import kept_heap
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only glibc is told")
 MIB = 1 << 20

@@ -45,7 +45,7 @@ def test_programs_are_silent(bar, heard):
     bar.set_range(-3.0, 4.5)
     bar.set_range_mode("frame")
     bar.set_cmap("vik")
-    bar.set_title("Displacement", "mm")
+    bar.set_title("Displacement [mm]")
     assert bar.range() == (-3.0, 4.5)
     assert (bar.range_mode(), bar.cmap()) == ("frame", "vik")
     assert any(label.text() == "Displacement [mm]" for label in bar.findChildren(QLabel))

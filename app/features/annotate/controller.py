@@ -27,7 +27,7 @@ class Annotator(QObject):
         self.painter = Painter(self.shell, state, viewer.panel)
         self.review = PropagationReview(self.shell, state)
         AnnotationKeys(self.shell, state, self.painter, self.review.go_on)
-        state.pixels_changed.connect(self._show_pixels)
+        state.pixels_changed.connect(self._pixels_changed)
         state.records_changed.connect(self._show_frame)
         state.classes_changed.connect(self.panel.show_classes)
         state.tool.changed.connect(self._show_tool)
@@ -51,7 +51,7 @@ class Annotator(QObject):
                 self.shell.show_error(self.state.blocked)
         else:
             self.shell.docks.rejoin(self.dock)
-        self.viewer.recorded = active
+        self.viewer.labels = self.state.reader if active else None
         self._show_tool()
         self._frame_changed()
         self.viewer.request()
@@ -80,6 +80,10 @@ class Annotator(QObject):
     def _shown(self, view: View) -> None:
         if self.state.tool.active and view.frame == self.session.frame:
             self._show_pixels(self.session.frame, None)
+
+    def _pixels_changed(self, frame: int, region: PixelRegion | None) -> None:
+        if self.state.is_at_hand(frame):  # else they are shown when they have been read
+            self._show_pixels(frame, region)
 
     def _show_pixels(self, frame: int, region: PixelRegion | None) -> None:
         """Lay the labels over the frame, as far as they changed."""

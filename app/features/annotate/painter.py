@@ -37,7 +37,7 @@ class Painter(QObject):
         self.strokes.began.connect(self._stroke_began)
         self.strokes.moved.connect(lambda ax, ay, bx, by: self._dab((ax, ay), (bx, by)))
         self.strokes.ended.connect(state.end)
-        self.polygons.drawn.connect(lambda corners: self._paint("Polygon", polygon(corners, self._shape())))
+        self.polygons.drawn.connect(lambda corners: self._paint("Polygon", lambda: polygon(corners, self._shape())))
         self.clicks.clicked.connect(self._clicked)
 
     def show_tool(self) -> None:
@@ -62,15 +62,15 @@ class Painter(QObject):
         self.polygons.cancel()
 
     def fill_holes(self) -> None:
-        self._paint("Fill holes", holes(self._labels(), self.state.tool.label), self.state.tool.label)
+        self._paint("Fill holes", lambda: holes(self._labels(), self.state.tool.label), self.state.tool.label)
 
     def keep_largest(self) -> None:
-        self._paint("Largest part", smaller_islands(self._labels(), self.state.tool.label), UNLABELLED)
+        self._paint("Largest part", lambda: smaller_islands(self._labels(), self.state.tool.label), UNLABELLED)
 
     def _clicked(self, x: float, y: float) -> None:
         at = int(np.floor(x)), int(np.floor(y))
         if self.state.tool.name == "fill":
-            self._paint("Fill", fill(self._labels(), at))
+            self._paint("Fill", lambda: fill(self._labels(), at))
             return
         if self.session.scene is None or not self.session.view_state.visible_prompts:
             self.shell.say("Prompt something first: the wand takes the mask under the click.")
@@ -79,7 +79,7 @@ class Painter(QObject):
         def done(texts: Sequence[str], found: np.ndarray) -> None:
             inside = 0 <= at[1] < found.shape[0] and 0 <= at[0] < found.shape[1] and found[at[1], at[0]] != UNLABELLED
             if inside:
-                self._paint(f"Mask of {texts[found[at[1], at[0]]]}", fill(found, at))
+                self._paint(f"Mask of {texts[found[at[1], at[0]]]}", lambda: fill(found, at))
             else:
                 self.shell.say("No mask of a prompt lies there.")
 
@@ -110,7 +110,7 @@ class Painter(QObject):
                 if text.casefold() not in names:
                     self.state.add_class(text)
                     names.append(text.casefold())
-                self._paint(f"Mask of {text}", region_of(found == index), names.index(text.casefold()))
+                self._paint(f"Mask of {text}", partial(region_of, found == index), names.index(text.casefold()))
 
         self._decode(done)
 
@@ -138,8 +138,14 @@ class Painter(QObject):
     def _labels(self) -> np.ndarray:
         return self.state.labels(self.session.frame)
 
+    def _check_at_hand(self) -> None:
+        """DegenseError while the worker reads the labels of the frame."""
+        if not self.state.is_at_hand(self.session.frame):
+            raise DegenseError(f"The labels of frame {self.session.frame} are being read; paint when they are shown.")
+
     def _stroke_began(self, x: float, y: float) -> None:
         try:
+            self._check_at_hand()
             self.state.begin({"eraser": "Erase", "superpixels": "Paint regions"}.get(self.state.tool.name, "Paint"))
         except DegenseError as error:
             self.shell.say(str(error))
@@ -150,9 +156,10 @@ class Painter(QObject):
         region = brush(start, end, self.state.tool.radius, self._shape())
         self.state.dab(whole_regions(self.superpixels(), region) if self.state.tool.name == "superpixels" else region)
 
-    def _paint(self, name: str, region: PixelRegion | None, value: int | None = None) -> None:
+    def _paint(self, name: str, region: Callable[[], PixelRegion | None], value: int | None = None) -> None:
         try:
-            if not self.state.paint(name, region, value):
+            self._check_at_hand()
+            if not self.state.paint(name, region(), value):
                 self.shell.say(f"{name}: nothing changed.")
         except DegenseError as error:
             self.shell.say(str(error))

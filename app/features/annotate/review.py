@@ -34,7 +34,7 @@ class PropagationReview(QObject):
         work, clip, scene = self.state.ready(), self.session.clip, self.session.scene
         if clip is None:
             raise DegenseError(f"Propagating labels needs the recording, which is missing: {scene.clip_missing if scene else ''}")
-        sources = {frame: work.labels(frame) for frame in work.sources(self.session.frame)}
+        sources = {frame: work.reader(frame) for frame in work.sources(self.session.frame)}
         if not sources:
             raise DegenseError("No frame is labelled yet; paint one, and its labels can be propagated to the others.")
         made = {frame for frame, record in work.records.items() if record.labels is not None}
@@ -53,13 +53,13 @@ class PropagationReview(QObject):
             icon=QMessageBox.Icon.Question,
         )
 
-    def _propagate(self, clip: Clip, sources: dict[int, np.ndarray], replacing: bool = False) -> None:
+    def _propagate(self, clip: Clip, sources: dict[int, Callable[[], np.ndarray]], replacing: bool = False) -> None:
         scene = self.session.scene
 
         def steps() -> Steps[dict[int, Proposal]]:
             from degense.engine.annotation.propagation.propagate import propagate
 
-            return propagate(clip, sources, scene)
+            return propagate(clip, {frame: read() for frame, read in sources.items()}, scene)
 
         def done(proposals: dict[int, Proposal]) -> None:
             self.state.propose(proposals, replacing)

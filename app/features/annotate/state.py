@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -37,6 +37,8 @@ from degense.engine.errors import DegenseError, RunError, what_is_wrong
 if TYPE_CHECKING:
     from degense.app.session.session import Session
     from degense.engine.annotation.formats import MapSet
+    from degense.engine.clip import Clip
+    from degense.engine.scene import Scene
 
 #: Seconds between two records of one stroke in the journal: what a crash loses of it at most.
 STROKE_SECONDS = 1.0
@@ -73,19 +75,23 @@ class AnnotationState(PersistentState):
     def from_json(self, data: Any, source: str) -> None:
         self.tool.from_json(data, source)
 
-    def load(self, folder: Path) -> None:
-        scene, clip = self.session.scene, self.session.clip
-        self.folder = self._place(folder)
+    def read(self, folder: Path, scene: Scene | None, clip: Clip | None) -> Callable[[], None]:
+        place, work, blocked = _place(folder, scene), None, ""
         try:
-            self.work = open_annotations(self.folder, scene, clip)
+            work = open_annotations(place, scene, clip)
         except DegenseError as error:
             if scene is not None:
                 raise
-            self.blocked = str(error)  # the clip can still be watched and trained on
+            blocked = str(error)  # the clip can still be watched and trained on
+
+        def take() -> None:
+            self.folder, self.work, self.blocked = place, work, blocked
+
+        return take
 
     def storing(self, folder: Path) -> Storing | None:
         self._unwritten = self._stroke is not None  # the journal, which is emptied now, held what the stroke has painted so far
-        place, work, edits = self._place(folder), self.work, self._edits
+        place, work, edits = _place(folder, self.session.scene), self.work, self._edits
         if work is None or (edits == self._stored and place == self.folder):
             return None
         before, shown = dict(work.records), copy.copy(work)
@@ -98,9 +104,6 @@ class AnnotationState(PersistentState):
                     work.records[frame] = record  # which is on disk now
 
         return Storing(lambda: save(shown, place), done)
-
-    def _place(self, folder: Path) -> Path:
-        return folder / NAME if self.session.scene is not None else folder
 
     def replay(self, record: Any, source: str) -> None:
         if self.work is None:
@@ -132,6 +135,14 @@ class AnnotationState(PersistentState):
         if self.work is None:
             raise DegenseError(self.blocked or "Open a clip or a run first.")
         return self.work
+
+    def reader(self, frame: int) -> Callable[[], object]:
+        """Reads the labels of a frame, in any thread: looking at them waits for no drive then."""
+        return self.work.reader(frame) if self.work is not None else lambda: None
+
+    def is_at_hand(self, frame: int) -> bool:
+        """Whether looking at the labels of a frame waits for no drive."""
+        return self.work is None or self.work.is_at_hand(frame)
 
     def begin(self, name: str) -> None:
         """Begin a stroke in the frame that is shown. Errors as `ready`."""
@@ -274,3 +285,8 @@ class AnnotationState(PersistentState):
         self.records_changed.emit()
         for frame in () if drawn else [piece.frame for piece in state]:
             self.pixels_changed.emit(frame, None)
+
+
+def _place(folder: Path, scene: Scene | None) -> Path:
+    """Where label maps lie in the folder of a session."""
+    return folder / NAME if scene is not None else folder

@@ -107,6 +107,10 @@ class Autosave(QObject):
             self.shell.say(f"{self.session.store.folder} is slow: this goes on as soon as everything is saved there.", 60)
         return done
 
+    def stay(self) -> None:
+        """What is open is not left after all."""
+        self._may_leave = False
+
     def _ask_to_leave(self, problem: str, go_on: Callable[[], object]) -> None:
         def leave() -> None:
             self._may_leave = True

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QObject, Signal
@@ -13,6 +15,8 @@ from degense.app.features.documents.autosave import Autosave
 from degense.app.features.documents.fact_rows import clip_facts, run_facts
 from degense.app.features.documents.facts import Facts
 from degense.app.session.sample import demo_run, is_demo
+from degense.app.session.saving import Reading
+from degense.app.session.session import Reader
 from degense.app.session.session_file import DamagedSession
 from degense.app.session.state_folder import left_behind
 from degense.app.shell.logs import hide_names
@@ -20,6 +24,7 @@ from degense.app.shell.shell import Shell
 from degense.app.start_up import import_for_good
 from degense.engine.errors import is_out_of_memory
 from degense.engine.gpu import lacking_kernels
+from degense.engine.progress import stoppable_reading
 
 if TYPE_CHECKING:
     from degense.engine.clip import Clip
@@ -35,6 +40,7 @@ class Documents(QObject):
 
     loading = Signal(str)  # (name) something is being opened
     failed = Signal(str)  # (message) it could not be, and the error has been shown
+    stopped = Signal()  # the user did not want it any more
     clip_opened = Signal(bool)  # (chosen) a clip without a run is open; `chosen` says whether the user has just picked it in a dialog
 
     def __init__(self, shell: Shell, autosave: Autosave) -> None:
@@ -45,9 +51,11 @@ class Documents(QObject):
         self.clip_options: dict[str, Any] = {}  # the `ClipOptions` that the user gave for the open clip
         self.path = Path()  # what is open, or is being shown
         self._chosen = False
+        self._stop = Event()  # set when what is being opened is not wanted any more
         self._left: list[Path] = []  # what else holds work that an earlier start left behind, the newest first
         shell.worker.add_channel("open", 0)
         shell.dropped.connect(self.open_path)
+        shell.closed.connect(self._forget_opening)
         self.session.store.problem_changed.connect(lambda problem: self._show_notice())
 
     def start(self, path: Path | None) -> None:
@@ -89,7 +97,7 @@ class Documents(QObject):
     def close(self) -> None:
         """Close what is open, once it is saved."""
         if self.autosave.may_leave(self.close):
-            self.shell.worker.cancel("open")
+            self._forget_opening()
             self.path, self.clip_options = Path(), {}
             self.facts.show_facts([], is_clip=False)
             self.session.close()
@@ -108,50 +116,92 @@ class Documents(QObject):
             return
         hide_names(path)
         self.loading.emit(path.name)
-        if (path / "run.json").is_file():
-            self._load(path, lambda: _open_run(path), lambda scene: self._show_scene(path, scene))
-        else:
-            given = options or {}
-            self._load(path, lambda: _open_clip(path, given), lambda clip: self._show_clip(path, clip, given))
+        read, given = self.session.reader(), options or {}
+        self._load(path, given, lambda: _open(path, given, read))
 
-    def _load(self, path: Path, job: Callable[[], Any], show: Callable[[Any], None]) -> None:
+    def stop(self) -> None:
+        """Stop opening; what is open stays."""
+        self._forget_opening()
+        self.autosave.stay()
+        self.stopped.emit()
+
+    def _forget_opening(self) -> None:
+        self._stop.set()
+        self.shell.worker.cancel("open")
+        self.shell.set_busy()
+
+    def _load(self, path: Path, options: dict[str, Any], job: Callable[[], Opened]) -> None:
+        """Do the job in the worker, which stops at the next file when something else is to be opened, and show what it has opened."""
+        self._stop.set()
+        stop = self._stop = Event()
+
+        def load() -> Opened:
+            with stoppable_reading(stop.is_set):
+                return job()
+
         def failed(message: str) -> None:
             if not path.exists():
                 self.settings.change(lambda settings: settings.forgotten(str(path)))
+            self.autosave.stay()
             self.failed.emit(message)
 
-        self.shell.run_task("open", f"Opening {path.name}", job, show, failed)
+        self.shell.run_task("open", f"Opening {path.name}", load, partial(self._show, path, options), failed, stop=self.stop)
 
-    def _show_scene(self, path: Path, scene: Scene) -> None:
-        self.clip_options = dict(scene.clip.options) if scene.clip else {}
-        self._chosen = False
-        self.facts.show_facts(run_facts(scene), is_clip=False)
-        self.shell.say(scene.clip_missing or lacking_kernels() or f"{scene.name}: {scene.frames} frames")
-        self._open_session(path, lambda keep: self.session.open_scene(scene, keep), {})
-
-    def _show_clip(self, path: Path, clip: Clip, options: dict[str, Any]) -> None:
-        self.clip_options = options
-        self.facts.show_facts(clip_facts(clip), is_clip=True)
-        self.shell.docks.bring(self.facts_dock)
-        self.shell.say(f"{clip.name}: check what was detected, then train.")
-        chosen, self._chosen = self._chosen, False
-        if self._open_session(path, lambda keep: self.session.open_clip(clip, keep), options):
-            self.clip_opened.emit(chosen)
-
-    def _open_session(self, path: Path, open_it: Callable[[bool], None], options: dict[str, Any]) -> bool:
-        """Open what was loaded with the session that was saved; whether it is open. A damaged session file is asked about."""
+    def _show(self, path: Path, options: dict[str, Any], found: Opened) -> None:
+        """Show what was loaded. What was done meanwhile in what is open is saved before, and read once more where it is the same."""
+        if (self.session.dirty or self.autosave.saver.running) and not self.autosave.may_leave(lambda: self._show(path, options, found)):
+            return
+        if self.session.store.is_outdated(found.reading):
+            read = self.session.reader()
+            self._load(path, options, lambda: found.read_with(read))
+            return
         self.path = path
-        self._left = [left for left in self._left if left != path.resolve()]
+        self._left = [left for left in self._left if left != found.reading.source]
         self._show_notice()
-        if not is_demo(path):
+        if found.reading.keep:
             self.settings.change(lambda settings: settings.opened(path))
+        chosen, self._chosen = self._chosen, False
         try:
-            open_it(not is_demo(path))
+            self._show_facts(found, options)
+            self.session.open(found.scene, found.clip, found.reading)
         except DamagedSession as error:
             self.facts.show_facts([], is_clip=False)
             self.autosave.offer_backups(error, lambda: self.open_path(path, options))
-            return False
-        return True
+            return
+        if found.scene is None:
+            self.clip_opened.emit(chosen)
+
+    def _show_facts(self, found: Opened, options: dict[str, Any]) -> None:
+        scene, clip = found.scene, found.clip
+        if scene is not None:
+            self.clip_options = dict(clip.options) if clip is not None else {}
+            self.facts.show_facts(run_facts(scene), is_clip=False)
+            self.shell.say(scene.clip_missing or lacking_kernels() or f"{scene.name}: {scene.frames} frames")
+        elif clip is not None:
+            self.clip_options = options
+            self.facts.show_facts(clip_facts(clip), is_clip=True)
+            self.shell.docks.bring(self.facts_dock)
+            self.shell.say(f"{clip.name}: check what was detected, then train.")
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A run or a clip, and what is saved of it."""
+
+    scene: Scene | None
+    clip: Clip | None
+    reading: Reading
+
+    def read_with(self, read: Reader) -> Opened:
+        """The same with what is saved now."""
+        return replace(self, reading=read(self.scene, self.clip, self.reading.keep))
+
+
+def _open(path: Path, answers: dict[str, Any], read: Reader) -> Opened:
+    """Everything that is read from the drive when something is opened."""
+    scene = _open_run(path) if (path / "run.json").is_file() else None
+    clip = scene.clip if scene is not None else _open_clip(path, answers)
+    return Opened(scene, clip, read(scene, clip, not is_demo(path)))
 
 
 def _open_run(path: Path) -> Scene:

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QMenu
 
 from degense.app.features.documents.autosave import Autosave
 from degense.app.features.documents.controller import Documents
-from degense.app.features.viewer.controller import Viewer
+from degense.app.features.viewer.controller import WELCOME, Viewer
 from degense.app.shell.actions import Action
 from degense.app.shell.shell import Shell
 
@@ -26,6 +26,7 @@ def install(shell: Shell) -> None:
     if viewer := shell.service(Viewer):
         documents.loading.connect(lambda name: viewer.set_message(f"Opening {name} …"))
         documents.failed.connect(viewer.set_message)
+        documents.stopped.connect(lambda: viewer.set_message(WELCOME))
     shell.add_actions(
         Action("file.open-clip", "Open clip…", documents.ask_for_clip, menu, ("Ctrl+O",), help="folder with frames"),
         Action("file.open-video", "Open video…", documents.ask_for_video, menu, help="clip from a movie file"),

@@ -14,6 +14,7 @@ from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.view_rendering import layer_request
 from degense.app.session.targets import Found, Target, material
 from degense.app.session.view_state import ViewState
+from degense.engine.layer_titles import with_unit
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
@@ -136,9 +137,8 @@ def to_csv(curves: Curves) -> str:
     """A table with a row for each frame; units stand in the heads of the columns."""
     columns: dict[str, np.ndarray] = {"frame": curves.frames}
     for name, band in curves.layers.items():
-        unit = f" [{curves.units[name]}]" if curves.units[name] else ""
         for kind, values in zip(("mean", *(f"{share:.0f}th percentile" for share in BAND)), band, strict=True):
-            columns[f"{name} {kind}{unit}"] = values
+            columns[with_unit(f"{name} {kind}", curves.units[name])] = values
     columns |= {f"similarity to {text} [cosine]": values for text, values in curves.similarity.items()}
     if curves.area is not None:
         columns["area [share of the picture]"] = curves.area

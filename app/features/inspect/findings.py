@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QHeaderView, QWidget
 
-from degense.app.features.inspect.findings_files import findings_sheet, findings_table, with_unit
+from degense.app.features.inspect.findings_files import findings_sheet, findings_table
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.view_rendering import layer_request
@@ -16,6 +16,7 @@ from degense.app.session.targets import Spot
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from degense.engine.layer_titles import with_unit
 from degense.widgets import forms
 from degense.widgets.keys import ARROWS, keep_keys
 

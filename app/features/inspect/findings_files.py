@@ -11,6 +11,7 @@ import numpy as np
 from degense.app.features.inspect.curves import table_of
 from degense.app.features.viewer.layer_images import BACKGROUND, FONT, INK, get_layer, layer_rgb, write_png
 from degense.engine.errors import DegenseError
+from degense.engine.layer_titles import with_unit
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
@@ -21,11 +22,6 @@ if TYPE_CHECKING:
 #: Pictures on a sheet, beside each other and in all, and the width of one.
 ACROSS, PICTURES, WIDTH = 4, 12, 320
 LINE = 26
-
-
-def with_unit(statistic: str, unit: str) -> str:
-    """A heading of values."""
-    return f"{statistic} [{unit}]" if unit else statistic
 
 
 def findings_table(findings: tuple[Finding, ...], statistic: str, unit: str, fps: float) -> str:

@@ -19,6 +19,7 @@ from degense.app.session.targets import Found, Region, Spot, Target, material
 from degense.app.session.view_state import ViewState
 from degense.engine.errors import DegenseError
 from degense.engine.files import write_text
+from degense.engine.layer_titles import with_unit
 from degense.widgets.frame.panel_tools import RegionTool
 from degense.widgets.qt_images import to_array
 from degense.widgets.splats.guides import Guide
@@ -218,7 +219,7 @@ class Probe(QObject):
         probe.set_pinned(curves.where)
         shown = layer if layer in curves.layers else "displacement"
         mean, low, high = curves.layers[shown]
-        name = f"{shown} [{curves.units[shown]}]" if curves.units[shown] else shown
+        name = with_unit(shown, curves.units[shown])
         probe.plot.set_labels("frame", name)
         probe.plot.set_series(name, curves.frames, mean, probe.palette().text().color(), (low, high))
         for text, values in curves.similarity.items():

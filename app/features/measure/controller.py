@@ -16,6 +16,7 @@ from degense.app.features.measure.state import CORNERS, Kind, Measure, Measures
 from degense.app.features.viewer.controller import Viewer
 from degense.app.features.viewer.guide_switches import GuideSwitches
 from degense.engine.files import write_text
+from degense.engine.layer_titles import with_unit
 from degense.widgets import forms
 from degense.widgets.curve_plot import CurvePlot
 from degense.widgets.frame.panel_zoom import PanelZoom
@@ -167,7 +168,7 @@ class Measuring(QObject):
             frames = np.arange(len(quantity.values))
             colour = _colour(listed[rows[0].row()][0])
             self.plot.set_labels("frame", quantity.unit)
-            self.plot.set_series(f"{quantity.title} [{quantity.unit}]", frames, quantity.values, colour)
+            self.plot.set_series(with_unit(quantity.title, quantity.unit), frames, quantity.values, colour)
             self.plot.set_cursor(self.session.frame)
 
     def _refresh(self) -> None:

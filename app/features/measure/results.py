@@ -9,6 +9,7 @@ import numpy as np
 
 from degense.app.features.inspect.curves import table_of
 from degense.app.features.measure.state import Measure
+from degense.engine.layer_titles import with_unit
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
@@ -80,4 +81,4 @@ def quantities_csv(quantities: Iterable[Quantity], fps: float) -> str:
     """A row for each frame, a column for each quantity."""
     listed = list(quantities)
     frames = np.arange(len(listed[0].values)) if listed else np.zeros(0, int)
-    return table_of({"frame": frames, "time [s]": frames / fps} | {f"{item.title} [{item.unit}]": item.values for item in listed})
+    return table_of({"frame": frames, "time [s]": frames / fps} | {with_unit(item.title, item.unit): item.values for item in listed})

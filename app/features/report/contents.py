@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from degense.engine.colour_maps import CLASS_COLOURS
+from degense.engine.layer_titles import with_unit
 from degense.engine.progress import Steps
 
 if TYPE_CHECKING:
@@ -124,7 +125,7 @@ def chart(item: Quantity, fps: float) -> bytes:
     axes.plot(np.arange(len(item.values)) / fps, item.values, color=np.divide(CLASS_COLOURS[4], 255))
     axes.axvline(item.start / fps, color="grey", linewidth=0.8)
     axes.set_xlabel("time [s]")
-    axes.set_ylabel(f"{item.title} [{item.unit}]", fontsize=8)
+    axes.set_ylabel(with_unit(item.title, item.unit), fontsize=8)
     axes.grid(alpha=0.3)
     out = io.BytesIO()
     figure.savefig(out, format="png")

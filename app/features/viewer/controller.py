@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,7 @@ from degense.app.features.viewer.view_rendering import (
 )
 from degense.engine.camera import Camera
 from degense.engine.colour_maps import UNKNOWN
+from degense.engine.layer_titles import with_unit
 from degense.widgets.frame.render_panel import RenderPanel
 from degense.widgets.theme import BACKGROUNDS
 
@@ -66,7 +68,8 @@ class Viewer(QObject):
         self._camera: Camera | None = None
         self._asked = 0.0
         self.from_free_camera = False  # whether the 2D view is rendered from the free camera of the 3D view, and not from the surgeon's
-        self.recorded = False  # whether the 2D view shows the recorded frame, to which labels belong
+        #: Gives what reads the labels of a frame, while the 2D view shows recorded frames, to which labels belong.
+        self.labels: Callable[[int], Callable[[], object]] | None = None
         session.opened.connect(self._opened)
         session.frame_changed.connect(lambda frame: self.request())
         session.view_state_changed.connect(lambda before, after: self.request())
@@ -126,6 +129,7 @@ class Viewer(QObject):
     def _submit(self, quick: bool) -> None:
         session = self.session
         self._asked = time.perf_counter()
+        labels = self.labels(session.frame) if self.labels is not None else None
         if session.scene is not None:
             scene, view_state = session.scene, session.view_state
             splats = self.splats is not None and not self.splats.isHidden()
@@ -136,12 +140,12 @@ class Viewer(QObject):
                 splats,
                 quick,
                 self.free_camera(),
-                self.recorded,
+                labels,
             )
             self.worker.submit("view", lambda: draw_shown(scene, wanted), self._show, self._failed, progress=self._show)
         elif session.clip is not None:
             clip, frame = session.clip, session.frame
-            self.worker.submit("view", lambda: draw_clip(clip, frame), self._show, self._failed)
+            self.worker.submit("view", lambda: draw_clip(clip, frame, labels), self._show, self._failed)
         else:
             self.worker.cancel("view")
 
@@ -217,7 +221,7 @@ class Viewer(QObject):
         if view.span is None:
             self.bar.hide()
         else:
-            self.bar.show_range(f"{title} [{view.unit}]" if view.unit else title, *view.span, view.cmap, view.beyond)
+            self.bar.show_range(with_unit(title, view.unit), *view.span, view.cmap, view.beyond)
 
     def _failed(self, message: str) -> None:
         self.view = None
@@ -248,7 +252,7 @@ class Viewer(QObject):
     def free_camera(self) -> Camera | None:
         """The free camera of the 3D view, at the clip's size, when the 2D view is to be rendered from there too."""
         splats, scene = self.splats, self.session.scene
-        if self.recorded or not self.from_free_camera or splats is None or scene is None or splats.camera.is_locked():
+        if self.labels is not None or not self.from_free_camera or splats is None or scene is None or splats.camera.is_locked():
             return None
         return splats.camera.current().filled(*scene.clip_size)
 

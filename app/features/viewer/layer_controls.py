@@ -13,6 +13,7 @@ from degense.app.features.viewer.layer_images import get_layer
 from degense.app.features.viewer.layer_list import LayerList, LayerRow
 from degense.app.features.viewer.view_rendering import View
 from degense.app.session.view_state import ViewState
+from degense.engine.layer_titles import with_unit
 from degense.widgets import forms
 from degense.widgets.colour_bar import ColourBar
 
@@ -68,7 +69,7 @@ class LayerControls(QObject):
         self.layers.set_layers(rows, state.layer, (state.masks_shown, state.overlay_opacity))
         layer, chosen = get_layer(state.layer), state.range(state.layer)
         self.colour_bar.setEnabled(layer.kind == "scalar")
-        self.colour_bar.set_title(layer.title, layer.unit(scene))
+        self.colour_bar.set_title(with_unit(layer.title, layer.unit(scene)))
         self.colour_bar.set_cmap(chosen.cmap or layer.cmap)
         self.colour_bar.set_range_mode(chosen.mode)
         self.colour_bar.set_clip(chosen.clip)

@@ -9,6 +9,7 @@ from PySide6.QtCore import QEvent, QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QKeyEvent, QResizeEvent
 from PySide6.QtWidgets import QLabel, QListWidget, QListWidgetItem, QSizePolicy, QSlider, QWidget
 
+from degense.engine.layer_titles import with_unit
 from degense.widgets import forms
 from degense.widgets.keys import ARROWS, PRESS, keep_keys
 
@@ -164,7 +165,7 @@ class LayerList(QWidget):
             self.rows.clear()
             masks = (MASKS, "Masks of the prompts", "", "What the prompts find, always on top")
             for name, title, unit, description in (masks, *layers):
-                item = QListWidgetItem(f"{title}  [{unit}]" if unit else title)
+                item = QListWidgetItem(with_unit(title, unit))
                 item.setData(_NAME, name)
                 item.setCheckState(Qt.CheckState.Unchecked)
                 self._tips[name] = description

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -47,7 +48,8 @@ class ViewRequest:
     #: While time runs or is scrubbed: masks are decoded pixel by pixel, which needs no superpixels. The exact ones follow in the end.
     quick: bool = False
     camera: Camera | None = None  # where the frame is rendered from; None for the surgeon's camera
-    recorded: bool = False  # show the recorded frame instead of the layer, where it is there: what one labels
+    #: Reads the labels of a frame that is shown as it was recorded instead of the layer, where the recording is there: what one labels.
+    labels: Callable[[], object] | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
     from degense.engine.scene.clip_query import encode_prompts
 
     view_state, frame = request.view_state, request.frame
+    _read(request.labels)
     layers = drawn_layers(scene, view_state)
     masked = view_state.visible_prompts if view_state.masks_shown and not any(layer.name in PROMPTED for layer, _ in layers) else ()
     if masked:
@@ -118,8 +121,7 @@ def draw_view(scene: Scene, request: ViewRequest) -> Generator[View, None, View]
         splats=splat_arrays(scene, layers, query, view_state, [part.span for part in frame_layers]) if request.splats else None,
         uncertain=shown.uncertain,
     )
-    if request.recorded and (recorded := scene.observed(round(frame))) is not None:
-        scene.labels(round(frame))  # read here and kept by the clip: painting waits for no drive
+    if request.labels is not None and (recorded := scene.observed(round(frame))) is not None:
         view = replace(view, rgb=recorded, span=None, uncertain="")
     if not masked:
         return view
@@ -232,8 +234,16 @@ def mask_colours(view_state: ViewState) -> np.ndarray:
     return table
 
 
-def draw_clip(clip: Clip, frame: int) -> View:
-    """A frame of a clip that has no run, with the pixels that will not be reconstructed laid over it."""
+def _read(labels: Callable[[], object] | None) -> None:
+    """Read labels here, where nobody waits for the drive; a file that is damaged is told of where it is shown."""
+    if labels is not None:
+        with suppress(DegenseError):
+            labels()
+
+
+def draw_clip(clip: Clip, frame: int, labels: Callable[[], object] | None = None) -> View:
+    """A frame of a clip that has no run, with the pixels that will not be reconstructed laid over it; `labels` as in `ViewRequest`."""
+    _read(labels)
     invalid = ~clip.valid(frame)
     masks = mask_overlay([(invalid, EXCLUDED)], MASK_FILL) if invalid.any() else None
     return View(frame, clip.cameras[frame], clip.frame(frame), "rgb", None, "", "", None, None, masks)

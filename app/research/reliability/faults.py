@@ -50,6 +50,7 @@ def faults() -> list[Fault]:
         Fault("folder renamed under an open run", _ready, _renamed),
         Fault("stalling drive: a training with checkpoints is stopped", stalled_work.prepare, stalled_work.train_and_stop),
         Fault("stalling drive: a run is opened in the window", stalled_work.prepare, stalled_work.open_in_window),
+        Fault("stalling drive: saved label maps are chosen", stalled_work.prepare, stalled_work.choose_labels),
         Fault("stalling drive: a run is played in the window", stalled_work.prepare, stalled_work.play_in_window),
         Fault("stalling drive: painting while it is saved", stalled_work.prepare, stalled_work.paint_and_save),
         Fault("memory of the GPU full in a training", _ready, _no_gpu_memory),

@@ -1,4 +1,4 @@
-"""Work on a drive that stalls for seconds: a training, and in the window opening, playing, painting and saving.
+"""Work on a drive that stalls for seconds: a training, and in the window opening, choosing labels, playing, painting and saving.
 
 Nothing may be lost, the window must stay alive, and a stop be answered. How long the window stood still at most is told.
 """
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 STALL = 1.0  # seconds of each call on the drive
 SHORT_STALL = 0.25  # where some eighty calls are waited for
 LONGEST_GAP = 500.0  # milliseconds that the window may stand still
-CALLS_TO_OPEN = 10  # on the drive that the window itself makes: the lock, the session, the annotations
+SAVED, CLASS = (1, 2, 3), "swab"  # frames of which a label map is saved, and what is labelled in them
 SAID = "said.txt"  # in the folder of a case: what it found
 TINY: dict[str, Any] = {"iterations": 30, "max_gaussians": 300, "device": "cpu"}
 
 
 def prepare(folder: Path) -> None:
-    """A clip and its run on what will stall."""
+    """A clip and its run on what will stall, with a session and label maps."""
     from degense.app.research.reliability import samples
     from degense.engine.data.readers import open_clip
     from degense.engine.training import TrainConfig, train
@@ -38,6 +38,27 @@ def prepare(folder: Path) -> None:
     samples.phantom(folder / "drive" / "clip")
     config = TrainConfig.preset_of("quick", **TINY)
     train(open_clip(folder / "drive" / "clip"), folder / "drive" / "run", config, events=lambda event: None, stop=lambda: False)
+    _label(folder)
+
+
+def _label(folder: Path) -> None:
+    from degense.app.features.annotate.state import AnnotationState
+    from degense.app.session.session import Session
+    from degense.engine.annotation.painting import PixelRegion
+    from degense.engine.scene import Scene
+
+    os.environ["XDG_STATE_HOME"] = str(folder / "state")
+    session = Session()
+    annotations = AnnotationState(session)
+    session.register("annotations", annotations)
+    session.open_scene(Scene.open(folder / "drive" / "run", device="cpu"))
+    annotations.add_class(CLASS)
+    for frame in SAVED:
+        session.go_to(frame)
+        annotations.paint("Brush", PixelRegion(0, frame, np.ones((8, 8), bool)), annotations.tool.label)
+    session.go_to(0)
+    session.save()
+    session.close()
 
 
 def train_and_stop(folder: Path) -> None:
@@ -67,12 +88,32 @@ def train_and_stop(folder: Path) -> None:
 
 
 def open_in_window(folder: Path) -> None:
-    """Opening a run takes as long as its files do; the window goes on meanwhile, but for its lock, session and annotations."""
-    with _window(folder) as window, _gaps(folder, window, SHORT_STALL, 1000 * CALLS_TO_OPEN * SHORT_STALL) as until:
+    """Opening a run takes as long as its files do; the window goes on meanwhile."""
+    with _window(folder) as window, _gaps(folder, window, SHORT_STALL) as until:
         stall(folder / "drive", SHORT_STALL)
         _documents(window).open_path(folder / "drive" / "run")
         until(lambda: window.session.scene is not None)
         stall(folder / "drive", 0)
+
+
+def choose_labels(folder: Path) -> None:
+    """With the tool of annotations on, frames are chosen of which label maps are saved."""
+    from degense.app.research.event_loop import viewer
+
+    with _window(folder) as window:
+        _open(window, folder)
+        state = _annotations(window)
+        state.tool.active = True
+        _rest(window)
+        with _gaps(folder, window) as until:
+            stall(folder / "drive", STALL)
+            for frame in SAVED:
+                window.session.go_to(frame)
+                until(lambda: (view := viewer(window).view) is not None and view.frame == window.session.frame)
+            stall(folder / "drive", 0)
+        label = [kind.name for kind in state.ready().classes].index(CLASS)
+        found = [bool((state.labels(frame)[:8, frame : frame + 8] == label).all()) for frame in SAVED]
+        assert all(found), f"{found.count(False)} label maps are not as they were saved"
 
 
 def play_in_window(folder: Path) -> None:
@@ -183,7 +224,14 @@ def _open(window: Shell, folder: Path) -> None:
     from degense.app.research.event_loop import wait
 
     _documents(window).open_path(folder / "drive" / "run")
-    wait(lambda: window.session.scene is not None and window.worker.idle("diagnostics"))
+    wait(lambda: window.session.scene is not None)
+    _rest(window)
+
+
+def _rest(window: Shell) -> None:
+    from degense.app.research.event_loop import wait
+
+    wait(lambda: window.worker.idle("diagnostics"))
 
 
 def _documents(window: Shell) -> Documents:

@@ -18,6 +18,7 @@ from PIL import Image
 
 from degense.engine.data.files.numbered import shown
 from degense.engine.errors import ClipError
+from degense.engine.progress import check_reading
 
 MAX_PIXELS = 64_000_000
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
@@ -34,6 +35,7 @@ class _File(io.BufferedReader):
 
 @contextmanager
 def _open(path: Path) -> Iterator[Image.Image]:
+    check_reading()
     with ExitStack() as stack:
         try:
             image = Image.open(stack.enter_context(_File(io.FileIO(path))), formats=FORMATS)

@@ -158,6 +158,16 @@ def test_eval_writes_the_promised_keys(run, tmp_path, capsys):
     assert "psnr_mask" in capsys.readouterr().out
 
 
+def test_eval_prints_no_lists(run, tmp_path, capsys):
+    assert main(["eval", str(run), "--json", str(tmp_path / "scores.json")]) == 0
+    printed = capsys.readouterr().out
+    assert "average_precision" in printed
+    assert not [line for line in printed.splitlines() if "[" in line or "ranked" in line]
+    ranked = json.loads((tmp_path / "scores.json").read_text())["inspection"]["ranked"]
+    assert sum(ranked["right"]) > 0  # it is in the file
+    assert len(ranked["right"]) == len(ranked["wrong"]) > 10
+
+
 def test_eval_without_the_clip_says_what_to_do(run, tmp_path, capsys):
     moved = run.rename(tmp_path / "alone")
     assert main(["eval", str(moved)]) == 2

@@ -1,7 +1,7 @@
 """Memory that a training step frees stays with the process until the training ends.
 
 Left alone, the C library gives the end of its heap back to the system whenever a step has freed some, and the next step is handed the same
-memory anew, zeroed page by page (docs/decisions/0074).
+memory anew, zeroed page by page (docs/decisions/0073).
 """
 
 from __future__ import annotations
