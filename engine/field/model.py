@@ -186,7 +186,7 @@ class SceneModel(nn.Module):
         still = self.still if rows is None else self.still.index_select(0, rows)
         return decoded.masked_fill(still[:, None], 0.0)
 
-    def present(self, t: Tensor) -> Tensor:
+    def present(self, t: float | Tensor) -> Tensor:
         """Rows, int64 [k], of the Gaussians whose temporal window lets them be drawn at a time."""
         return torch.nonzero(self._age(t).square() <= -2 * math.log(MIN_ALPHA))[:, 0]
 

@@ -105,7 +105,7 @@ def test_opacity_of_the_current_row(layers, heard):
 
 def test_units_formulas_and_reasons(layers):
     row = layers.rows.names().index("warp")
-    assert layers.rows.item(layers.rows.names().index("depth")).text() == "Depth  [mm]"
+    assert layers.rows.item(layers.rows.names().index("depth")).text() == "Depth [mm]"
     assert layers.rows.item(row).toolTip() == "‖model − flow‖"
     layers.set_available({"warp": "the clip is gone"})
     assert not layers.rows.item(row).flags() & Qt.ItemFlag.ItemIsEnabled

@@ -41,7 +41,8 @@ class FinishedGeometry:
 class Moment(NamedTuple):
     """What of a frame's latents does not change while semantics are learned (`isolated`)."""
 
-    kinematic: Tensor  # float [N, 64]; Z_kin
+    present: Tensor  # int64 [k]; the Gaussians that may be drawn; the latents of the others are of no account, and not changed
+    kinematic: Tensor  # float [k, 64]; their Z_kin
     by_color: Tensor | None  # float [N, rank]; what a change of colour adds to the latents; None where they follow no colour
 
 
@@ -60,17 +61,18 @@ class FinishedLatents:
         """The latents of the Gaussians, and the regularizer of their change."""
         model = self._model
         moment = self._moments.get(frame, lambda: self._moment(frame), lambda kept: _bytes(*kept))
-        latents, change = model.canonical["semantics"], self._change(frame, moment.kinematic)
-        regularizer = latents.new_zeros(()) if change is None else self._config.delta_semantics * change.abs().mean()
-        latents = latents if change is None else latents + change
+        latents, change = model.canonical["semantics"], self._change(frame, moment)
+        regularizer = latents.new_zeros(()) if change is None else self._config.delta_semantics * change.abs().sum() / latents.numel()
+        latents = latents if change is None else latents.index_add(0, moment.present, change)
         return latents if moment.by_color is None else latents + moment.by_color, regularizer
 
-    def _change(self, frame: int, kinematic: Tensor) -> Tensor | None:
-        """Δf_sem of Z_kin and the semantic planes."""
+    def _change(self, frame: int, moment: Moment) -> Tensor | None:
+        """Δf_sem of the Gaussians that are present, from Z_kin and the semantic planes."""
         head, planes = self._model.semantic, self._model.semantic_planes
         if head is None or planes is None:
             return None
-        return branch(torch.cat([kinematic, planes(self._points, self._frames.clip.time(frame))], 1), head.decode)
+        features = planes(self._points.index_select(0, moment.present), self._frames.clip.time(frame))
+        return branch(torch.cat([moment.kinematic, features], 1), head.decode)
 
     @torch.no_grad()
     def _moment(self, frame: int) -> Moment:
@@ -78,7 +80,9 @@ class FinishedLatents:
         if model.semantic_coefficients is not None:
             change = self._geometry.splats(frame).colors - model.canonical["colors"]
             by_color = (change[:, :, None] * model.semantic_coefficients).sum(1)
-        return Moment(model.kinematics(model.planes(self._points, self._frames.clip.time(frame))), by_color)
+        time = self._frames.clip.time(frame)
+        present = model.present(time)
+        return Moment(present, model.kinematics(model.planes(self._points.index_select(0, present), time)), by_color)
 
 
 def _bytes(*tensors: Tensor | None) -> int:

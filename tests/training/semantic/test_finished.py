@@ -39,6 +39,7 @@ def outcome(model, latents, regularizer):
 
 
 def check(model, frames):
+    model.canonical["temporal_windows"].data.zero_()  # all are there at all times
     config = TrainConfig()
     geometry, scene = FinishedGeometry(model, frames), SemanticPass(model, config, deform=True)
     kept = FinishedLatents(geometry, config)
@@ -71,3 +72,19 @@ def test_it_is_the_semantic_pass_where_latents_follow_no_colour_or_never_change(
     plain.semantic_coefficients = None
     check(plain, frames)
     check(fixed, frames)
+
+
+def test_latents_are_drawn_alike_where_some_gaussians_are_never_there():
+    frames = TrainingFrames(MemoryClip(), 1 << 20, torch.device("cpu"))
+    model = model_of(frames)
+    model.canonical["temporal_windows"].data[::3] = torch.tensor([9.0, 2.0])
+    config = TrainConfig(delta_semantics=0.0)
+    geometry = FinishedGeometry(model, frames)
+    found, _ = FinishedLatents(geometry, config)(1)
+    *_, latents, _ = SemanticPass(model, config, deform=True)(torch.tensor(frames.clip.time(1)))
+    assert not torch.equal(found, latents)  # those that are not there are left out
+    pictures = [geometry.placed(1).draw(values) for values in (found, latents)]
+    torch.testing.assert_close(*pictures, rtol=1e-3, atol=1e-4)
+    gradients = [torch.autograd.grad(picture.square().sum(), semantic(model)) for picture in pictures]
+    for one, other in zip(*gradients, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-3, atol=1e-3)
