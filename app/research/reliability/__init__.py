@@ -49,8 +49,11 @@ def _said(told: dict[str, Any], part: str) -> list[str]:
 
 
 def _log(options: BenchOptions, part: str) -> Path | None:
-    """Where a part keeps what it has found while it goes on."""
-    return None if options.out is None else options.out / f"{part}-{datetime.now():%Y%m%d-%H%M%S}.jsonl"
+    """Where a part keeps what it has found while it goes on; the folder is made."""
+    if options.out is None:
+        return None
+    options.out.mkdir(parents=True, exist_ok=True)
+    return options.out / f"{part}-{datetime.now():%Y%m%d-%H%M%S}.jsonl"
 
 
 def _kills(options: BenchOptions, told: dict[str, Any], progress: Progress) -> Table:
