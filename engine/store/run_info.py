@@ -10,6 +10,7 @@ from degense.engine.errors import RunError
 from degense.engine.field import FieldConfig
 
 MAX_CLASSES, MAX_TEXT, MAX_SIDE = 255, 4096, 1 << 20
+LEAST = {"resolution": 2, "time_resolution": 1}  # of a field: a look-up is between two values of a plane, and at a time
 
 
 def is_text(value: Any) -> bool:
@@ -87,7 +88,7 @@ def check_field(field: dict[str, Any], path: Path) -> None:
     for name, value in field.items():
         kind = hints.get(name)
         if kind is int:
-            fits = is_count(value) and value <= MAX_SIDE
+            fits = is_count(value) and LEAST.get(name, 0) <= value <= MAX_SIDE
         elif kind is bool:
             fits = isinstance(value, bool)
         elif kind == tuple[int, ...]:

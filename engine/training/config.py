@@ -156,6 +156,8 @@ class TrainConfig:
             raise DegenseError(f"coarse_frames is first or all, not {config.coarse_frames!r}")
         if config.motion_iterations < 0:
             raise DegenseError("motion_iterations must not be negative; 0 is all of the iterations")
+        if config.resolution < 2:
+            raise DegenseError("resolution must be at least 2: a cell lies between two values")
         if config.iterations < 1 or config.max_gaussians < 16:
             raise DegenseError("a training needs at least 1 iteration and 16 Gaussians")
         if config.routing == "coupled":  # the baseline distils with L1, as its model does

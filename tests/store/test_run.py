@@ -211,6 +211,8 @@ def test_a_damaged_model_is_refused(damage, said):
         {"field": {"levels": []}},
         {"field": {"levels": [1], "rank": -1}},
         {"field": {"levels": [1], "resolution": 10**9}},
+        {"field": {"levels": [1], "resolution": 1}},
+        {"field": {"levels": [1], "time_resolution": 0}},
         {"field": {"levels": [1], "static": 1}},
         {"field": {"levels": [1], "routing": "none"}},
         {"field": {"levels": [1], "colour": 1}},

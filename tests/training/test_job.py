@@ -233,6 +233,8 @@ def test_refusals_are_one_sentence(tmp_path):
         TrainConfig.preset_of("quick", routing="loose")
     with pytest.raises(DegenseError, match="coarse_iterations must be less than the iterations: 100 of 100"):
         TrainConfig.preset_of("quick", iterations=100, coarse_iterations=100)
+    with pytest.raises(DegenseError, match="resolution must be at least 2"):
+        TrainConfig.preset_of("quick", resolution=1)
     with pytest.raises(DegenseError, match="coarse_frames is first or all, not 'last'"):
         TrainConfig.preset_of("quick", coarse_frames="last")
     with pytest.raises(DegenseError, match="no distillation 'points'"):
