@@ -15,7 +15,7 @@ from degense.engine.simd import LANES, fma, load, mul, splat, store
 from degense.engine.threads import run_kernel, take_ticket
 
 C1, C2 = np.float32(1e-4), np.float32(9e-4)  # of SSIM, for values in [0, 1]
-L1, STRUCTURE, SQUARE, VALID, DEPTH, KNOWN = range(6)  # sums of a row of the picture
+L1, STRUCTURE, SQUARE, COLOURS, DEPTH, KNOWN = range(6)  # sums of a row of the picture
 
 
 @njit(nogil=True, cache=True)
@@ -65,7 +65,7 @@ def _blur_row(values, row, window, column_sums, blurred):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _compare(moments, shown, visible, window, slopes, sums, counter):
+def _compare(moments, shown, window, slopes, sums, counter):
     """Sums of each row, and of each colour that is shown −∂SSIM by the means of x, x² and xy, into `slopes` [H, 3, 3 W]."""
     length = moments.shape[2]
     blurred = np.empty((5, length + LANES), np.float32)
@@ -76,24 +76,24 @@ def _compare(moments, shown, visible, window, slopes, sums, counter):
         if row >= moments.shape[0]:
             return
         _blur_row(moments, row, window, column_sums, blurred)
-        apart, square, structure = np.float32(0), np.float32(0), np.float32(0)
+        count, apart, square, structure = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
         for i in range(length):
             mx, my, xx, yy, xy = blurred[0, i], blurred[1, i], blurred[2, i], blurred[3, i], blurred[4, i]
             means, covariance = two * mx * my + C1, two * (xy - mx * my) + C2
             squares, variances = mx * mx + my * my + C1, xx - mx * mx + yy - my * my + C2
-            scale = shown[row, i] / (squares * variances)
+            inverse = one / (squares * variances)
+            scale = shown[row, i] * inverse
             similarity = means * covariance * scale
-            by_mean = two * my * (covariance - means) * scale + two * mx * similarity * (squares - variances) / (squares * variances)
-            slopes[row, 0, i], slopes[row, 1, i], slopes[row, 2, i] = -by_mean, similarity / variances, -two * means * scale
+            by_mean = two * my * (covariance - means) * scale + two * mx * similarity * (squares - variances) * inverse
+            slopes[row, 0, i], slopes[row, 1, i], slopes[row, 2, i] = -by_mean, similarity * squares * inverse, -two * means * scale
             blurred[0, i] = shown[row, i] * (one - similarity)
         for i in range(length):
             difference = moments[row, 0, i] - moments[row, 1, i]  # 0 where nothing is compared
             apart += abs(difference)
             square += difference * difference
             structure += blurred[0, i]
-        sums[row, L1], sums[row, SQUARE], sums[row, STRUCTURE] = apart, square, structure
-        for column in range(visible.shape[1]):
-            sums[row, VALID] += visible[row, column]
+            count += shown[row, i]
+        sums[row, COLOURS], sums[row, L1], sums[row, SQUARE], sums[row, STRUCTURE] = count, apart, square, structure
 
 
 @njit(nogil=True, cache=True)
@@ -151,11 +151,11 @@ class _FrameLoss(torch.autograd.Function):
         moments, slopes = np.empty((height, 5, 3 * width), np.float32), np.empty((height, 3, 3 * width), np.float32)
         rows, shown = np.zeros((height, 6)), np.empty((height, 3 * width), np.float32)
         run_kernel(_moments, drawn, recorded, visible, moments, shown)
-        run_kernel(_compare, moments, shown, visible, window, slopes, rows)
+        run_kernel(_compare, moments, shown, window, slopes, rows)
         if weights[2] > 0:
             run_kernel(_depth, drawn, cover, known, visible, rows, grad_image.numpy(), grad_alpha.numpy())
         sums = rows.sum(0)
-        counts = np.maximum(sums[[VALID, VALID, KNOWN]] * (3, 3, 1), (3, 3, 1))
+        counts = np.maximum(sums[[COLOURS, COLOURS, KNOWN]], 1)
         share = np.array(weights) / counts
         terms = torch.from_numpy((share * sums[[L1, STRUCTURE, DEPTH]]).astype(np.float32))
         grads = grad_image.numpy(), grad_alpha.numpy()
