@@ -74,7 +74,7 @@ def test_answers_have_the_scores_that_they_deserve(clip):
 
 
 def test_a_scene_of_one_labelled_frame_leaves_unlabelled_what_entered(folder, clip):
-    config = TrainConfig.preset_of("quick", iterations=60, semantic_steps=20, max_gaussians=1500, device="cpu")
+    config = TrainConfig.preset_of("quick", iterations=120, semantic_steps=20, max_gaussians=1500, device="cpu")
     scene = trained(folder, config, silent)
     found = {name: scored(clip, answer).cells() for name, answer in answers(clip, scene).items()}
     assert scene.run.load_label_support(len(scene.model)).frames == [0]
