@@ -118,6 +118,7 @@ def work(window: Shell, run: Path, number: int) -> None:
     rest(window)
     _training_curves(window)
     documents.close()
+    wait(lambda: not documents.autosave.saver.running)  # its file is an open handle
     rest(window)
 
 
