@@ -15,7 +15,7 @@ import numpy as np
 from degense.engine.motion import follow, steps_between
 from degense.engine.threads import abandonable_pool
 
-KEY_FRAMES = 3  # evenly spread, the first frame and what is not the last among them
+KEY_FRAMES = 3  # at 0, 1/3 and 2/3 of the training frames
 
 #: Flow of a pair of frames there and back, float32 [h, w, 2], pixels.
 MeasuredFlow: TypeAlias = tuple[np.ndarray, np.ndarray]
