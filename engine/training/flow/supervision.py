@@ -132,7 +132,7 @@ class FlowSupervision:
                 near = abs(other - k) == 1
                 differ = changing if near else changed
                 spoiled = differ[k] | (sample(differ[other].astype(np.float32), flow) > 0.01)
-                if not near:
+                if not near and other > 0:  # what differs from the first frame is in `changed`
                     spoiled |= around(looks_changed(logs[k], logs[other], flow))
                 pair.weight.mul_(torch.from_numpy(~spoiled[None]).to(pair.weight.device))
 
@@ -241,8 +241,8 @@ class FlowSupervision:
         """What to draw one of a frame's pairs from: neighbours, whose flow is exact, as many times as there are key frames."""
         train, pairs = self.frames.clip.train_frames, self.pairs[frame]
         number = train.index(frame)
-        near = [pair for pair in pairs if pair.to in train[max(0, number - 1) : number + 2]]
-        return pairs + near * (KEY_FRAMES - 1)
+        beside = train[max(0, number - 1) : number + 2]
+        return pairs + [pair for pair in pairs if pair.to in beside] * (KEY_FRAMES - 1)
 
     def pair(self, here: int, there: int) -> Pair | None:
         """The pair of two training frames, if they were matched."""
