@@ -29,7 +29,7 @@ from degense.engine.threads import one_torch_thread
 from degense.engine.training.checkpoint import load_checkpoint, save_checkpoint
 from degense.engine.training.config import TrainConfig, choose_device
 from degense.engine.training.flow.observability import motion_observability
-from degense.engine.training.flow.supervision import HALF
+from degense.engine.training.flow.supervision import LEAST_ERROR
 from degense.engine.training.passes import draw
 from degense.engine.training.preparation import Inputs, begin_stage, build_model, prepare
 from degense.engine.training.semantic.confidence import confidence_of
@@ -273,7 +273,7 @@ def settle(trainer: Trainer) -> int:
     model, clip, flow, focal = trainer.model, trainer.frames.clip, trainer.flow, trainer.frames.cameras[0].fx
     times = [clip.time(i) for i in np.linspace(0, len(clip) - 1, min(len(clip), STATIC_MOMENTS))]
     if flow is not None and trainer.config.stillness:
-        keep_still(model, times, focal * flow.size[0] / trainer.frames.size[0], HALF)
+        keep_still(model, times, focal * flow.size[0] / trainer.frames.size[0], LEAST_ERROR)
     moving = find_moving(model, times, focal)
     if len(model) - len(moving) >= STATIC_SHARE * len(model):
         model.set_moving(moving)

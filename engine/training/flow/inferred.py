@@ -16,7 +16,7 @@ from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.motion.surroundings import from_around
 from degense.engine.progress import Progress, silent
 from degense.engine.threads import made_ahead
-from degense.engine.training.flow.supervision import HALF, FlowSupervision, Pair, from_nearest
+from degense.engine.training.flow.supervision import FlowSupervision, Pair, from_nearest, precision_of
 from degense.engine.training.frames import TrainingFrames
 
 REACH = 0.03  # of the width: σ of the window in which tissue has one share
@@ -39,7 +39,7 @@ def inferred_pairs(flow: FlowSupervision, progress: Progress = silent) -> dict[t
         α = (G(Σ_t r·s / σ²) / (G(Σ_t s·s / σ²) + `PRIOR`) − `NEITHER`) / (1 − 2 `NEITHER`),    0 ≤ α ≤ 1,
 
     sums over the frames in which it is seen, G a Gaussian mean, σ the flow's own `roughness`: a share that is nearly none or all is none or
-    all. Its precision is E / (1 + (α spread / `HALF`)²), where E = 1 − `PRIOR` / (G(Σ_t s·s / σ²) + `PRIOR`) says whether there was enough
+    all. Its precision is E `precision_of`(α spread), where E = 1 − `PRIOR` / (G(Σ_t s·s / σ²) + `PRIOR`) says whether there was enough
     motion around to tell, and the spread how much that varies from place to place.
     """
     first, *others = flow.frames.clip.train_frames
@@ -57,7 +57,7 @@ def inferred_pairs(flow: FlowSupervision, progress: Progress = silent) -> dict[t
         out = camera + share[..., None] * near
         back = inverse(out, camera_flow(flow.frames, frame, first, flow.size))
         changed = ~often & around(looks_changed(look, log_intensity(flow.image(frame)), out))
-        precision = np.where(changed, evidence / (1 + (share * spread / HALF) ** 2), 0).astype(np.float32)
+        precision = np.where(changed, evidence * precision_of(share * spread), 0).astype(np.float32)
         found: dict[tuple[int, int], Pair] = {}
         for here, there, way, sure in ((first, frame, out, precision), (frame, first, back, sample(precision, back))):
             ends = flow.tissue[here] & (sample(flow.tissue[there].astype(np.float32), way) > 0.99)

@@ -30,7 +30,7 @@ PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 6 * (2 + 2 * KEY_FRAMES) + 2 * 8
 WINDOW = 8  # training frames before and after one, in which its look must stay the same
 DEPTH_HALF = 0.0033  # of the scene's depth: depth that errs by so much from frame to frame tells half of what it would without error
 DEPTH_FRAMES = 16  # of a clip, evenly spread, that tell how much its depth errs
-HALF = 0.15  # pixels of the flow's size: flow with such an error by noise has half the precision of flow without
+LEAST_ERROR = 0.15  # pixels of the flow's size: error that flow has where noise makes none
 STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
 
 
@@ -41,7 +41,7 @@ class Pair:
     to: int  # the other frame
     flow: Tensor  # float16 [2, h, w]; fractions of the image's width and height
     weight: Tensor  # float16 [1, h, w]; 1 where the flow is consistent forwards and backwards and both ends are valid, else 0
-    #: float16 [1, h, w]; how much it counts for a loss: 1 / (1 + (σ / `HALF`)²), σ the error that noise makes (`engine.motion.flow_error`)
+    #: float16 [1, h, w]; how much it counts for a loss (`precision_of`), by the error that noise makes (`engine.motion.flow_error`)
     precision: Tensor
 
 
@@ -75,7 +75,7 @@ class FlowSupervision:
         small = [self.image(i) for i in train]
         seen = {} if tools is None else {i: tool for i in train if (tool := tools(i)) is not None}
         tissue = [self._inside(frames.valid(i) & ~seen[i] if i in seen else frames.valid(i)) for i in train]
-        precise = [1 / (1 + (flow_error(frame) / HALF) ** 2) if precision else np.ones(frame.shape[:2]) for frame in small]
+        precise = [precision_of(flow_error(frame)) if precision else np.ones(frame.shape[:2]) for frame in small]
         on_device = [torch.from_numpy(values[None]).to(frames.device).half() for values in precise]
         self.tissue = dict(zip(train, tissue, strict=True))
         #: Of each training frame, as `Pair.precision` of its pairs that were measured.
@@ -267,6 +267,15 @@ class FlowSupervision:
         measured = self.frames.clip.depth_measured
         depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
         return (camera, other, pair.flow, pair.weight, pair.precision, self._trust, *depths)
+
+
+def precision_of(error: np.ndarray) -> np.ndarray:
+    """How much flow counts that errs by σ pixels beside what all flow errs by: 1 / √(1 + (σ / `LEAST_ERROR`)²), float [H, W].
+
+    The loss grows with the distance, not with its square: the likelihood of a distance e is then e^(−e / b), b proportional to its
+    standard deviation, and its weight is 1 / b.
+    """
+    return 1 / np.sqrt(1 + (error / LEAST_ERROR) ** 2)
 
 
 def from_nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:
