@@ -111,6 +111,17 @@ def one_torch_thread(kernels: int = 0) -> Iterator[None]:
         torch.set_num_threads(torch_threads)
 
 
+@contextmanager
+def many_torch_threads() -> Iterator[None]:
+    """Within `one_torch_thread`, let torch's operations run on as many threads as kernels do: for large operations one after the other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(kernel_threads())
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def run_kernel(kernel: Callable[..., None], *arguments) -> None:
     """Call `kernel(*arguments, counter)` on `kernel_threads()` threads and return when all work is done.
 

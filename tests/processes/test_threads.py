@@ -12,7 +12,7 @@ import torch
 import degense.engine
 from degense.engine.motion import flow
 from degense.engine.research.bench.timing import threads
-from degense.engine.threads import kernel_threads, made_ahead, one_torch_thread
+from degense.engine.threads import kernel_threads, made_ahead, many_torch_threads, one_torch_thread
 
 ROOT = Path(degense.engine.__file__).parent.parent
 
@@ -62,6 +62,13 @@ def test_kernels_keep_their_threads_where_torch_has_one():
             thread.join()
             assert elsewhere == [torch.get_num_threads()], "only the calling thread is meant"
         assert (torch.get_num_threads(), kernel_threads()) == (3, 3)
+
+
+def test_large_operations_have_all_threads_again_for_a_while():
+    with threads(3), one_torch_thread():
+        with many_torch_threads():
+            assert (torch.get_num_threads(), kernel_threads()) == (3, 3)
+        assert (torch.get_num_threads(), kernel_threads()) == (1, 3)
 
 
 def test_what_is_made_ahead_comes_in_order():

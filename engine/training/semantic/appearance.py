@@ -15,6 +15,7 @@ from jaxtyping import Float, Float32, UInt8
 from torch import Tensor, nn
 
 from degense.engine.field.cuda_graphs import graphed
+from degense.engine.threads import many_torch_threads
 from degense.engine.training.adam import Adam
 
 SCALES = (1, 2, 4, 8)  # pixels: σ of the neighbourhoods that are looked at
@@ -96,12 +97,13 @@ class Appearance:
         parameters, asked = list(self._network.parameters()), [values.new_zeros(BATCH, values.shape[1]) for values in (features, shares)]
         loss, optimizer = graphed(self._loss, asked, parameters), Adam([{"params": parameters, "lr": RATE}], decay=DECAY)
         steps = min(STEPS, EPOCHS * len(features) // BATCH + 1)
-        for step in range(steps):
-            optimizer.param_groups[0]["lr"] = RATE * (1 - step / steps)
-            rows = torch.randint(len(features), (BATCH,), generator=random).to(features.device)
-            optimizer.zero_grad()
-            loss(features.index_select(0, rows), shares.index_select(0, rows))[0].backward()
-            optimizer.step()
+        with many_torch_threads():
+            for step in range(steps):
+                optimizer.param_groups[0]["lr"] = RATE * (1 - step / steps)
+                rows = torch.randint(len(features), (BATCH,), generator=random).to(features.device)
+                optimizer.zero_grad()
+                loss(features.index_select(0, rows), shares.index_select(0, rows))[0].backward()
+                optimizer.step()
 
     def _loss(self, features: Float[Tensor, "pixels features"], shares: Float[Tensor, "pixels words"]) -> tuple[Tensor]:
         return (nn.functional.cross_entropy(self._network(self._scaled(features)), shares),)
