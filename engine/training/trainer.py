@@ -215,7 +215,7 @@ class Trainer:
 
     def _pair(self, frame: int) -> Pair | None:
         """One of the frames to which the flow of this one is known, at random; None where motion is not learned from flow, or no more."""
-        pairs = self._teaching.drawn_from(frame) if self._teaching is not None else []
+        pairs = self._teaching.pairs[frame] if self._teaching is not None else []
         return self.order.any_of(pairs) if pairs else None
 
     def _precision(self, frame: int) -> Tensor:

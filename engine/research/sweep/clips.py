@@ -26,8 +26,7 @@ from degense.engine.research.baselines.motion import motion_baselines
 from degense.engine.research.sweep.plan import Depth, SweepPlan, seeded, slug
 from degense.engine.semantics.teachers.target_cache import digest
 from degense.engine.store.files import write_json
-from degense.engine.training.flow.measured import MeasuredFlow, measure_flow
-from degense.engine.training.flow.supervision import FlowSupervision
+from degense.engine.training.flow.supervision import FlowSupervision, MeasuredFlow, measure_flow
 from degense.engine.training.frames import TrainingFrames
 
 SHARED = ("images", "labels", "classes.json", "surgery.json", "camera.json", "gt.npz")
@@ -84,11 +83,11 @@ def share_flow(folder: Path) -> None:
     def measure(frames: Sequence[np.ndarray]) -> Iterator[MeasuredFlow]:
         path = folder / f"{digest(*frames)}.npy"
         if not path.exists():
-            found = [np.stack(pair) for pair in measure_flow(frames)]
+            found = [np.stack([*step, *far]) for step, far in measure_flow(frames)]
             with replacing(path) as temporary:
                 np.save(temporary, np.stack(found))
-        for there, back in np.load(path, mmap_mode="r"):
-            yield np.array(there), np.array(back)
+        for one, two, three, four in np.load(path, mmap_mode="r"):
+            yield (np.array(one), np.array(two)), (np.array(three), np.array(four))
 
     FlowSupervision.measure = staticmethod(measure)
 

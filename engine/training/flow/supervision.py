@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import tee
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -15,23 +17,31 @@ import torch
 from torch import Tensor
 
 from degense.engine.latest import Latest
-from degense.engine.motion import chain, consistent, flow_error, sample
+from degense.engine.motion import chain, consistent, flow_error, follow, sample, steps_between
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.motion.depth_noise import depth_changes, depth_error
 from degense.engine.progress import Progress, silent
 from degense.engine.raster.camera_tensors import view_and_lens
-from degense.engine.training.flow.measured import KEY_FRAMES, MeasuredFlow, flow_pairs, measure_flow
 from degense.engine.training.frames import TrainingFrames
 
 FLOW_PIXELS = 100_000
-# Of flow kept: a long clip's is measured on smaller frames. A frame has pairs with its two neighbours, and two with each key frame, of six
-# bytes each, and two that are completed, of eight.
-PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 6 * (2 + 2 * KEY_FRAMES) + 2 * 8
+# Of flow kept: a long clip's is measured on smaller frames. Four pairs a frame, six bytes each, and two that are completed, eight each.
+PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 40
 WINDOW = 8  # training frames before and after one, in which its look must stay the same
 DEPTH_HALF = 0.0033  # of the scene's depth: depth that errs by so much from frame to frame tells half of what it would without error
 DEPTH_FRAMES = 16  # of a clip, evenly spread, that tell how much its depth errs
 LEAST_ERROR = 0.15  # pixels of the flow's size: error that flow has where noise makes none
 STEADY = 0.15  # of the depth: what changes its depth by more from frame to frame was taken for something else
+
+
+#: Flow there and back between a frame and the next, and between the first frame and that next one.
+MeasuredFlow: TypeAlias = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def measure_flow(frames: Sequence[np.ndarray]) -> Iterator[MeasuredFlow]:
+    """The flow of all frames but the last, uint8 [h, w, 3], in order."""
+    neighbours, steps = tee(steps_between(frames))
+    return zip(neighbours, follow(frames, steps), strict=True)
 
 
 @dataclass
@@ -46,7 +56,10 @@ class Pair:
 
 
 class FlowSupervision:
-    """Flow of every training frame to its neighbours and to the key frames (`measure_flow`), computed once.
+    """Flow of every training frame to its neighbours and to the first training frame, computed once.
+
+    Neighbours are matched directly, which is exact for small motion; the way to the first frame is followed from frame to frame, since a
+    direct match of far frames passes the forward-backward check while being wrong by many pixels.
 
     `tools` are the pixels of a training frame that a teacher calls an instrument, bool [H, W] at the working size, None where it does not
     say: they are no tissue. Without it only what the clip itself masks is left out, and that flow forwards and backwards must agree is all
@@ -86,12 +99,13 @@ class FlowSupervision:
 
         found: list[tuple[int, Future[Pair]]] = []
         with ThreadPoolExecutor() as pool:
-            pairs = flow_pairs(len(train))
-            for done, ((a, b), (there, back)) in enumerate(zip(pairs, self.measure(small), strict=True)):
-                progress(done / len(pairs), "following tissue through the clip")
-                for here, to, forward, backward in ((a, b, there, back), (b, a, back, there)):
-                    ends = tissue[here], tissue[to], on_device[here]
-                    found.append((train[here], pool.submit(self._matched, train[to], forward, backward, *ends)))
+            for k, (step, far) in enumerate(self.measure(small)):
+                progress(k / len(train), "following tissue through the clip")
+                # the second frame is the first one's neighbour
+                for a, (there, back) in ((k, step), (0, far)) if k else ((0, step),):
+                    for here, to, forward, backward in ((a, k + 1, there, back), (k + 1, a, back, there)):
+                        ends = tissue[here], tissue[to], on_device[here]
+                        found.append((train[here], pool.submit(self._matched, train[to], forward, backward, *ends)))
         for frame, pair in found:
             self.pairs[frame].append(pair.result())
         if constancy:
@@ -109,9 +123,8 @@ class FlowSupervision:
     def _drop_changed(self, small: list[np.ndarray]) -> None:
         """Take away the weight of flow where tissue changes its look: what charring or blood seems to move has not moved.
 
-        A pair with a key frame loses it where its two ends differ, or one of them and the first frame: burnt tissue has little texture, and
-        its rim goes on growing. A pair of neighbours loses it where the look changes along the consistent way through up to `WINDOW` frames
-        before or after.
+        A pair with the first frame loses it where its two ends differ; a pair of neighbours where the look changes along the consistent
+        way through up to `WINDOW` frames before or after.
         """
         train = self.frames.clip.train_frames
         logs, kept = [log_intensity(frame) for frame in small], Latest(16 * WINDOW)  # neighbours read the same pairs
@@ -119,27 +132,17 @@ class FlowSupervision:
         def pair_of(here: int, there: int) -> tuple[np.ndarray, np.ndarray]:
             return kept.get((here, there), lambda: (self.seen(here, there).astype(np.float32), self.flow(here, there)))
 
-        def since_first(k: int) -> np.ndarray:
-            if k == 0:
-                return np.zeros(logs[k].shape[:2], bool)
-            differ = around(looks_changed(logs[k], logs[0], self.flow(train[k], train[0])))
-            return differ & self.seen(train[k], train[0])
-
-        def drop(k: int, changing: list[np.ndarray], changed: list[np.ndarray]) -> None:
-            for pair in self.pairs[train[k]]:
-                other = train.index(pair.to)
-                flow = _relative(pair) * np.array(self.size, np.float32)
-                near = abs(other - k) == 1
-                differ = changing if near else changed
-                spoiled = differ[k] | (sample(differ[other].astype(np.float32), flow) > 0.01)
-                if not near and other > 0:  # what differs from the first frame is in `changed`
-                    spoiled |= around(looks_changed(logs[k], logs[other], flow))
-                pair.weight.mul_(torch.from_numpy(~spoiled[None]).to(pair.weight.device))
-
         with ThreadPoolExecutor() as pool:
             changing = list(pool.map(lambda k: around(self._changes(k, logs, pair_of)), range(len(train))))
-            changed = list(pool.map(since_first, range(len(train))))
-            list(pool.map(lambda k: drop(k, changing, changed), range(len(train))))
+        for k, frame in enumerate(train):
+            for pair in self.pairs[frame]:
+                other = train.index(pair.to)
+                flow = _relative(pair) * np.array(self.size, np.float32)
+                if 0 in (k, other) and abs(other - k) > 1:
+                    spoiled = around(looks_changed(logs[k], logs[other], flow))
+                else:
+                    spoiled = changing[k] | (sample(changing[other].astype(np.float32), flow) > 0.01)
+                pair.weight.mul_(torch.from_numpy(~spoiled[None]).to(pair.weight.device))
 
     def _depth_error(self) -> float:
         """Standard deviation of the measured depth of one frame, in scene units; of some frames, where the flow is consistent."""
@@ -236,13 +239,6 @@ class FlowSupervision:
             total += np.where(reliable[:, None], moved / (clip.time(other) - clip.time(frame)), 0)
             count += reliable
         return total / np.maximum(count, 1)[:, None]
-
-    def drawn_from(self, frame: int) -> list[Pair]:
-        """What to draw one of a frame's pairs from: neighbours, whose flow is exact, as many times as there are key frames."""
-        train, pairs = self.frames.clip.train_frames, self.pairs[frame]
-        number = train.index(frame)
-        beside = train[max(0, number - 1) : number + 2]
-        return pairs + [pair for pair in pairs if pair.to in beside] * (KEY_FRAMES - 1)
 
     def pair(self, here: int, there: int) -> Pair | None:
         """The pair of two training frames, if they were matched."""
