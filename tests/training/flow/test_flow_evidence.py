@@ -1,10 +1,11 @@
 """Where optical flow counts as evidence of motion, and how much."""
 
 import numpy as np
+import pytest
 import torch
 
 from degense.engine.training.flow.motion_error import motion_error
-from degense.engine.training.flow.supervision import FlowSupervision
+from degense.engine.training.flow.supervision import LEAST_ERROR, FlowSupervision, precision_of
 from degense.engine.training.frames import TrainingFrames
 from tests.fakes import CharringWall, MovingWall
 
@@ -63,6 +64,13 @@ class NoisyDepthWall(MovingWall):
     def depth(self, index):
         depth = super().depth(index)
         return depth * (1 + 0.02 * np.random.default_rng(index).standard_normal(depth.shape)).astype(np.float32)
+
+
+def test_flow_counts_by_one_over_its_error_as_a_loss_that_grows_with_the_distance_asks():
+    errors = LEAST_ERROR * np.array([0.0, 1.0, 100.0, 200.0])
+    counts = precision_of(errors)
+    assert counts[:2] == pytest.approx([1, 0.5**0.5])
+    assert counts[2] == pytest.approx(2 * counts[3], rel=1e-3)
 
 
 def test_depth_counts_by_its_precision():
