@@ -32,13 +32,13 @@ TEXTURE = 0.3  # `confidence` below which flow is a guess
 class Observed(NamedTuple):
     """How the pixels of a frame went to the reference frame."""
 
-    #: float32 [H, W, 2]; pixels; where motion is not seen, a place's share of the mean of what is seen around (`Shares`), or the mean of
-    #: that and of flow on plain tissue.
+    #: float32 [H, W, 2]; pixels; where motion is not seen, a place's share of what goes on there of the motion seen around (`from_around`,
+    #: `Shares`), or the mean of that and of flow on plain tissue.
     flow: np.ndarray
     #: bool [H, W]; flow is consistent forwards and backwards, valid at both ends, on texture that pins motion down, and the place looks as
     #: it did.
     seen: np.ndarray
-    #: float32 [H, W]; pixels: 0 where motion is seen; else the standard deviation of what is seen around, less where a place kept nearer to
+    #: float32 [H, W]; pixels: 0 where motion is seen; else how far that may be from what is seen around, less where a place kept nearer to
     #: its share of that before, or flow on plain tissue tells more; NaN where nothing is seen, nor the frame valid.
     spread: np.ndarray
 

@@ -1,4 +1,4 @@
-"""What the motion around a place says of the place: its mean, how much it varies, and which share of it the place had before."""
+"""What the motion around a place says of it: how it goes on there, how much it varies, and which share of it the place had before."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from degense.engine.motion.flow import sample
 
 REACHES = (0.02, 0.06, 0.18)  # of the width: σ within which neighbours speak for a place whose own motion is not seen,
 ENOUGH = 0.1  # where so much of what is within it is seen
+RIDGE = 0.3  # of the window's σ², which is added to the variance of places: how much a slope must show to be believed
+COARSE = 3  # pixels of σ at least that a window keeps on a coarser grid
 CELL = 4  # pixels: side of the cells that former motion is kept in
 ALIKE = 0.03  # of the width: σ of the window in which tissue has one share
 AS_AROUND = 1.0  # pixels², summed over frames: what a place did counts as much as that it moves as what is around with so much of it
@@ -20,25 +22,60 @@ FORMER = 32  # frames, evenly spread, that are asked at most
 def from_around(flow: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Flow [H, W, 2] completed where it is not `seen`, and its spread, float32 [H, W]: see `Observed`.
 
-    The mean and the standard deviation of what is seen in a Gaussian window, the smallest of `REACHES` in which enough is.
+    The flow changes at a steady rate in a Gaussian window, the smallest of `REACHES` in which enough is seen. By weighted least squares of
+    what is seen there, with x the place over the width, x̄ and f̄ the window's means and C the covariance of x plus `RIDGE` σ² I,
+
+        f(x) = f̄ + (x − x̄)ᵀ C⁻¹ cov(x, f),    spread² = v (1 + (x − x̄)ᵀ C⁻¹ (x − x̄)),
+
+    v the variance that this leaves; beyond what is seen the spread grows with the distance.
     """
     height, width = seen.shape
     found = np.where(seen[..., None], flow, 0).astype(np.float32)
     spread = np.where(seen, 0, np.nan).astype(np.float32)
-    stacked = np.dstack([found, (found**2).sum(-1), seen.astype(np.float32)])
+    shown = np.dstack([found, (found**2).sum(-1), seen.astype(np.float32)])
+    x, y = _places(width, height, height / width)
     for reach in REACHES:
         missing = np.isnan(spread)
         if not missing.any():
             break
-        shrink = max(1, int(reach * width / 4))  # the window is wide: a coarser grid holds it as well
-        coarse = cv2.resize(stacked, (max(1, width // shrink), max(1, height // shrink)), interpolation=cv2.INTER_AREA)
-        blurred = cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach * coarse.shape[1]), (width, height), interpolation=cv2.INTER_LINEAR)
-        weight = np.maximum(blurred[..., 3], 1e-6)
-        mean, square = blurred[..., :2] / weight[..., None], blurred[..., 2] / weight
-        fill = missing & (weight > ENOUGH)
-        found[fill] = mean[fill]
-        spread[fill] = np.sqrt(np.maximum(square - (mean**2).sum(-1), 0))[fill]
+        shrink = max(1, int(reach * width / COARSE))  # the window is wide: a coarser grid holds it as well
+        small = max(1, width // shrink), max(1, height // shrink)
+        fits = _fitted(cv2.resize(shown, small, interpolation=cv2.INTER_AREA), height / width, reach)
+        seen_share, variance, *plane = (cv2.resize(values, (width, height), interpolation=cv2.INTER_LINEAR) for values in fits)
+        fill = missing & (seen_share > ENOUGH)
+        for c in range(2):
+            found[..., c][fill] = (plane[c] + plane[2 + c] * x + plane[4 + c] * y)[fill]
+        spread[fill] = np.sqrt(np.maximum(variance[fill], 0))
     return found, spread
+
+
+def _places(width: int, height: int, aspect: float) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of the cells of a grid over an image whose height is `aspect` widths: x float32 [w] and y float32 [h, 1], in widths."""
+    x, y = ((np.arange(n, dtype=np.float32) + np.float32(0.5)) / np.float32(n) for n in (width, height))
+    return x, y[:, None] * np.float32(aspect)
+
+
+def _fitted(shown: np.ndarray, aspect: float, reach: float) -> list[np.ndarray]:
+    """The fits of `from_around` in windows of one `reach`, of means [h, w, 4] of flow, its square and the weight, all 0 where not seen.
+
+    The weight of what is seen, the square of the spread, and of both directions of flow the value at x = 0 and the slopes in x and y;
+    eight times float32 [h, w].
+    """
+    height, width, _ = shown.shape
+    fx, fy, square, seen = np.moveaxis(shown, -1, 0)
+    x, y = _places(width, height, aspect)
+    products = [seen, *(seen * of for of in (x, y, x * x, x * y, y * y)), fx, fy, x * fx, x * fy, y * fx, y * fy, square]
+    sums = np.stack([cv2.GaussianBlur(values, (0, 0), reach * width) for values in products])
+    weight, mean = sums[0], sums[1:] / np.maximum(sums[0], 1e-6)
+    (mx, my), flow, ridge = mean[:2], mean[5:7], RIDGE * reach**2
+    xx, xy, yy = mean[2] - mx * mx + ridge, mean[3] - mx * my, mean[4] - my * my + ridge
+    with_x, with_y, determinant = mean[7:9] - mx * flow, mean[9:11] - my * flow, xx * yy - xy * xy
+    slope_x, slope_y = (with_x * yy - with_y * xy) / determinant, (with_y * xx - with_x * xy) / determinant
+    explained = slope_x * with_x + slope_y * with_y + ridge * (slope_x**2 + slope_y**2)
+    left = np.maximum(mean[11] - (flow**2 + explained).sum(0), 0)
+    dx, dy = x - mx, y - my
+    variance = left * (1 + (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / determinant)
+    return [weight, variance, *(flow - slope_x * mx - slope_y * my), *slope_x, *slope_y]
 
 
 class _Shown(NamedTuple):

@@ -33,7 +33,7 @@ THREADS = 4  # that frames are shared out to
 def inferred_pairs(flow: FlowSupervision, progress: Progress = silent) -> dict[tuple[int, int], Pair]:
     """Pairs with the first training frame, by their two frames, completed where tissue looks other than in it and no flow is seen.
 
-    With r(p, t) the flow from the first frame less what the camera alone makes of it, and s(p, t) its mean over what is often seen around
+    With r(p, t) the flow from the first frame less what the camera alone makes of it, and s(p, t) the same by what is often seen around
     (`from_around`), a place moves by α s where its motion is not seen,
 
         α = (G(Σ_t r·s / σ²) / (G(Σ_t s·s / σ²) + `PRIOR`) − `NEITHER`) / (1 − 2 `NEITHER`),    0 ≤ α ≤ 1,
