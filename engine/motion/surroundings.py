@@ -110,7 +110,7 @@ class Shares:
         """α, the share, and κ, the part of the spread around that was left beside it, of a frame's pixels, float32 [H, W] both.
 
         `number` counts frames from the reference, which is 0; `way` [H, W, 2] is where its pixels were then, as far as is known. With r a
-        place's motion in a former frame, and s and v mean and spread of what was seen around it both then and now (`from_around`),
+        place's motion in a former frame, and s and v the same by what was seen around it both then and now, and its spread (`from_around`),
 
             α = (G(Σ r·s) + c) / (G(Σ s·s) + c),    κ² = min(1, (G(Σ ‖r − α s‖²) + c) / (G(Σ v²) + c)),    c = `AS_AROUND`,
 
