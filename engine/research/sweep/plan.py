@@ -122,6 +122,8 @@ def scenes_of(text: str, seeds: range) -> tuple[int, ...]:
         numbers = [int(word) for word in text.split(",") if word]
     except ValueError:
         raise DegenseError(f"{text!r} names no scenes; say how many, or their seeds separated by commas") from None
+    if "," not in text and numbers and numbers[0] > len(seeds):
+        raise DegenseError(f"the set has {len(seeds)} scenes, not {numbers[0]}; one of them is named with a comma: {numbers[0]},")
     found = tuple(numbers) if "," in text else tuple(seeds[: numbers[0]]) if numbers else ()
     if not found or not set(found) <= set(seeds):
         raise DegenseError(f"{text!r} names no scenes of the set; its seeds are {seeds[0]} to {seeds[-1]}")

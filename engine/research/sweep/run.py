@@ -144,7 +144,9 @@ def _after_warm_up(plan: Schedule, needed: bool) -> None:
 
 def _slot_pool(plan: Schedule, number: int) -> ProcessPoolExecutor:
     """The process of a slot, on its GPU."""
-    return _pool(plan, 1, slot_environment(number, plan.slots, plan.device))
+    with _ENVIRONMENT:  # it names the GPU of another slot while that begins
+        environment = slot_environment(number, plan.slots, plan.device)
+    return _pool(plan, 1, environment)
 
 
 def _pool(plan: Schedule, workers: int, environment: Mapping[str, str]) -> ProcessPoolExecutor:

@@ -81,6 +81,7 @@ def test_what_is_asked_for(tmp_path):
         ({"scenes": "100,"}, "its seeds are 0 to 99"),
         ({"which": "report", "scenes": "3,"}, "its seeds are 100 to 119"),
         ({"scenes": "many"}, "names no scenes"),
+        ({"scenes": "104", "which": "report"}, "the set has 20 scenes, not 104; one of them is named with a comma: 104,"),
         ({"methods": "degense,magic"}, "no 'magic'"),
         ({"depths": "sonar"}, "no 'sonar'"),
         ({"preset": "slow"}, "slow"),
