@@ -45,7 +45,7 @@ def from_around(flow: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndar
         fill = missing & (seen_share > ENOUGH)
         for c in range(2):
             found[..., c][fill] = (plane[c] + plane[2 + c] * x + plane[4 + c] * y)[fill]
-        spread[fill] = np.sqrt(np.maximum(variance[fill], 0))
+        spread[fill] = np.sqrt(variance[fill])
     return found, spread
 
 
@@ -66,13 +66,14 @@ def _fitted(shown: np.ndarray, aspect: float, reach: float) -> list[np.ndarray]:
     x, y = _places(width, height, aspect)
     products = [seen, *(seen * of for of in (x, y, x * x, x * y, y * y)), fx, fy, x * fx, x * fy, y * fx, y * fy, square]
     sums = np.stack([cv2.GaussianBlur(values, (0, 0), reach * width) for values in products])
-    weight, mean = sums[0], sums[1:] / np.maximum(sums[0], 1e-6)
-    (mx, my), flow, ridge = mean[:2], mean[5:7], RIDGE * reach**2
-    xx, xy, yy = mean[2] - mx * mx + ridge, mean[3] - mx * my, mean[4] - my * my + ridge
-    with_x, with_y, determinant = mean[7:9] - mx * flow, mean[9:11] - my * flow, xx * yy - xy * xy
+    weight, ridge = sums[0], RIDGE * reach**2
+    mx, my, mxx, mxy, myy, *of_flow, msquare = sums[1:] / np.maximum(weight, 1e-6)
+    flow, x_flow, y_flow = np.stack(of_flow).reshape(3, 2, height, width)
+    xx, xy, yy = mxx - mx * mx + ridge, mxy - mx * my, myy - my * my + ridge
+    with_x, with_y, determinant = x_flow - mx * flow, y_flow - my * flow, xx * yy - xy * xy
     slope_x, slope_y = (with_x * yy - with_y * xy) / determinant, (with_y * xx - with_x * xy) / determinant
     explained = slope_x * with_x + slope_y * with_y + ridge * (slope_x**2 + slope_y**2)
-    left = np.maximum(mean[11] - (flow**2 + explained).sum(0), 0)
+    left = np.maximum(msquare - (flow**2 + explained).sum(0), 0)
     dx, dy = x - mx, y - my
     variance = left * (1 + (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / determinant)
     return [weight, variance, *(flow - slope_x * mx - slope_y * my), *slope_x, *slope_y]
@@ -89,7 +90,7 @@ class _Shown(NamedTuple):
 class Shares:
     """Which share of the motion around it a place had in the frames before, in which it showed its own.
 
-    Tissue that stood still while all around it breathed goes on so when blood or a burn hides how it moves; the mean of the motion around
+    Tissue that stood still while all around it breathed goes on so when blood or a burn hides how it moves; the motion around alone
     would not know. Frames come in the order of time, from the one after the reference on, and each is told of by those before it only:
     what is said of it does not depend on which frames were asked for.
     """
