@@ -41,9 +41,8 @@ class SceneModel(nn.Module):
     canonical : dict of Tensor
         `means` [N, 3], `log_scales` [N, 3], `quats` [N, 4], `logits` [N] (opacity), `colors` [N, 3], `semantics` [N, rank].
         `color_residuals` [N, color_knots, 3]: added to the colour, a spline over the knots. `temporal_windows` [N, 2]: centre τ and
-        inverse scale ω of a Gaussian's temporal window, which are set at initialisation and not learned: exp(−½ (ω (t − τ))²), or, where
-        ω < 0, the flat exp(−½ (ω (t − τ))⁸); ω = 0 is persistent.
-        `velocities` [N, 3]: linear motion of a transient Gaussian in 1/|ω|, added to the deformation, within `MAX_AGE`/ω of τ.
+        inverse scale ω of a Gaussian's temporal window, which are set at initialisation and not learned; ω = 0 is persistent.
+        `velocities` [N, 3]: linear motion of a transient Gaussian in 1/ω, added to the deformation, within `MAX_AGE`/ω of τ.
         ValueError if a shape is another.
     """
 
@@ -189,21 +188,16 @@ class SceneModel(nn.Module):
 
     def present(self, t: float | Tensor) -> Tensor:
         """Rows, int64 [k], of the Gaussians whose temporal window lets them be drawn at a time."""
-        return torch.nonzero(self._faded(t) <= -2 * math.log(MIN_ALPHA))[:, 0]
+        return torch.nonzero(self._age(t).square() <= -2 * math.log(MIN_ALPHA))[:, 0]
 
     def linear_motion(self, t: float | Tensor) -> Tensor:
         """Displacement [N, 3] by each transient Gaussian's linear velocity since its temporal centre; 0 for persistent ones."""
         return self.canonical["velocities"] * self._age(t).clamp(-MAX_AGE, MAX_AGE)[:, None]
 
     def _age(self, t: float | Tensor) -> Tensor:
-        """|ω| (t − τ) of every Gaussian [N]; always 0 for persistent ones."""
+        """ω (t − τ) of every Gaussian [N]; always 0 for persistent ones."""
         center, inverse_scale = self.canonical["temporal_windows"].unbind(1)
-        return inverse_scale.abs() * (t - center)
-
-    def _faded(self, t: float | Tensor) -> Tensor:
-        """Twice the negative logarithm of every temporal window, [N]."""
-        squared = self._age(t).square()
-        return torch.where(self.canonical["temporal_windows"][:, 1] < 0, squared.pow(4), squared)
+        return inverse_scale * (t - center)
 
     @property
     def persistent(self) -> Tensor:
@@ -278,7 +272,7 @@ class SceneModel(nn.Module):
                 if self.semantic_coefficients is not None and latents.shape[1]:
                     for channel, coefficient in zip(change.detach().split(1, 1), self.semantic_coefficients.unbind(1), strict=True):
                         latents = torch.addcmul(latents, channel, coefficient)
-        window = torch.exp(-0.5 * self._faded(t))
+        window = torch.exp(-0.5 * self._age(t).square())
         return Splats(means, quats, log_scales.exp(), logits.sigmoid() * window, colors, latents)
 
 

@@ -1,6 +1,5 @@
 """The scene model: identity at the start, routings, and where gradients may go."""
 
-import numpy as np
 import pytest
 import torch
 
@@ -221,23 +220,6 @@ def test_lifetimes_fade_what_is_transient_and_leave_the_rest_alone_for_ever():
     assert away[0] < 1e-6
     away.sum().backward()
     assert model.canonical["temporal_windows"].grad is None, "lifetimes are given, not learned"
-
-
-def test_a_flat_window_is_whole_for_longer_and_gone_sooner():
-    model = make("isolated").double()
-    with torch.no_grad():
-        model.canonical["temporal_windows"][0] = torch.tensor([0.1, 4.0])
-        model.canonical["temporal_windows"][1] = torch.tensor([0.1, -4.0])
-        model.canonical["velocities"][:2] = torch.tensor([0.3, 0.2, 0.1])
-    whole = model.canonical["logits"].sigmoid()
-    for t in (0.1, 0.2, 0.35, 0.4, 0.5, 0.9, -0.1, -0.7):
-        age = 4 * (t - 0.1)
-        with torch.no_grad():
-            shown = (model.at(t).splats.opacities / whole)[:2]
-            assert torch.allclose(shown, torch.tensor([np.exp(-0.5 * age**2), np.exp(-0.5 * age**8)], dtype=shown.dtype))
-            motion = model.linear_motion(t)
-        assert torch.equal(motion[0], motion[1]), "both go the same way"
-        assert (set(range(2)) & set(model.present(t).tolist())) == {i for i, value in enumerate(shown) if value >= 1 / 255}
 
 
 def test_what_exists_for_a_while_goes_straight_on_and_the_rest_never_does():

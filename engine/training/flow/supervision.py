@@ -215,15 +215,14 @@ class FlowSupervision:
     def velocity(self, frame: int, pixels: np.ndarray) -> np.ndarray:
         """How fast what is seen at `pixels` [n, 2] of a training frame moves, instruments included, float64 [n, 3].
 
-        In scene units in a unit of the clip's time, of pixels (x, y) at the working size: least squares over the neighbouring training
-        frames to which the flow is consistent and the depth steady; 0 where there is none. A depth that was not measured is taken to stay
-        as it is.
+        In scene units in a unit of the clip's time, of pixels (x, y) at the working size: the mean over the neighbouring training frames to
+        which the flow is consistent and the depth steady; 0 where there is none. A depth that was not measured is taken to stay as it is.
         """
         train, clip = self.frames.clip.train_frames, self.frames.clip
         size, (rows, columns) = np.array(self.frames.size), pixels[:, ::-1].astype(int).T
         depth = self.frames.depth(frame)[rows, columns]
         start = self.frames.cameras[frame].unproject(pixels, depth)
-        total, squares = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
+        total, count = np.zeros((len(pixels), 3)), np.zeros(len(pixels))
         number = train.index(frame)
         for other in train[max(0, number - 1) : number] + train[number + 1 : number + 2]:
             forward, backward = self.flow(frame, other), self.flow(other, frame)
@@ -237,10 +236,9 @@ class FlowSupervision:
             reliable = sure & inside & steady
             believed = np.where(reliable, depth + self.depth_precision * (there - depth), depth)
             moved = self.frames.cameras[other].unproject(end, believed) - start
-            apart = clip.time(other) - clip.time(frame)
-            total += np.where(reliable[:, None], moved * apart, 0)
-            squares += reliable * apart**2
-        return total / np.where(squares > 0, squares, 1)[:, None]
+            total += np.where(reliable[:, None], moved / (clip.time(other) - clip.time(frame)), 0)
+            count += reliable
+        return total / np.maximum(count, 1)[:, None]
 
     def pair(self, here: int, there: int) -> Pair | None:
         """The pair of two training frames, if they were matched."""

@@ -195,7 +195,7 @@ def test_a_negative_prompt(qtbot, opened, idle):
     session, bar = opened.session, on.prompts(opened).bar
     on.viewer(opened).panel.setFocus()
     session.view.set_decoder("threshold")
-    session.go_to(5)  # the hook is there from frame 4 to 7
+    session.go_to(3)
     type_prompt(qtbot, opened, "tool")
     idle()
     everything = on.viewer(opened).view.masks[..., 3] > 0

@@ -177,13 +177,13 @@ def test_a_negative_takes_its_pixels(scene):
     from degense.engine.layers import LAYERS, LayerRequest
     from degense.engine.semantics.prompts import PromptSet
 
-    plain = PromptSet(("tool",), decoder="threshold")  # the hook is there from frame 4 to 7
+    plain = PromptSet(("tool",), decoder="threshold")
     tool, rest = (
-        LAYERS["mask"].image(scene, LayerRequest(5, prompt_set=prompts)).values > 0
+        LAYERS["mask"].image(scene, LayerRequest(3, prompt_set=prompts)).values > 0
         for prompts in (plain, replace(plain, negatives=("hook",)))
     )
-    hook = scene.query(5).similarity(scene.included("hook"))
-    other = scene.query(5).similarity(scene.included("tool")) > hook
+    hook = scene.query(3).similarity(scene.included("hook"))
+    other = scene.query(3).similarity(scene.included("tool")) > hook
     assert np.array_equal(rest, tool & other)
     assert rest.sum() < tool.sum()
 
