@@ -103,6 +103,11 @@ class TrainConfig:
     depth_precision: bool = setting(
         True, "Whether measured depth counts less the more it errs from frame to frame (`engine.motion.depth_noise`); needs flow."
     )
+    depth_together: bool = setting(
+        True,
+        "Whether the depth of all frames together tells how tissue comes and goes, where that of single frames errs "
+        "(`engine.training.flow.along_sight`); needs flow.",
+    )
     stillness: bool = setting(
         True, "Whether tissue that flow cannot tell from standing still keeps its place (`engine.field.static_gaussians`); needs flow."
     )

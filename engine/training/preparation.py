@@ -20,6 +20,7 @@ from degense.engine.semantics import TextEncoder
 from degense.engine.semantics.teachers import CostlyTeacher, Teacher, default_teacher, teacher_by_name, with_cached_targets
 from degense.engine.store import Run
 from degense.engine.training.config import TrainConfig
+from degense.engine.training.flow.along_sight import motion_along_sight
 from degense.engine.training.flow.inferred import inferred_pairs
 from degense.engine.training.flow.supervision import FlowSupervision
 from degense.engine.training.frames import TrainingFrames
@@ -108,6 +109,9 @@ def _flow_of(frames: TrainingFrames, semantics: SemanticTargets | None, config: 
     if config.flow_inference:
         with part("infer"):
             flow.completed = inferred_pairs(flow, lambda f, text: tell(0.7 + 0.2 * f, text))
+    if config.depth_together:
+        with part("motion along the line of sight"):
+            flow.along_sight = motion_along_sight(flow)
     if semantics is not None:
         with part("propagate labels"):
             semantics.propagate(flow, lambda f, text: tell(0.9 + 0.1 * f, text))

@@ -43,6 +43,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "no flow where the look changes": {"flow_constancy": False},
     "flow by its precision": {"flow_precision": False},
     "depth by its precision": {"depth_precision": False},
+    "depth of all frames together": {"depth_together": False},
     "inferred motion of changed tissue": {"flow_inference": False},
     "rest where flow tells no motion": {"stillness": False},
     "rigidity": {"rigidity": 0.0},

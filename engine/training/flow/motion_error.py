@@ -26,16 +26,20 @@ def motion_error(
     trust: Tensor,
     before: Tensor | None = None,
     after: Tensor | None = None,
+    gone_before: Tensor | None = None,
+    gone_after: Tensor | None = None,
 ) -> Tensor:
     """Robust distance between the model's motion and the observed one, times its precision, averaged over visible Gaussians whose flow is
     known.
 
-    Across the line of sight a point must follow the flow. Along it, it must come and go with the measured depth as far as that can be
-    trusted, and otherwise is mildly pulled to stay: what a noisy depth seems to do between two frames is shrunk towards nothing.
+    Across the line of sight a point must follow the flow. Along it, it must come and go as the depth of all frames together says; else with
+    the measured depth as far as that can be trusted, and otherwise is mildly pulled to stay: what a noisy depth seems to do between two
+    frames is shrunk towards nothing.
 
     `here` and `there` are centres [N, 3] at the times of two frames, `visible` [N] is 0 for a hidden Gaussian and 1 for one on the surface.
     `camera` and `other` [5, 4] are `view_and_lens` at both frames, `before` and `after` [H, W] their measured depth, 0 where unknown, and
-    `trust`, float [], is `FlowSupervision.depth_precision`. Flow and its weights are float16, as in `Pair`.
+    `trust`, float [], is `FlowSupervision.depth_precision`. `gone_before` and `gone_after` [h, w] are `motion_along_sight` of both.
+    Flow and its weights are float16, as in `Pair`.
     """
     start = project(here.detach(), camera)[0]
     grid = start * 2 - 1
@@ -47,8 +51,11 @@ def motion_error(
         z_before = look_up(before[None], grid)[:, 0]
         z_after = look_up(after[None], target * 2 - 1)[:, 0]
         reliable = reliable * (z_before > 0) * (z_after > 0) * ((z_after - z_before).abs() < STEADY * z_before)
-        measured = unproject(target, z_after, other) - unproject(start, z_before, camera)
-        along = along - trust * (measured @ sight)
+        if gone_before is None or gone_after is None:
+            gone = trust * ((unproject(target, z_after, other) - unproject(start, z_before, camera)) @ sight)
+        else:
+            gone = look_up(gone_after.float()[None], target * 2 - 1)[:, 0] - look_up(gone_before.float()[None], grid)[:, 0]
+        along = along - gone
     across = _beside(there, target, other, trust) - _beside(here, start, camera, trust)
     error = torch.cat([across, (along * (UNSEEN + (1 - UNSEEN) * trust))[:, None]], 1)
     error = torch.where(reliable[:, None] > 0, error, 0.0)  # elsewhere it may be beyond all numbers, which no weight would undo

@@ -115,6 +115,8 @@ class FlowSupervision:
         if frames.clip.depth_measured:
             self.depth_precision = 1 / (1 + (self._depth_error() / DEPTH_HALF) ** 2) if depth_precision else 1.0
         self._trust = torch.tensor(self.depth_precision, device=frames.device)
+        #: `motion_along_sight` by frame, float16 [h, w], where it is asked for (`engine.training.flow.along_sight`).
+        self.along_sight: dict[int, Tensor] = {}
 
     def image(self, frame: int) -> np.ndarray:
         """A frame at the size of the flow, uint8 [h, w, 3]."""
@@ -262,7 +264,8 @@ class FlowSupervision:
         camera, other = (view_and_lens(self.frames.cameras[i], self.frames.device) for i in (frame, pair.to))
         measured = self.frames.clip.depth_measured
         depths = (self.frames[frame].depth, self.frames[pair.to].depth) if measured else ()
-        return (camera, other, pair.flow, pair.weight, pair.precision, self._trust, *depths)
+        gone = (self.along_sight[frame], self.along_sight[pair.to]) if self.along_sight else ()
+        return (camera, other, pair.flow, pair.weight, pair.precision, self._trust, *depths, *gone)
 
 
 def precision_of(error: np.ndarray) -> np.ndarray:
