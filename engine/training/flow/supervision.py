@@ -25,8 +25,9 @@ from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.training.frames import TrainingFrames
 
 FLOW_PIXELS = 100_000
-# Of flow kept: a long clip's is measured on smaller frames. Four pairs a frame, six bytes each, and two that are completed, eight each.
-PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 40
+# Of flow kept: a long clip's is measured on smaller frames. Four pairs a frame, six bytes each, two that are completed, eight each, and the
+# motion along the line of sight, two.
+PAIR_BYTES, BYTES_A_PIXEL = 3 << 28, 42
 WINDOW = 8  # training frames before and after one, in which its look must stay the same
 DEPTH_HALF = 0.0033  # of the scene's depth: depth that errs by so much from frame to frame tells half of what it would without error
 DEPTH_FRAMES = 16  # of a clip, evenly spread, that tell how much its depth errs
