@@ -11,17 +11,22 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-#: Resident memory of files, bytes, from which on code is given back: what the window works with takes about 130 MB.
-MUCH = 180_000_000
+#: Resident memory of files, bytes: the window works with some 110 MB; at rest more than `KEPT` is given back, at work than `MUCH`.
+KEPT, MUCH = 120_000_000, 180_000_000
 _DONT_NEED = 4  # of madvise, linux/mman.h
 _CODE = re.compile(r"^([0-9a-f]+)-([0-9a-f]+) r-xp .* (/.*)$")
 
 
 def give_code_back(library: ctypes.CDLL) -> None:
     """Let the system take the pages of code files, where they are many; Linux only. `library` is the C library."""
-    if _resident() > MUCH:
+    if _resident() > KEPT:
         for start, end in _untouched():
             library.madvise(ctypes.c_void_p(start), ctypes.c_size_t(end - start), _DONT_NEED)
+
+
+def much_code() -> bool:
+    """Whether pages of files take more than `MUCH` of memory; Linux only."""
+    return _resident() > MUCH
 
 
 def _resident() -> int:

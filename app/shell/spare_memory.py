@@ -1,7 +1,8 @@
 """Memory that was freed goes back to the system when the worker rests.
 
 The C library keeps what drawing frees in the heap of each thread, for the next drawing: 65 to 71 MB after all frames of the sample
-(docs/decisions/0059). Code that ran once goes with it.
+(docs/decisions/0059). Code that ran once goes with it, and after the first drawing of a run without waiting for the rest
+(docs/decisions/0062).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Callable
 
 from PySide6.QtCore import QObject, QTimer
 
-from degense.app.shell.code_pages import give_code_back
+from degense.app.shell.code_pages import give_code_back, much_code
 from degense.app.shell.worker import Worker
 
 #: How long the worker has had nothing to do before its memory is given back: not between two frames of a scrub.
@@ -33,7 +34,7 @@ def giver() -> Callable[[], object] | None:
 
 
 class SpareMemory(QObject):
-    """Lets the worker give freed memory back, once after each time of work."""
+    """Lets the worker give freed memory back, once after each time of work, and before its next curves where code takes much."""
 
     def __init__(self, worker: Worker, give: Callable[[], object]) -> None:
         super().__init__(worker)
@@ -42,13 +43,18 @@ class SpareMemory(QObject):
         self._rest.setSingleShot(True)
         self._rest.setInterval(REST_MS)
         self._rest.timeout.connect(self._rested)
-        worker.add_channel(CHANNEL, 95)
+        worker.add_channel(CHANNEL, 35)
         worker.freed.connect(self._worked)
 
     def _worked(self, channel: str) -> None:
         if channel != CHANNEL:
             self._rest.start()
+            if much_code():
+                self._submit()
 
     def _rested(self) -> None:
         if self._worker.idle():  # else it is tried again after what it does
-            self._worker.submit(CHANNEL, self._give, lambda result: None, lambda message: None)
+            self._submit()
+
+    def _submit(self) -> None:
+        self._worker.submit(CHANNEL, self._give, lambda result: None, lambda message: None)

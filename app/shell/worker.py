@@ -56,8 +56,8 @@ class Worker(QObject):
     def add_channel(self, name: str, urgency: int) -> None:
         """Let jobs be submitted on a channel; of several that wait the one with the lowest number runs first.
 
-        Numbers in use: opening 0, checking a clip 10, drawing 20, what is read off a view 30, a second run 40, curves and findings 50,
-        annotating 60, exporting 70, the whole clip 80, diagnostics 90, giving memory back 95.
+        Numbers in use: opening 0, checking a clip 10, drawing 20, what is read off a view 30, giving memory back 35, a second run 40,
+        curves and findings 50, annotating 60, exporting 70, the whole clip 80, diagnostics 90.
         """
         self._urgencies[name] = urgency
         with self._wake:

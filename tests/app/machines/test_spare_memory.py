@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ def nothing(value: object) -> None:
 
 def test_memory_is_given_back_once_after_work(qtbot, worker, monkeypatch):
     monkeypatch.setattr(spare_memory, "REST_MS", 40)
+    monkeypatch.setattr(spare_memory, "much_code", lambda: False)
     given: list[str] = []
     spare = SpareMemory(worker, lambda: given.append(threading.current_thread().name))
     worker.submit("view", lambda: None, nothing, nothing)
@@ -43,6 +45,30 @@ def test_memory_is_given_back_once_after_work(qtbot, worker, monkeypatch):
     assert given == ["worker"]
     gate.set()
     qtbot.waitUntil(lambda: len(given) == 2)
+
+
+@pytest.mark.parametrize("much", [False, True])
+def test_where_code_takes_much_it_is_given_back_before_the_next_curves(qtbot, worker, monkeypatch, much):
+    worker.add_channel("curves", 50)
+    done: list[str] = []
+    monkeypatch.setattr(spare_memory, "much_code", lambda: much and "memory" not in done)
+    spare = SpareMemory(worker, lambda: done.append("memory"))
+    gate = threading.Event()
+    worker.submit("curves", lambda: _curves(gate, done), nothing, nothing)
+    worker.submit("view", lambda: done.append("view"), nothing, nothing)
+    qtbot.waitUntil(lambda: "view" in done and not worker.busy("view"))
+    gate.set()
+    qtbot.waitUntil(worker.idle)
+    spare._rest.stop()
+    assert done == (["view", "memory", "curves"] if much else ["view", "curves"])
+
+
+def _curves(gate: threading.Event, done: list[str]) -> Iterator[None]:
+    """Curves that are not finished before the gate opens, in steps between which other channels have their turn."""
+    while not gate.wait(0.01):
+        yield
+    yield
+    done.append("curves")
 
 
 @pytest.mark.skipif(giver() is None, reason="the C library gives memory back by itself")
@@ -71,10 +97,10 @@ from degense.app.shell.spare_memory import giver
 
 give, numbers = giver(), torch.arange(6.0).reshape(2, 3)
 first = code_pages._resident()
-code_pages.MUCH = 2 * first
-give()  # not more than much: nothing is looked for
+code_pages.KEPT = 2 * first
+give()  # not more than is kept: nothing is looked for
 kept = code_pages._resident()
-code_pages.MUCH = 0
+code_pages.KEPT = 0
 give()
 print(first, kept, code_pages._resident(), (numbers @ numbers.T).tolist())
 """
