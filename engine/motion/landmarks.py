@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numba import njit
 
+from degense.engine.simd import LANES, fma, load, splat, total
 from degense.engine.threads import run_kernel, take_ticket
 
 MOST, CONTRAST = 1000, 0.01  # landmarks of a frame, and how weak they may be: tissue has few strong ones
@@ -43,12 +44,29 @@ def paired(a: Landmarks, b: Landmarks) -> tuple[np.ndarray, np.ndarray]:
     """Places [n, 2] in both frames of landmarks that look most alike both ways, and clearly more so than any other."""
     if not len(a.places) or len(b.places) < 2:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    alike = a.looks @ b.looks.T
+    alike = np.empty((len(a.looks), len(b.looks)), np.float32)
+    run_kernel(_products, a.looks, b.looks, alike)
     rows, best, back = np.arange(len(alike)), alike.argmax(1), alike.argmax(0)
     first = alike[rows, best]
     alike[rows, best] = -1
     kept = (back[best] == rows) & (1 - first < SECOND**2 * (1 - alike.max(1)))
     return a.places[kept], b.places[best[kept]]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _products(a, b, found, counter):
+    """The scalar products of all rows float32 [M, 128] of two, float32 [M, M']: NumPy's library would let all cores wait in a loop for some
+    30 ms afterwards."""
+    while True:
+        first = take_ticket(counter) * CHUNK
+        if first >= len(a):
+            return
+        for i in range(first, min(first + CHUNK, len(a))):
+            for j in range(len(b)):
+                summed = splat(np.float32(0))
+                for at in range(0, a.shape[1], LANES):
+                    summed = fma(load(a, i * a.shape[1] + at), load(b, j * b.shape[1] + at), summed)
+                found[i, j] = total(summed)
 
 
 def carried(places: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -59,8 +77,7 @@ def carried(places: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> np.ndarr
     here, there = ends
     found = np.full(len(places), complex(np.nan, np.nan))
     if len(here) >= LEAST:
-        nearest = np.argsort(np.linalg.norm(places[:, None] - here, axis=-1), axis=1)[:, :NEAREST]
-        run_kernel(_carry, _complex(places), _complex(here)[nearest], _complex(there)[nearest], found)
+        run_kernel(_carry, _complex(places), _complex(here), _complex(there), found)
     return np.stack([found.real, found.imag], 1)
 
 
@@ -91,18 +108,35 @@ def _agreeing(here, there, i, j):
     return ratio, count, apart
 
 
+@njit(nogil=True, error_model="numpy")
+def _nearest(place, here, rows):
+    """Write the rows of the nearest of complex numbers [n], the nearest first, int64 [NEAREST at most]."""
+    for row in range(len(here)):
+        apart, at = _square(here[row] - place), min(row, len(rows))
+        while at > 0 and apart < _square(here[rows[at - 1]] - place):
+            at -= 1
+            if at + 1 < len(rows):
+                rows[at + 1] = rows[at]
+        if at < len(rows):
+            rows[at] = row
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def _carry(places, here, there, found, counter):
-    """Places [k] by the similarity through two of their n landmarks, complex [k, n], that most agree with, most closely; all as x + i y."""
+    """Places [k] by the similarity through two of the nearest of n landmarks, complex [n], that most agree with, most closely; all as
+    x + i y."""
+    rows = np.empty(min(NEAREST, len(here)), np.int64)
     while True:
         first = take_ticket(counter) * CHUNK
         if first >= len(places):
             return
         for k in range(first, min(first + CHUNK, len(places))):
+            _nearest(places[k], here, rows)
+            near_here, near_there = here[rows], there[rows]
             most, nearest = LEAST - 1, np.inf
-            for i in range(here.shape[1]):
+            for i in range(len(rows)):
                 for j in range(i):
-                    ratio, count, apart = _agreeing(here[k], there[k], i, j)
+                    ratio, count, apart = _agreeing(near_here, near_there, i, j)
                     if count > most or (count == most and apart < nearest and count >= LEAST):
                         most, nearest = count, apart
-                        found[k] = there[k, i] + ratio * (places[k] - here[k, i])
+                        found[k] = near_there[i] + ratio * (places[k] - near_here[i])

@@ -24,7 +24,7 @@ _PAD = LANES  # pixels that frames are continued by beyond their edges
 
 
 class Pyramid:
-    """A frame uint8 [H, W] in octaves, each half as large as the one before: values and slopes float32, padded."""
+    """A frame uint8 [H, W] in octaves, each half as large as the one before: values and slopes float32 [1, h, w], padded."""
 
     def __init__(self, grey: np.ndarray):
         octaves = [grey]
@@ -41,12 +41,12 @@ class Pyramid:
         """
         start = np.asarray(places, np.float64) - 0.5
         found = start.copy() if guesses is None else np.asarray(guesses, np.float64) - 0.5
-        run_kernel(_follow, self.values, self.dx, self.dy, other.values, start, found)
+        run_kernel(_follow_all, self.values, self.dx, self.dy, other.values, start, found)
         return found + 0.5
 
 
 def _padded(image: np.ndarray, border: int) -> np.ndarray:
-    return cv2.copyMakeBorder(image, _PAD, _PAD, _PAD, _PAD, border).astype(np.float32)
+    return cv2.copyMakeBorder(image, _PAD, _PAD, _PAD, _PAD, border).astype(np.float32)[None]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -126,24 +126,42 @@ def _descend(image, x, y, window):
     return x, y
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _follow(values, slopes_x, slopes_y, others, start, found, counter):
-    """Move places float64 [n, 2] in `found`, of pixels' centres at whole numbers, to where the other frame shows what `start` shows."""
-    window = np.empty(SIDE * LANES, np.float32), np.empty(SIDE * LANES, np.float32), np.empty(SIDE * LANES, np.float32)
+@njit(nogil=True, error_model="numpy")
+def windows_of_a_thread():
+    """Room for a window and its slopes along x and y, float32 [SIDE * LANES] each, and which lanes of a row belong to them."""
     valid = select(greater(splat(np.float32(SIDE - 0.5)), ramp(np.float32(0))), splat(np.float32(1)), splat(np.float32(0)))
+    return np.empty(SIDE * LANES, np.float32), np.empty(SIDE * LANES, np.float32), np.empty(SIDE * LANES, np.float32), valid
+
+
+@njit(nogil=True, error_model="numpy")
+def follow(values, slopes_x, slopes_y, others, numbers, start_x, start_y, x, y, room):
+    """Where the second of two frames shows what the first shows at a start, searched from x and y on.
+
+    Octaves of frames float32 [B, h, w], places of pixels' centres at whole numbers; `numbers`: of the first among `values`, of the second
+    among `others`; `room`: `windows_of_a_thread`.
+    """
+    kept, dx, dy, valid = room
+    here, there = numbers
     coarsest = len(values) - 1
+    x, y = x / (1 << coarsest), y / (1 << coarsest)
+    for level in range(coarsest, -1, -1):
+        here_x, here_y = start_x / (1 << level), start_y / (1 << level)
+        if _look_up(values[level][here], here_x, here_y, valid, kept):
+            _look_up(slopes_x[level][here], here_x, here_y, valid, dx)
+            _look_up(slopes_y[level][here], here_x, here_y, valid, dy)
+            x, y = _descend(others[level][there], x, y, (kept, dx, dy))
+        if level > 0:
+            x, y = 2 * x, 2 * y
+    return x, y
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _follow_all(values, slopes_x, slopes_y, others, start, found, counter):
+    """Move places float64 [n, 2] in `found`, of pixels' centres at whole numbers, to where the other frame shows what `start` shows."""
+    room = windows_of_a_thread()
     while True:
         first = take_ticket(counter) * CHUNK
         if first >= start.shape[0]:
             return
         for k in range(first, min(first + CHUNK, start.shape[0])):
-            x, y = found[k, 0] / (1 << coarsest), found[k, 1] / (1 << coarsest)
-            for level in range(coarsest, -1, -1):
-                here_x, here_y = start[k, 0] / (1 << level), start[k, 1] / (1 << level)
-                if _look_up(values[level], here_x, here_y, valid, window[0]):
-                    _look_up(slopes_x[level], here_x, here_y, valid, window[1])
-                    _look_up(slopes_y[level], here_x, here_y, valid, window[2])
-                    x, y = _descend(others[level], x, y, window)
-                if level > 0:
-                    x, y = 2 * x, 2 * y
-            found[k, 0], found[k, 1] = x, y
+            found[k] = follow(values, slopes_x, slopes_y, others, (0, 0), start[k, 0], start[k, 1], found[k, 0], found[k, 1], room)

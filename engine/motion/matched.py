@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -10,13 +10,14 @@ import cv2
 import numpy as np
 
 from degense.engine.latest import Latest
+from degense.engine.motion.chain_kernel import FrameBlock
 from degense.engine.motion.flow import even
 from degense.engine.motion.landmarks import Landmarks, carried, landmarks, paired
 from degense.engine.motion.lucas_kanade import Pyramid
 from degense.engine.motion.window_kernels import padded
 from degense.engine.motion.windows import Windows
 from degense.engine.progress import Steps
-from degense.engine.threads import made_ahead
+from degense.engine.threads import kernel_threads, made_ahead
 
 PIXELS = 200_000  # frames are matched at about this size
 THERE_AND_BACK = 1.0  # pixels: a point that comes back farther from where it began is lost
@@ -26,6 +27,8 @@ EVERY = 8  # frames: points are looked for anew in one of so many
 AROUND = 7.0 * np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * np.pi / 4])  # pixels: what is around a point
 ORIGINS = 4  # frames of queries that are looked back at in one frame, and kept
 SMOOTH = 0.8  # pixels: σ of the blur before windows are compared
+TOGETHER = 4  # frames that points are followed through at once
+THREADS = 4  # that frames are made ready on: some 11 MB each, two ahead on each thread
 
 
 class Matched(NamedTuple):
@@ -49,6 +52,27 @@ class _Frame:
     @cached_property
     def landmarks(self) -> Landmarks:
         return landmarks(self.even)
+
+    @property
+    def planes(self) -> list[np.ndarray]:
+        """What a `FrameBlock` holds of a frame, in its order."""
+        return [*self.pyramid.values, *self.pyramid.dx, *self.pyramid.dy, self.grey[None], self.colours[None]]
+
+
+class _Block:
+    """Room for a frame and up to `TOGETHER` that follow it, used again: new memory would take longer than to fill it."""
+
+    def __init__(self, frame: _Frame):
+        self._planes = [np.empty((TOGETHER + 1, *plane.shape[1:]), np.float32) for plane in frame.planes]
+
+    def filled(self, frames: Sequence[_Frame]) -> FrameBlock:
+        """Frames one after the other, until the next ones are filled in."""
+        for number, frame in enumerate(frames):
+            for room, plane in zip(self._planes, frame.planes, strict=True):
+                room[number] = plane[0]
+        *octaves, grey, colours = (room[: len(frames)] for room in self._planes)
+        count = len(octaves) // 3
+        return FrameBlock(tuple(octaves[:count]), tuple(octaves[count : 2 * count]), tuple(octaves[2 * count :]), grey, colours)
 
 
 def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries: np.ndarray) -> Steps[Matched]:
@@ -81,20 +105,45 @@ def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries
     def shown(frame: int) -> _Frame:
         return _Frame(frame_of(int(frame)), size)
 
+    def ready(numbered: tuple[int, int]) -> _Frame:
+        number, frame = numbered
+        seen = shown(frame)
+        if number % EVERY == 0:
+            _ = seen.landmarks
+        return seen
+
     for frames in ways:
         chain = _Chain(queries[:, 1:] * scale)
-        for frame, seen in zip(frames, made_ahead(shown, frames), strict=True):
-            yield done / max(total, 1), "following points"
-            done += 1
-            chain.advance(seen)
-            chain.begin(np.flatnonzero(starts == frame))
-            begun = np.flatnonzero(starts * frames.step <= frame * frames.step)
+        numbered = list(enumerate(frames, start=done + 1))
+        seen = made_ahead(ready, numbered, min(THREADS, kernel_threads()))
+        for block in _blocks(numbered, starts):
+            yield done / total, "following points"
+            done, last = block[-1]
+            now = np.array([frame for _, frame in block])
+            places, unlike = chain.advance([next(seen) for _ in block])
+            chain.begin(np.flatnonzero(starts == last))
+            begun = np.flatnonzero(starts * frames.step <= last * frames.step)
             for start in _turn(starts[begun], done):
                 chain.find_again(begun[starts[begun] == start], origins.get(start, partial(shown, start)))
-            found.pixels[begun, frame] = chain.places[begun] / scale
-            found.unlike[begun, frame] = chain.unlike[begun]
-            found.guessed_unlike[begun, frame] = chain.unlike_at(begun, guesses[begun, frame] * scale)
+            places[:, -1], unlike[:, -1] = chain.places, chain.unlike
+            points, columns = np.nonzero((starts * frames.step)[:, None] <= now * frames.step)
+            guessed = np.full(places.shape, np.nan)
+            guessed[points, columns] = guesses[points, now[columns]] * scale
+            guessed_unlike = chain.unlike_in_each(guessed)
+            for values, of_block in zip(found, (places / scale, unlike, guessed_unlike), strict=True):
+                values[points, now[columns]] = of_block[points, columns]
     return found
+
+
+def _blocks(numbered: Sequence[tuple[int, int]], starts: np.ndarray) -> Iterator[list[tuple[int, int]]]:
+    """Numbered frames, `TOGETHER` at most at once, which end where points begin or are looked for anew."""
+    ends = set(starts.tolist())
+    block = []
+    for number, frame in numbered:
+        block.append((number, frame))
+        if len(block) == TOGETHER or number % EVERY == 0 or frame in ends or number == numbered[-1][0]:
+            yield block
+            block = []
 
 
 def _turn(starts: np.ndarray, number: int) -> list[int]:
@@ -122,6 +171,7 @@ class _Chain:
         self.unlike = np.full(len(queries), np.nan, np.float32)
         self._windows = Windows(len(queries))
         self._frame: _Frame | None = None
+        self._room: _Block | None = None
 
     def begin(self, points: np.ndarray) -> None:
         """Begin to follow points in the frame that was last advanced to."""
@@ -129,24 +179,20 @@ class _Chain:
             self.places[points], self.unlike[points] = self._queries[points], 0
             self._windows.keep(points, self._frame.grey, self._frame.colours, self.places[points])
 
-    def advance(self, frame: _Frame) -> None:
-        """Follow the points that are not lost to the next frame."""
-        before, self._frame = self._frame, frame
+    def advance(self, frames: Sequence[_Frame]) -> tuple[np.ndarray, np.ndarray]:
+        """Follow the points that are not lost through the next frames: places float64 [K, B, 2] and how unlike their queries these look,
+        float32 [K, B]; NaN where they are lost."""
+        before, self._frame = self._frame or frames[0], frames[-1]
+        self._room = self._room or _Block(before)
+        self._block = self._room.filled([before, *frames])
+        places = np.full((len(self.places), len(frames), 2), np.nan)
+        unlike = np.full(places.shape[:2], np.nan, np.float32)
         points = np.flatnonzero(np.isfinite(self.places[:, 0]))
-        if before is None or not len(points):
-            return
-        start = self.places[points]
-        there = before.pyramid.to(frame.pyramid, start)
-        astray = np.linalg.norm(frame.pyramid.to(before.pyramid, there) - start, axis=1)
-        kept = (astray < THERE_AND_BACK) & ((there >= 0) & (there < frame.size)).all(1)
-        self.places[points[~kept]], self.unlike[points[~kept]] = np.nan, np.nan
-        points, there = points[kept], there[kept]
         if len(points):
-            direct = self._windows.matched(points, frame.grey, there)
-            near = np.linalg.norm(direct - there, axis=1) < DRIFTED * frame.size[0]
-            chained, matched = self.unlike_at(points, there), np.where(near, self.unlike_at(points, direct), np.inf)
-            self.places[points] = np.where((matched < chained)[:, None], direct, there)
-            self.unlike[points] = np.minimum(matched, chained)
+            found, differ = self._windows.follow(points, self._block, self.places[points], (THERE_AND_BACK, DRIFTED * before.size[0]))
+            places[points], unlike[points] = found[:, 1:], differ[:, 1:]
+        self.places, self.unlike = places[:, -1].copy(), unlike[:, -1].copy()
+        return places, unlike
 
     def find_again(self, points: np.ndarray, origin: _Frame) -> None:
         """Look for points in the frame that was last advanced to, wherever they were before; `origin` is the frame of their queries.
@@ -168,15 +214,15 @@ class _Chain:
         near = (np.linalg.norm(there - guesses, axis=1) < DRIFTED * frame.size[0]) & ((there >= 0) & (there < frame.size)).all(1)
         points, there = points[led_back & near], there[led_back & near]
         unlike = self.unlike_at(points, there)
-        around = np.min([self.unlike_at(points, there + offset) for offset in AROUND], axis=0)
+        around = self.unlike_at(np.repeat(points, len(AROUND)), (there[:, None] + AROUND).reshape(-1, 2)).reshape(-1, len(AROUND)).min(1)
         found = clearly_less(around, unlike) & (np.isnan(self.unlike[points]) | clearly_less(self.unlike[points], unlike))
         self.places[points[found]], self.unlike[points[found]] = there[found], unlike[found]
 
     def unlike_at(self, points: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """How unlike their queries the frame that was last advanced to is at places [n, 2] of points; NaN of a place that is not known."""
+        """How unlike their queries the frame that was last advanced to is at places [n, 2] of points, float32 [n]; NaN where a place is."""
         assert self._frame is not None
-        known = np.isfinite(places).all(1)
-        found = np.full(len(points), np.nan, np.float32)
-        if known.any():
-            found[known] = self._windows.unlike(points[known], self._frame.colours, places[known])
-        return found
+        return self._windows.unlike(points, self._frame.colours[None], places[:, None])[:, 0]
+
+    def unlike_in_each(self, places: np.ndarray) -> np.ndarray:
+        """The same in each of the frames that were last advanced through, at places [K, B, 2] of all points: float32 [K, B]."""
+        return self._windows.unlike(np.arange(len(places)), self._block.colours[1:], places)

@@ -36,7 +36,7 @@ def between(image, first, right):
 
 
 @njit(nogil=True, error_model="numpy")
-def _look_up(planes, x, y, out):
+def look_up_window(planes, x, y, out):
     """What planes show around a pixel position; out float32 [C, SAMPLES]. All that is farther out is as at the edge."""
     channels, height, width = planes.shape
     x, y = min(max(x - 0.5, -1.0 - REACH), width - 2 * PAD + REACH - 1.0), min(max(y - 0.5, -1.0 - REACH), height - 2 * PAD + REACH - 1.0)
@@ -58,11 +58,11 @@ def look_up(planes, places, out, counter):
         if first >= places.shape[0]:
             return
         for k in range(first, min(first + CHUNK, places.shape[0])):
-            _look_up(planes, places[k, 0], places[k, 1], out[k])
+            look_up_window(planes, places[k, 0], places[k, 1], out[k])
 
 
 @njit(nogil=True, error_model="numpy")
-def _unlikeness(seen, kept, share, weights):
+def unlikeness(seen, kept, share, weights):
     """Weighted mean absolute difference of two windows float32 [C, SAMPLES], where half of the mean difference of each channel is not
     counted; `share` and `weights` float32 [SAMPLES] of their samples sum up to 1."""
     channels = kept.shape[0]
@@ -79,17 +79,20 @@ def _unlikeness(seen, kept, share, weights):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def compare(planes, places, rows, kept, share, weights, out, counter):
-    """How unlike what is kept of points, float32 [P, C, SAMPLES], planes are at places float64 [K, 2] of some `rows` int64 [K] of them;
-    out float32 [K]."""
+def compare(frames, places, rows, kept, share, weights, out, counter):
+    """How unlike what is kept of points, float32 [P, C, SAMPLES], frames [B, C, H, W] are at places float64 [K, B, 2] of some `rows`
+    int64 [K] of them; out float32 [K, B], NaN where a place is."""
     seen = np.empty((kept.shape[1], SAMPLES), np.float32)
     while True:
         first = take_ticket(counter) * CHUNK
         if first >= places.shape[0]:
             return
         for k in range(first, min(first + CHUNK, places.shape[0])):
-            _look_up(planes, places[k, 0], places[k, 1], seen)
-            out[k] = _unlikeness(seen, kept[rows[k]], share, weights)
+            for b in range(len(frames)):
+                out[k, b] = np.nan
+                if np.isfinite(places[k, b, 0]):
+                    look_up_window(frames[b], places[k, b, 0], places[k, b, 1], seen)
+                    out[k, b] = unlikeness(seen, kept[rows[k]], share, weights)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -100,12 +103,21 @@ def _along(slopes, seen, kept):
     return total(summed)
 
 
+@njit(nogil=True, error_model="numpy")
+def bring_back(planes, x, y, kept, dx, dy, inverse, rounds, farthest, seen):
+    """Where one plane shows a window float32 [SAMPLES], searched from a place on; its slopes `dx` and `dy`, `inverse` the elements xx, xy,
+    yy of the inverse of their products; `seen` room for a window."""
+    for _ in range(rounds):
+        look_up_window(planes, x, y, seen)
+        along_x, along_y = _along(dx, seen, kept), _along(dy, seen, kept)
+        step_x, step_y = inverse[0] * along_x + inverse[1] * along_y, inverse[1] * along_x + inverse[2] * along_y
+        x, y = x - min(max(step_x, -farthest), farthest), y - min(max(step_y, -farthest), farthest)
+    return x, y
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def descend(planes, places, rows, kept, dx, dy, inverse, rounds, farthest, counter):
-    """Move places float64 [K, 2] of one plane, in place, to where it shows what is kept of points float32 [P, SAMPLES].
-
-    `dx`, `dy` are the slopes of windows float32 [P, SAMPLES], `inverse` the elements xx, xy, yy of the inverse of their products [P, 3].
-    """
+    """Move places float64 [K, 2] of one plane, in place, to where it shows what is kept of points float32 [P, SAMPLES] (`bring_back`)."""
     seen = np.empty((1, SAMPLES), np.float32)
     while True:
         first = take_ticket(counter) * CHUNK
@@ -113,10 +125,4 @@ def descend(planes, places, rows, kept, dx, dy, inverse, rounds, farthest, count
             return
         for k in range(first, min(first + CHUNK, places.shape[0])):
             row = rows[k]
-            for _ in range(rounds):
-                _look_up(planes, places[k, 0], places[k, 1], seen)
-                along_x, along_y = _along(dx[row], seen, kept[row]), _along(dy[row], seen, kept[row])
-                step_x = inverse[row, 0] * along_x + inverse[row, 1] * along_y
-                step_y = inverse[row, 1] * along_x + inverse[row, 2] * along_y
-                places[k, 0] -= min(max(step_x, -farthest), farthest)
-                places[k, 1] -= min(max(step_y, -farthest), farthest)
+            places[k] = bring_back(planes, places[k, 0], places[k, 1], kept[row], dx[row], dy[row], inverse[row], rounds, farthest, seen)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from degense.engine.motion.chain_kernel import FrameBlock, follow_through
 from degense.engine.motion.window_kernels import APART, LANES, REACH, ROWS, SAMPLES, compare, descend, look_up
 from degense.engine.threads import run_kernel
 
@@ -58,12 +59,27 @@ class Windows:
         run_kernel(descend, grey, places, np.asarray(points, np.int64), *kept, ROUNDS, FARTHEST)
         return places
 
-    def unlike(self, points: np.ndarray, colours: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """How unlike what is kept of points a frame is at places [n, 2]: float32 [n], grey levels.
+    def unlike(self, points: np.ndarray, frames: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """How unlike what is kept of points frames of colours [B, 3, H, W] are at places [n, B, 2]: float32 [n, B], grey levels; NaN where
+        a place is.
 
         The weighted mean absolute difference of windows; half of what all of a window has in common, a change of light, is not counted.
         """
-        found = np.empty(len(places), np.float32)
+        found = np.empty(places.shape[:2], np.float32)
         places, rows = np.asarray(places, np.float64), np.asarray(points, np.int64)
-        run_kernel(compare, colours, places, rows, self._colours, _share, _weights, found)
+        run_kernel(compare, frames, places, rows, self._colours, _share, _weights, found)
         return found
+
+    def follow(
+        self, points: np.ndarray, frames: FrameBlock, places: np.ndarray, limits: tuple[float, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Where frames show points that the first of them shows at `places` [n, 2], float64 [n, B, 2], and how unlike them they look there,
+        float32 [n, B]; NaN from where a point is lost (`follow_through`)."""
+        found = np.full((len(places), len(frames.grey), 2), np.nan)
+        unlike = np.full(found.shape[:2], np.nan, np.float32)
+        found[:, 0] = places
+        kept = self._grey, self._dx, self._dy, self._inverse, self._colours
+        run_kernel(
+            follow_through, *frames, np.asarray(points, np.int64), kept, (_share, _weights), (ROUNDS, FARTHEST), limits, found, unlike
+        )
+        return found, unlike

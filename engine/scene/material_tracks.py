@@ -81,5 +81,6 @@ class _Followed:
         self._rows[points], self._weights[points] = rows, weights
 
     def _move(self, points: np.ndarray, chosen: int, frame: int) -> None:
-        moved = (self._scene.splats(frame).means - self._scene.splats(chosen).means).cpu().numpy().astype(np.float64)
-        self.places[points] = self._anchors[points] + np.einsum("kn,knd->kd", self._weights[points], moved[self._rows[points]])
+        moved = (self._scene.splats(frame).means - self._scene.splats(chosen).means).cpu().numpy()
+        moves = (self._weights[points][:, None] @ moved[self._rows[points]].astype(np.float64))[:, 0]
+        self.places[points] = self._anchors[points] + moves

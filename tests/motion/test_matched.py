@@ -79,9 +79,9 @@ def test_what_was_followed_to_something_else_is_taken_back():
     size = 170, 120
     first, second = _Frame(returning(0), size), _Frame(returning(1), size)
     chain = _Chain(PATCH[:, 1:])
-    chain.advance(first)
+    chain.advance([first])
     chain.begin(np.arange(2))
-    chain.advance(second)
+    chain.advance([second])
     there = chain.places.copy()
     astray = there[:1] + 30
     chain.places[:1], chain.unlike[:1] = astray, chain.unlike_at(np.arange(1), astray)
@@ -110,3 +110,12 @@ def test_points_of_many_frames_are_looked_for_in_turn():
     turns = [_turn(starts, EVERY * number) for number in range(1, 4)]
     assert all(len(turn) <= ORIGINS for turn in turns)
     assert sorted(frame for turn in turns for frame in turn) == sorted(set(starts))
+
+
+def test_a_point_goes_the_same_way_alone_and_beside_others_that_begin_elsewhere():
+    """Frames are taken together where no point begins."""
+    queries = np.array([[0, 40.0, 45.0], [3, 40.0, 50.0], [4, 52.0, 44.0]])
+    together = followed(queries)
+    for k in range(len(queries)):
+        for values, alone in zip(together, followed(queries[k : k + 1]), strict=True):
+            np.testing.assert_array_equal(values[k], alone[0])
