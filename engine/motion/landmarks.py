@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from numba import njit
 
-from degense.engine.simd import LANES, fma, load, splat, total
 from degense.engine.threads import run_kernel, take_ticket
 
 MOST, CONTRAST = 1000, 0.01  # landmarks of a frame, and how weak they may be: tissue has few strong ones
@@ -44,29 +43,12 @@ def paired(a: Landmarks, b: Landmarks) -> tuple[np.ndarray, np.ndarray]:
     """Places [n, 2] in both frames of landmarks that look most alike both ways, and clearly more so than any other."""
     if not len(a.places) or len(b.places) < 2:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    alike = np.empty((len(a.looks), len(b.looks)), np.float32)
-    run_kernel(_products, a.looks, b.looks, alike)
+    alike = a.looks @ b.looks.T
     rows, best, back = np.arange(len(alike)), alike.argmax(1), alike.argmax(0)
     first = alike[rows, best]
     alike[rows, best] = -1
     kept = (back[best] == rows) & (1 - first < SECOND**2 * (1 - alike.max(1)))
     return a.places[kept], b.places[best[kept]]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _products(a, b, found, counter):
-    """The scalar products of all rows float32 [M, 128] of two, float32 [M, M']: NumPy's library would let all cores wait in a loop for some
-    30 ms afterwards."""
-    while True:
-        first = take_ticket(counter) * CHUNK
-        if first >= len(a):
-            return
-        for i in range(first, min(first + CHUNK, len(a))):
-            for j in range(len(b)):
-                summed = splat(np.float32(0))
-                for at in range(0, a.shape[1], LANES):
-                    summed = fma(load(a, i * a.shape[1] + at), load(b, j * b.shape[1] + at), summed)
-                found[i, j] = total(summed)
 
 
 def carried(places: np.ndarray, ends: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

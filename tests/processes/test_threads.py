@@ -2,6 +2,9 @@
 must wait for nothing there."""
 
 import ast
+import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -89,3 +92,13 @@ def test_no_generator_waits_for_threads_at_its_end():
             if waits and any(isinstance(node, ast.Yield | ast.YieldFrom) for node in nodes):
                 found.append(f"{path.relative_to(ROOT)}: {function.name}")
     assert not found
+
+
+def test_the_command_tells_threads_to_sleep_before_the_libraries_are_loaded_that_ask():
+    code = "import os, sys, degense.app.cli.main; print('numpy' in sys.modules, os.environ['OPENBLAS_THREAD_TIMEOUT'])"
+    told = {name: value for name, value in os.environ.items() if name != "OPENBLAS_THREAD_TIMEOUT"}
+    for environment, wait in ((told, "4"), (told | {"OPENBLAS_THREAD_TIMEOUT": "26"}, "26")):
+        child = subprocess.run(
+            [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=True
+        )
+        assert child.stdout.split() == ["False", wait], "a user's own choice stands"
