@@ -34,11 +34,11 @@ def giver() -> Callable[[], object] | None:
 
 
 class SpareMemory(QObject):
-    """Lets the worker give freed memory back, once after each time of work, and before its next curves where code takes much."""
+    """Lets the worker give freed memory back, once after each time of work, and after its first drawing if code takes much."""
 
     def __init__(self, worker: Worker, give: Callable[[], object]) -> None:
         super().__init__(worker)
-        self._worker, self._give = worker, give
+        self._worker, self._give, self._begun = worker, give, False
         self._rest = QTimer(self)
         self._rest.setSingleShot(True)
         self._rest.setInterval(REST_MS)
@@ -49,7 +49,8 @@ class SpareMemory(QObject):
     def _worked(self, channel: str) -> None:
         if channel != CHANNEL:
             self._rest.start()
-            if much_code():
+            if not self._begun and much_code():  # once: later drawings need their code again
+                self._begun = True
                 self._submit()
 
     def _rested(self) -> None:
