@@ -1,7 +1,7 @@
 """Memory that was freed goes back to the system when the worker rests.
 
 The C library keeps what drawing frees in the heap of each thread, for the next drawing: 65 to 71 MB after all frames of the sample
-(docs/decisions/0059). Code that ran once goes with it, and after the first drawing of a run without waiting for the rest
+(docs/decisions/0059). Code that ran once goes with it, and once after the first drawing of a window, without waiting for the rest
 (docs/decisions/0062).
 """
 

@@ -172,6 +172,7 @@ class _Chain:
         self._windows = Windows(len(queries))
         self._frame: _Frame | None = None
         self._room: _Block | None = None
+        self._block: FrameBlock  # the frames that were last advanced through, after the one before them
 
     def begin(self, points: np.ndarray) -> None:
         """Begin to follow points in the frame that was last advanced to."""
