@@ -46,8 +46,8 @@ class Shell(QMainWindow):
         self.panes = Panes(self.docks)
         self.add_dock, self.add_actions, self.set_busy = self.docks.add, self.registry.add, self.status.set_busy
         self.worker.add_channel("export", 70)  # of all features that read or write files
-        if (give := giver()) is not None:
-            SpareMemory(self.worker, give)
+        if (to_system := giver()) is not None:
+            SpareMemory(self.worker, to_system)
         self.may_close: list[Callable[[Callable[[], object]], bool]] = []
         self._services: list[object] = []
         self.complaint.connect(self.show_error, Qt.ConnectionType.QueuedConnection)

@@ -49,6 +49,8 @@ class Worker(QObject):
         self._tasks: dict[str, _Task | None] = {}  # the most urgent channel first
         self._replaced: list[_Task] = []
         self._stopping = False
+        #: Called in the worker's thread after each step of a job.
+        self.after_step: Callable[[], object] = lambda: None
         self._reported.connect(self._deliver)
         self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
         self._thread.start()
@@ -121,6 +123,7 @@ class Worker(QObject):
     def _run(self) -> None:
         while (step := self._next()) is not None:
             self._step(*step)
+            self.after_step()
 
     def _next(self) -> tuple[str, _Task] | None:
         """The most urgent task, waiting for one; None to end. Replaced generators are closed here, in the thread that runs them."""
