@@ -119,6 +119,11 @@ def recording(device: str) -> Iterator[Profile]:
         profile.finish()
 
 
+def is_recorded() -> bool:
+    """Whether a profile is recorded."""
+    return _recorded is not None
+
+
 def part(name: str) -> AbstractContextManager[None]:
     """A block that is a part of the profile that is recorded, if one is."""
     return _NOTHING if _recorded is None else _recorded.part(name)

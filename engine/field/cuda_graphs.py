@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -42,6 +43,17 @@ def capture(function: Callable[[], Result], pool: Any = None) -> tuple[torch.cud
     return graph, result
 
 
+@contextmanager
+def tf32_products() -> Iterator[None]:
+    """Matrix products run in TF32, whose error of 1e-3 is far below the noise of a training step."""
+    precision = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("high")
+    try:
+        yield
+    finally:
+        torch.set_float32_matmul_precision(precision)
+
+
 def graphed(
     function: Callable[..., tuple[Tensor, ...]], examples: Sequence[Tensor], parameters: Sequence[Tensor] = ()
 ) -> Callable[..., tuple[Tensor, ...]]:
@@ -57,17 +69,14 @@ class CudaGraphFunction:
     """A function of tensors as two CUDA graphs, one forward and one backward.
 
     It always works in the same memory: its results, and the gradients it hands out, are overwritten by the next call; those of parameters
-    become or join their `grad`, so that calls of one step may share parameters. Matrix products run in TF32, whose error of 1e-3 is far
-    below the noise of a training step.
+    become or join their `grad`, so that calls of one step may share parameters. Matrix products are `tf32_products`.
     No other autograd graph that holds `parameters` may be alive while it is made.
     """
 
     def __init__(self, function: Callable[..., tuple[Tensor, ...]], examples: Sequence[Tensor], parameters: Sequence[Tensor]):
         self.inputs = [example.detach().clone().requires_grad_(example.requires_grad) for example in examples]
         wanted = [tensor for tensor in (*self.inputs, *parameters) if tensor.requires_grad]
-        precision = torch.get_float32_matmul_precision()
-        torch.set_float32_matmul_precision("high")
-        try:
+        with tf32_products():
             wanted = warm_up(lambda: self._reached(function, wanted))
             self.forward_graph, results = capture(lambda: function(*self.inputs))
             differentiable = [result for result in results if result.requires_grad]
@@ -76,8 +85,6 @@ class CudaGraphFunction:
                 lambda: [gradient.contiguous() for gradient in vjp(differentiable, wanted, self.incoming) if gradient is not None],
                 self.forward_graph.pool(),
             )
-        finally:
-            torch.set_float32_matmul_precision(precision)
         self.outputs = [result.detach() for result in results]
         self.differentiable = [result.requires_grad for result in results]
         gradient_of = {id(tensor): gradient for tensor, gradient in zip(wanted, gradients, strict=True)}

@@ -17,6 +17,7 @@ from degense.engine.camera import Camera
 from degense.engine.errors import DegenseError
 from degense.engine.raster.camera_tensors import intrinsic_matrix, view_matrix
 from degense.engine.raster.limits import EPS2D, FAR, MAX_SCALE, MAX_SQUARE, MIN_QUAT, NEAR
+from degense.engine.raster.tile_lists import tile_lists
 from degense.engine.splats import Splats
 
 TILE = 16
@@ -46,35 +47,65 @@ def rasterize_cuda(
     return image, alpha, placed.radii[0].amax(1)
 
 
+class DrawnInGraph(NamedTuple):
+    """A picture, and how much room the lists of its tiles need."""
+
+    image: Tensor  # float [H, W, C]
+    alpha: Tensor  # float [H, W]
+    radii: Tensor  # int32 [N]
+    needed: Tensor  # int64 []
+
+
+def rasterize_in_graph(
+    splats: Splats, features: Tensor, camera: Camera, matrices: tuple[Tensor, Tensor], screen_offsets: Tensor, room: int | None
+) -> DrawnInGraph:
+    """`rasterize_cuda` of clean splats, with lists of tiles that have so much `room` (`tile_lists`): what a CUDA graph can hold.
+
+    `matrices` are the camera's view matrix and K; of the `camera` itself only the size is read.
+    """
+    radii, centers, depths, conics = _projected(splats, camera, matrices, screen_offsets)
+    lists = tile_lists(centers[0], radii[0], depths[0], TILE, _tiles(camera), room)
+    placed = PlacedOnCuda(camera, centers, conics, splats.opacities[None], lists.starts, lists.members, radii)
+    return DrawnInGraph(*blend_cuda(placed, features), radii[0].amax(1), lists.needed)
+
+
 def project_cuda(splats: Splats, camera: Camera, screen_offsets: Tensor | None = None) -> PlacedOnCuda:
     """The Gaussians, `cleaned` as gsplat needs them, on the screen of a camera."""
-    width, height, device = camera.width, camera.height, splats.means.device
-    means, quats, scales, opacities = (tensor.float() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
-    columns, rows = -(-width // TILE), -(-height // TILE)
+    means, opacities, device = splats.means.float(), splats.opacities.float(), splats.means.device
     if means.shape[0] == 0:  # gsplat divides by the number of Gaussians
         none = torch.zeros(0, dtype=torch.int32, device=device)
         return PlacedOnCuda(camera, means[None, :, :2], means[None], opacities[None], none, none, none.reshape(1, 0, 2))
-    gsplat = _gsplat()
-    radii, centers, depths, conics, _ = gsplat.fully_fused_projection(
+    columns, rows = _tiles(camera)
+    matrices = view_matrix(camera, device), intrinsic_matrix(camera, device)
+    radii, centers, depths, conics = _projected(splats, camera, matrices, screen_offsets)
+    _, keys, members = _gsplat().isect_tiles(centers, radii, depths, TILE, columns, rows, packed=False)
+    starts = _gsplat().isect_offset_encode(keys, 1, columns, rows)
+    return PlacedOnCuda(camera, centers, conics, opacities[None], starts, members, radii)
+
+
+def _tiles(camera: Camera) -> tuple[int, int]:
+    """Columns and rows of a picture's tiles."""
+    return -(-camera.width // TILE), -(-camera.height // TILE)
+
+
+def _projected(splats: Splats, camera: Camera, matrices: tuple[Tensor, Tensor], screen_offsets: Tensor | None) -> tuple[Tensor, ...]:
+    """Radii, centres, depths and conics, [1, N, …] each; radii of 0 where a Gaussian is not drawn."""
+    means, quats, scales, opacities = (tensor.float() for tensor in (splats.means, splats.quats, splats.scales, splats.opacities))
+    radii, centers, depths, conics, _ = _gsplat().fully_fused_projection(
         means,
         None,
         quats,
         scales,
-        view_matrix(camera, device)[None],
-        intrinsic_matrix(camera, device)[None],
-        width,
-        height,
+        *(matrix[None] for matrix in matrices),
+        camera.width,
+        camera.height,
         eps2d=EPS2D,
         near_plane=NEAR,
         far_plane=FAR,
         packed=False,
         opacities=opacities.detach(),
     )
-    if screen_offsets is not None:
-        centers = centers + screen_offsets.float()[None]
-    _, keys, members = gsplat.isect_tiles(centers, radii, depths, TILE, columns, rows, packed=False)
-    starts = gsplat.isect_offset_encode(keys, 1, columns, rows)
-    return PlacedOnCuda(camera, centers, conics, opacities[None], starts, members, radii)
+    return radii, centers if screen_offsets is None else centers + screen_offsets.float()[None], depths, conics
 
 
 def blend_cuda(placed: PlacedOnCuda, features: Tensor, background: Tensor | None = None) -> tuple[Tensor, Tensor]:

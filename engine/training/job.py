@@ -188,6 +188,7 @@ class TrainingRun:
                 with part("joint" if trainer.deforms else "coarse"):
                     trainer.step()
                 now = trainer.iteration
+                last = min(last, now)  # steps that are taken again are counted anew
                 if now - last >= REPORT_EVERY or now == total:
                     clock = time.perf_counter()
                     eta = (clock - begin) / max(1, now - first) * (steps - now)

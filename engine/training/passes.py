@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -22,6 +22,7 @@ from degense.engine.training.loss_terms import Loss
 from degense.engine.training.losses import inverse_depth, nearest_neighbours, photometric, rigidity, window
 
 NEIGHBOURS = 6
+SMOOTHNESS_EVERY = 4  # steps between passes of the regularizers of planes and colour residuals, which change slowly
 Neighbours = tuple[Tensor, Tensor]
 
 
@@ -183,10 +184,13 @@ class SemanticPass:
 
 
 class Passes:
-    """The passes of a trainer, as CUDA graphs where there is a GPU. `forget` them when the Gaussians or the stage have changed."""
+    """The passes of a trainer, as CUDA graphs where there is a GPU. `forget` them when the Gaussians or the stage have changed.
 
-    def __init__(self, model: SceneModel, config: TrainConfig, *, depth: float, semantics: bool):
-        self.model, self.config, self.semantics = model, config, semantics
+    With `in_step_graph` those that each step makes are functions, of which `engine.training.step_graph` makes a graph of its own.
+    """
+
+    def __init__(self, model: SceneModel, config: TrainConfig, *, depth: float, semantics: bool, in_step_graph: bool):
+        self.model, self.config, self.semantics, self.in_step_graph = model, config, semantics, in_step_graph
         #: Index and weight of the canonical centres, for local rigidity; found again when it is None.
         self.neighbours: Neighbours | None = None
         self._functions: dict[str, Callable[..., tuple[Tensor, ...]]] = {"frame": FrameLoss(config, depth=depth), "flow": FlowLoss(config)}
@@ -197,23 +201,36 @@ class Passes:
         """Whether the passes that read the model have been made."""
         return "field" in self._graphs
 
-    def make(self, asked: tuple[Tensor | None, ...], smoothness_weight: Tensor, *, deform: bool) -> None:
-        """Make the passes that read the model, for arguments of `FieldPass` like `asked`. No gradient may be on its way."""
+    def make(self, asked: Sequence[Tensor | None], smoothness_weight: Tensor, *, deform: bool, learn: bool) -> None:
+        """Make the passes that read the model, for arguments of `FieldPass` like `asked`. No gradient may be on its way.
+
+        Without `learn` the field stays as it is: nothing gives it a gradient.
+        """
         if self.model.bounds.is_cuda:
             torch.cuda.empty_cache()
+        for part in (self.model.planes, self.model.kinematics, self.model.geometry, self.model.appearance):
+            if part is not None:
+                part.requires_grad_(learn)
         if self.config.rigidity > 0 and self.neighbours is None:
             self.neighbours = nearest_neighbours(self.model.canonical["means"].detach(), NEIGHBOURS)
         parameters, examples = list(self.model.parameters()), [value for value in asked if value is not None]
         field = FieldPass(self.model, self.config, self.neighbours, deform=deform)
-        self._graphs["field"] = graphed(field, examples, parameters)
-        self._graphs["smoothness"] = graphed(SmoothnessPass(self.model, self.config), (smoothness_weight,), parameters)
+        self._graphs["field"] = field if self.in_step_graph else graphed(field, examples, parameters)
+        planes = max(self.config.plane_space, self.config.plane_time, self.config.plane_static) > 0
+        if (learn and planes) or self.model.config.color_knots > 1:
+            self._graphs["smoothness"] = graphed(SmoothnessPass(self.model, self.config), (smoothness_weight,), parameters)
         if self.semantics:
             self._graphs["semantic"] = graphed(SemanticPass(self.model, self.config, deform=deform), examples[:1], parameters)
+
+    def smooths(self, iteration: int) -> bool:
+        """Whether a step has the regularizers of what is stored over time: one in `SMOOTHNESS_EVERY`, where there are any."""
+        return "smoothness" in self._graphs and iteration % SMOOTHNESS_EVERY == 0
 
     def __call__(self, name: str, *arguments: Tensor | None) -> tuple[Tensor, ...]:
         """Run a pass; those of a drawn frame are made at their first use."""
         if name not in self._graphs:
-            self._graphs[name] = graphed(self._functions[name], [value for value in arguments if value is not None])
+            function, examples = self._functions[name], [value for value in arguments if value is not None]
+            self._graphs[name] = function if self.in_step_graph else graphed(function, examples)
         return self._graphs[name](*arguments)
 
     def forget(self) -> None:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from degense.engine.events import Events, Rollback
 from degense.engine.field import SceneModel
-from degense.engine.profile import part, renamed_at_gradient
+from degense.engine.profile import is_recorded, part, renamed_at_gradient
 from degense.engine.raster import Render, rasterize
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.splats import Splats
@@ -23,15 +23,15 @@ from degense.engine.training.frames import FrameOrder, TrainingFrames
 from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.losses import angular, l1
 from degense.engine.training.optimiser import learned_state, make_optimiser, restore_learned, set_rates
-from degense.engine.training.passes import FieldState, Passes, draw_latents
+from degense.engine.training.passes import SMOOTHNESS_EVERY, FieldState, Passes, draw_latents
 from degense.engine.training.semantic.consensus import Consensus, agreed_answers, answers_of
 from degense.engine.training.semantic.finished import FinishedGeometry
 from degense.engine.training.semantic.targets import SemanticTargets
+from degense.engine.training.step_graph import StepGraph
 
 GUARD_EVERY = 100  # steps between tests of whether all is finite
 ROLLBACKS = 5
 FLOW_PARTS = 4  # on the CPU the flow asks one of so many parts of the Gaussians a step: motion is smooth, and half of a step's work is this
-SMOOTHNESS_EVERY = 4  # steps between passes of the regularizers of planes and colour residuals, which change slowly
 
 
 class Diverged(Exception):
@@ -64,8 +64,9 @@ class Trainer:
         self.times = torch.tensor([frames.clip.time(i) for i in range(len(frames.clip))], device=self.device)
         self.unseen = set(frames.clip.train_frames)  # since the last pruning
         depth = config.depth * (1.0 if flow is None else flow.depth_precision) if frames.clip.depth_measured else 0.0
-        self.passes = Passes(model, config, depth=depth, semantics=semantics is not None)
-        self._regularizes = max(config.plane_space, config.plane_time, config.plane_static) > 0 or model.config.color_knots > 1
+        whole = self.device.type == "cuda" and semantics is None and not is_recorded()  # a profile tells the parts of a step apart
+        self.passes = Passes(model, config, depth=depth, semantics=semantics is not None, in_step_graph=whole)
+        self._step_graph = StepGraph(model, self.passes, self.density, self.sums) if whole else None
         self._smoothness_weight = torch.full((), float(SMOOTHNESS_EVERY), device=self.device)
         self._told, self._consensus = semantics, dict[str, Tensor]()
         self.last_finite = self.state()
@@ -150,25 +151,16 @@ class Trainer:
         asked = self.times[index], view_and_lens(camera, self.device), self._precision(index), *parts
         with part("prepare passes"):
             self._make_passes(asked)
-        with part("field"):
-            field = FieldState(*self.passes("field", *asked))
-        offsets = torch.zeros(len(field.means), 2, device=self.device, requires_grad=self.densifies)
-        with part("raster"):
-            render = rasterize(field.splats, field.features, camera, screen_offsets=offsets, clean=True)
-        renamed_at_gradient(field.features, "field backward")
-        renamed_at_gradient(render.image, "raster backward")
-        with part("losses"):
-            losses, squared_error = self._losses(index, pair, field, render, rows, semantic=semantic)
-            loss = reduce(add, (found.total for found in losses.values()))
-        self.optimizer.zero_grad()
-        with part("losses backward"):
-            loss.backward()
+        flow = () if self.flow is None or pair is None else self.flow.inputs(index, pair)
+        if self._step_graph is not None:
+            smoothness = self._smoothness_weight if self.passes.smooths(self.iteration) else None
+            self._step_graph(camera, self.frames[index], asked, flow, smoothness, observe=self.densifies)
+        else:
+            self._step_in_parts(index, flow, asked, rows, semantic=semantic)
         with part("optimiser"):
             self.optimizer.step()
-        self.sums.add(loss, squared_error, losses)
         with part("density"):
-            if offsets.grad is not None:
-                self.density.observe(offsets.grad, render.radii, field.opacities, camera.width / 2)
+            if self.densifies:
                 self.unseen.discard(index)
             stage = self.deforms, self.moves
             self.iteration += 1
@@ -178,19 +170,42 @@ class Trainer:
         with part("guard"):
             self._guard()
 
+    def _step_in_parts(
+        self, index: int, flow: tuple[Tensor, ...], asked: tuple[Tensor | None, ...], rows: Tensor | None, *, semantic: bool
+    ) -> None:
+        """Gradients of a step, one part of it after the other, and what is noted of it."""
+        camera = self.frames.cameras[index]
+        with part("field"):
+            field = FieldState(*self.passes("field", *asked))
+        offsets = torch.zeros(len(field.means), 2, device=self.device, requires_grad=self.densifies)
+        with part("raster"):
+            render = rasterize(field.splats, field.features, camera, screen_offsets=offsets, clean=True)
+        renamed_at_gradient(field.features, "field backward")
+        renamed_at_gradient(render.image, "raster backward")
+        with part("losses"):
+            losses, squared_error = self._losses(index, flow, field, render, rows, semantic=semantic)
+            loss = reduce(add, (found.total for found in losses.values()))
+        self.optimizer.zero_grad()
+        with part("losses backward"):
+            loss.backward()
+        self.sums.add(loss, squared_error, losses)
+        if offsets.grad is not None:
+            with part("density"):
+                self.density.observe(offsets.grad, render.radii, field.opacities, camera.width / 2)
+
     def _losses(
-        self, index: int, pair: Pair | None, field: FieldState, render: Render, rows: Tensor | None, *, semantic: bool
+        self, index: int, flow: tuple[Tensor, ...], field: FieldState, render: Render, rows: Tensor | None, *, semantic: bool
     ) -> tuple[dict[str, Loss], Tensor]:
         """The parts of the loss of a frame that was drawn, and its mean squared error."""
         frame, losses = self.frames[index], {"deformation": Loss(field.loss, field.terms)}
         *found, squared_error = self.passes("frame", render.image, render.alpha, frame.image, frame.valid, frame.depth)
         losses["frame"] = Loss(*found)
-        if self.flow is not None and pair is not None and field.other_means is not None:
+        if field.other_means is not None:
             of_all = field.means, field.opacities, render.radii
             means, opacities, radii = of_all if rows is None else (values.index_select(0, rows) for values in of_all)
             drawn = means, field.other_means, opacities, radii, render.image, render.alpha
-            losses["flow"] = Loss(*self.passes("flow", *drawn, *self.flow.inputs(index, pair)))
-        if self._regularizes and self.iteration % SMOOTHNESS_EVERY == 0:
+            losses["flow"] = Loss(*self.passes("flow", *drawn, *flow))
+        if self.passes.smooths(self.iteration):
             losses["smoothness"] = Loss(*self.passes("smoothness", self._smoothness_weight))
         if semantic:
             losses["semantic"] = self._semantic_loss(index)
@@ -211,7 +226,9 @@ class Trainer:
         if not self.passes.ready:
             self.optimizer.zero_grad()
             self.optimizer.forget()  # gradients lie in the memory of the old CUDA graphs, which is given back now
-            self.passes.make(asked, self._smoothness_weight, deform=self.deforms)
+            if self._step_graph is not None:
+                self._step_graph.forget()
+            self.passes.make(asked, self._smoothness_weight, deform=self.deforms, learn=self.moves)
 
     def _pair(self, frame: int) -> Pair | None:
         """One of the frames to which the flow of this one is known, at random; None where motion is not learned from flow, or no more."""
@@ -258,6 +275,10 @@ class Trainer:
     def _guard(self) -> None:
         """Every `GUARD_EVERY` steps: keep a copy of a finite state, or go back to the last one with half the learning rates."""
         if self.iteration % GUARD_EVERY:
+            return
+        if self._step_graph is not None and self._step_graph.overflowed:
+            self.restore(self.last_finite)
+            self.sums.zero_()
             return
         finite = torch.stack([torch.isfinite(values).all() for values in (self.sums.totals, *self.model.parameters())]).all()
         if bool(finite):

@@ -185,6 +185,9 @@ def test_divergence_rolls_back_and_says_so(tmp_path, monkeypatch):
     rollback = next(e for e in events if isinstance(e, Rollback))
     assert rollback.iteration == 100
     assert "halved" in rollback.reason
+    later = [e for e in events[events.index(rollback) :] if isinstance(e, TrainingProgress)]
+    assert [e.iteration for e in later[:4]] == [125, 150, 175, 200]
+    assert later[0].loss == pytest.approx(later[1].loss, rel=0.5), "the mean of 25 steps, not the sum of more"
     assert run.info["state"] == "finished"
     assert all(torch.isfinite(t).all() for t in read_tensors(tmp_path / "run" / "model.safetensors").values())
 

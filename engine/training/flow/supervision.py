@@ -86,10 +86,11 @@ class FlowSupervision:
         pixels = min(FLOW_PIXELS, PAIR_BYTES // (BYTES_A_PIXEL * len(train)))
         shrink = min(1.0, (pixels / (width * height)) ** 0.5)
         self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
-        small = [self.image(i) for i in train]
+        with ThreadPoolExecutor() as pool:
+            small = list(pool.map(self.image, train))
+            precise = list(pool.map(lambda frame: precision_of(flow_error(frame)) if precision else np.ones(frame.shape[:2]), small))
         seen = {} if tools is None else {i: tool for i in train if (tool := tools(i)) is not None}
         tissue = [self._inside(frames.valid(i) & ~seen[i] if i in seen else frames.valid(i)) for i in train]
-        precise = [precision_of(flow_error(frame)) if precision else np.ones(frame.shape[:2]) for frame in small]
         on_device = [torch.from_numpy(values[None]).to(frames.device).half() for values in precise]
         self.tissue = dict(zip(train, tissue, strict=True))
         #: Of each training frame, as `Pair.precision` of its pairs that were measured.
