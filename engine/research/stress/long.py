@@ -58,9 +58,9 @@ def table(options: BenchOptions, progress: Progress = silent) -> Table:
         f"on a long clip: preset quick, optical flow and teacher included, on a clip that repeats {PICTURES} pictures; allowed are "
         f"{STEPS_MB:,} MB. Each in a process of its own, whose peak memory is given, interpreter and libraries included. Iterations: a "
         "phantom of 12 frames of 64 × 48 pixels, 400 Gaussians; all numbers of the model and of the log are counted. Same "
-        f"seed: {TWICE_STEPS} steps of preset quick, optical flow and a teacher's patches included; sums are shared out over threads only "
-        "where there are many. Resumed: 300 steps of the small phantom, stopped half way. The error is the largest difference of a "
-        "number of the model, which must be 0 on the CPU.",
+        f"seed: {TWICE_STEPS} steps of preset quick and as many of distillation, optical flow and a teacher's patches included; sums are "
+        "shared out over threads only where there are many. Resumed: 300 steps of the small phantom, stopped half way. The error is the "
+        "largest difference of a number of the model, which must be 0 on the CPU.",
         [column for column in COLUMNS if column.key != "gradient"],
         rows,
     )
@@ -144,7 +144,7 @@ def long_finding(folder: Path, iterations: int, device: str) -> StressFinding:
 def twice_finding(folder: Path, size: tuple[int, int], device: str) -> StressFinding:
     """Two trainings from one seed."""
     make_phantom(folder / "clip", PhantomOptions(TWICE_FRAMES, *size))
-    config = TrainConfig.preset_of("quick", iterations=TWICE_STEPS, device=device)
+    config = TrainConfig.preset_of("quick", iterations=TWICE_STEPS, semantic_steps=TWICE_STEPS, device=device)
     one, two = (trained(folder, folder / name, config, teacher="degraded:") for name in ("one", "two"))
     return difference(one, two, device)
 
