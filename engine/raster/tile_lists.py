@@ -30,7 +30,7 @@ def tile_lists(centers: Tensor, radii: Tensor, depths: Tensor, tile: int, grid: 
     columns, rows = grid
     order = torch.argsort(depths, stable=True)
     centers, radii = centers[order] / tile, radii[order].float()
-    drawn = (radii > 0).all(1)
+    drawn = (radii > 0).all(1) & centers.isfinite().all(1)
     first, last = (centers - radii / tile).floor(), (centers + radii / tile).ceil()
     left, right = (torch.where(drawn, edge[:, 0], 0.0).clamp(0, columns).long() for edge in (first, last))
     top, bottom = (torch.where(drawn, edge[:, 1], 0.0).clamp(0, rows).long() for edge in (first, last))

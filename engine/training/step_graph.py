@@ -25,7 +25,7 @@ from degense.engine.training.frames import Frame
 from degense.engine.training.loss_terms import Loss, LossSums
 from degense.engine.training.passes import FieldState, Passes
 
-ROOM = 3  # times the entries of tiles that were needed so far: another frame, or Gaussians that have grown, need more
+ROOM = 3  # times the entries of tiles that the first step needs: another frame, or Gaussians that have grown, need more
 
 
 @dataclass
@@ -46,20 +46,24 @@ class StepGraph:
     def __init__(self, model: SceneModel, passes: Passes, density: Density, sums: LossSums):
         self.model, self.passes, self.density, self.sums = model, passes, density, sums
         self._one, self._zero = (make((), device=model.bounds.device) for make in (torch.ones, torch.zeros))
-        self._needed = torch.zeros((), dtype=torch.int64, device=model.bounds.device)  # most entries of a step's tiles so far
+        self._needed = torch.zeros((), dtype=torch.int64, device=model.bounds.device)  # most entries of a step's tiles since `forget`
+        self._least_room = 0
         self._side = torch.cuda.Stream()
         self.forget()
 
     def forget(self) -> None:
         """Begin anew: the Gaussians or the stage have changed."""
         self._room = 0
+        self._needed.zero_()
         self._begun: set[Hashable] = set()
         self._recorded: dict[Hashable, _Recorded] = {}
 
-    @property
-    def overflowed(self) -> bool:
-        """Whether the tiles of a step had more entries than there was room for; waits for the GPU."""
-        return bool(self._recorded) and int(self._needed) > self._room
+    def ran_out_of_room(self) -> bool:
+        """Whether the tiles of a step had more entries than there was room for, and if so make more next time; waits for the GPU."""
+        if not self._recorded or (needed := int(self._needed)) <= self._room:
+            return False
+        self._least_room = ROOM * needed
+        return True
 
     def __call__(
         self, camera: Camera, frame: Frame, asked: Sequence[Tensor], flow: Sequence[Tensor], smoothness: Tensor | None, *, observe: bool
@@ -96,7 +100,7 @@ class StepGraph:
         """The gradients of a step of a kind that has been begun."""
         if kind not in self._recorded:
             asked, _, observe = kind
-            self._room = self._room or ROOM * int(self._needed)
+            self._room = self._room or max(self._least_room, ROOM * int(self._needed))
             held = [given.clone() for given in inputs]
             self._recorded[kind] = _Recorded(held, *capture(lambda: self._run(camera, held, asked, observe, self._room)))
         recorded = self._recorded[kind]

@@ -273,25 +273,26 @@ class Trainer:
         self.passes.forget()
 
     def _guard(self) -> None:
-        """Every `GUARD_EVERY` steps: keep a copy of a finite state, or go back to the last one with half the learning rates."""
+        """Every `GUARD_EVERY` steps: keep a copy of a finite state, or go back to the last one with half the learning rates.
+
+        Where tiles had too little room meanwhile the steps are only taken again.
+        """
         if self.iteration % GUARD_EVERY:
             return
-        if self._step_graph is not None and self._step_graph.overflowed:
-            self.restore(self.last_finite)
-            self.sums.zero_()
-            return
-        finite = torch.stack([torch.isfinite(values).all() for values in (self.sums.totals, *self.model.parameters())]).all()
-        if bool(finite):
+        finite = bool(torch.stack([torch.isfinite(values).all() for values in (self.sums.totals, *self.model.parameters())]).all())
+        short = finite and self._step_graph is not None and self._step_graph.ran_out_of_room()
+        if finite and not short:
             self.last_finite = self.state()
             return
-        if self.rollbacks >= ROLLBACKS:
+        if not finite and self.rollbacks >= ROLLBACKS:
             good = self.last_finite["plain"]["iteration"]
             raise Diverged(f"training diverged {ROLLBACKS + 1} times; the last good state is at step {good}")
         failed, rollbacks, scale = self.iteration, self.rollbacks + 1, self.rate_scale / 2
         self.restore(self.last_finite)
-        self.rollbacks, self.rate_scale = rollbacks, scale
         self.sums.zero_()
-        self.events(Rollback(self.iteration, f"values stopped being numbers at step {failed}; learning rates halved"))
+        if not finite:
+            self.rollbacks, self.rate_scale = rollbacks, scale
+            self.events(Rollback(self.iteration, f"values stopped being numbers at step {failed}; learning rates halved"))
 
     def report(self, steps: int) -> dict[str, Any]:
         """Mean loss, its terms, and PSNR (training frames, valid pixels) over the last `steps` steps; forgets them."""

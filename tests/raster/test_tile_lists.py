@@ -57,6 +57,14 @@ def test_each_tile_lists_what_touches_it_nearest_first(count, spare):
     assert found.starts.shape == (1, GRID[1] + 1, GRID[0])
 
 
+def test_what_is_not_finite_is_in_no_list():
+    centers, radii, depths = scattered(50)
+    centers[:25:2], centers[1:25:2], radii[:25] = math.nan, math.inf, 40
+    lists, _ = split(tile_lists(centers, radii, depths, TILE, GRID, None))
+    radii[:25] = 0
+    assert lists == looped(centers, radii, depths)
+
+
 def test_where_there_is_too_little_room_the_farthest_are_left_out_and_it_says_so():
     centers, radii, depths = scattered(200)
     whole = tile_lists(centers, radii, depths, TILE, GRID, None)
