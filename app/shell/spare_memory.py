@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import mmap
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QTimer
@@ -36,10 +37,11 @@ class Giver:
         give_code_back(self._library)
 
     def worked(self) -> None:
-        """Give back what was freed where the program has grown by more than `GATHERED`."""
-        self._least = min(self._least, own := _own_memory())
-        if own > self._least + GATHERED:
-            self._give()
+        """Give back what was freed where the program has grown by more than `GATHERED`; nothing where it cannot find out."""
+        with suppress(OSError):
+            self._least = min(self._least, own := _own_memory())
+            if own > self._least + GATHERED:
+                self._give()
 
     def _give(self) -> None:
         self._library.malloc_trim(0)
