@@ -1,8 +1,8 @@
 """Memory that was freed goes back to the system when the worker rests, and while it works where much has gathered.
 
-The C library keeps what drawing frees in the heap of each thread, for the next drawing: 65 to 71 MB after all frames of the sample, and up
-to 200 where steps of long work come between drawings (docs/decisions/0059). Code that ran once goes with it at rest, and once after the
-first drawing of a window, without waiting for the rest (docs/decisions/0062).
+The C library keeps what drawing frees in the heap of each thread, for the next drawing: 65 to 71 MB after all frames of the sample
+(docs/decisions/0059), and up to 200 where steps of long work come between drawings. Code that ran once goes with it at rest, and once after
+the first drawing of a window, without waiting for the rest (docs/decisions/0062).
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from degense.engine.field.cuda_graphs import graphed
 from degense.engine.field.roughness import ALONG, APART, roughness
 from degense.engine.raster import Render, camera_depths, rasterize
 from degense.engine.raster.camera_tensors import project
+from degense.engine.raster.cuda import DrawnInGraph
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
 from degense.engine.training.flow.motion_error import look_up, motion_error, surface_visibility
@@ -232,6 +233,26 @@ class Passes:
             function, examples = self._functions[name], [value for value in arguments if value is not None]
             self._graphs[name] = function if self.in_step_graph else graphed(function, examples)
         return self._graphs[name](*arguments)
+
+    def losses(
+        self,
+        field: FieldState,
+        drawn: Render | DrawnInGraph,
+        recorded: Sequence[Tensor],
+        flow: Sequence[Tensor],
+        rows: Tensor | None = None,
+    ) -> tuple[dict[str, Loss], Tensor]:
+        """The parts of the loss that every step has, and the mean squared error of its picture.
+
+        `recorded` is a `Frame`, `flow` what `FlowSupervision.inputs` knows of the field's other time, `rows` the Gaussians that it asks.
+        """
+        *found, squared_error = self("frame", drawn.image, drawn.alpha, *recorded)
+        losses = {"deformation": Loss(field.loss, field.terms), "frame": Loss(*found)}
+        if field.other_means is not None:
+            of_all = field.means, field.opacities, drawn.radii
+            means, opacities, radii = of_all if rows is None else (values.index_select(0, rows) for values in of_all)
+            losses["flow"] = Loss(*self("flow", means, field.other_means, opacities, radii, drawn.image, drawn.alpha, *flow))
+        return losses, squared_error
 
     def forget(self) -> None:
         """Make all passes anew but that of the frame, whose shapes never change."""

@@ -47,6 +47,7 @@ class StepGraph:
         self.model, self.passes, self.density, self.sums = model, passes, density, sums
         self._one, self._zero = (make((), device=model.bounds.device) for make in (torch.ones, torch.zeros))
         self._needed = torch.zeros((), dtype=torch.int64, device=model.bounds.device)  # most entries of a step's tiles since `forget`
+        self._lacked = torch.zeros_like(self._needed)  # the same of the steps for which there was too little room; 0 where there was none
         self._least_room = 0
         self._side = torch.cuda.Stream()
         self.forget()
@@ -58,12 +59,15 @@ class StepGraph:
         self._begun: set[Hashable] = set()
         self._recorded: dict[Hashable, _Recorded] = {}
 
-    def ran_out_of_room(self) -> bool:
-        """Whether the tiles of a step had more entries than there was room for, and if so make more next time; waits for the GPU."""
-        if not self._recorded or (needed := int(self._needed)) <= self._room:
-            return False
-        self._least_room = ROOM * needed
-        return True
+    def ran_out_of_room(self, *, finite: bool) -> bool:
+        """Whether the tiles of a step since the last question had more entries than there was room for; waits for the GPU.
+
+        If so there is more from now on; not where what was trained is no longer `finite`: what it needed then says nothing.
+        """
+        needed = int(self._lacked) if finite else 0
+        self._lacked.zero_()
+        self._least_room = max(self._least_room, ROOM * needed)
+        return needed > 0
 
     def __call__(
         self, camera: Camera, frame: Frame, asked: Sequence[Tensor], flow: Sequence[Tensor], smoothness: Tensor | None, *, observe: bool
@@ -115,11 +119,7 @@ class StepGraph:
         field = FieldState(*self.passes("field", *inputs[5 : 5 + asked]))
         offsets = torch.zeros(len(field.means), 2, device=view.device, requires_grad=True)
         drawn = rasterize_in_graph(field.splats, field.features, camera, (view, lens), offsets, room)
-        *found, squared_error = self.passes("frame", drawn.image, drawn.alpha, image, valid, depth)
-        losses = {"deformation": Loss(field.loss, field.terms), "frame": Loss(*found)}
-        if field.other_means is not None:
-            shown = field.means, field.other_means, field.opacities, drawn.radii, drawn.image, drawn.alpha
-            losses["flow"] = Loss(*self.passes("flow", *shown, *inputs[5 + asked :]))
+        losses, squared_error = self.passes.losses(field, drawn, (image, valid, depth), inputs[5 + asked :])
         loss = reduce(add, (part.total for part in losses.values()))
         parameters = list(self.model.parameters())
         learned = [parameter for parameter in parameters if parameter.requires_grad]
@@ -128,6 +128,8 @@ class StepGraph:
         if observe and pull is not None:
             self.density.observe(pull, drawn.radii, field.opacities, camera.width / 2)
         torch.maximum(self._needed, drawn.needed, out=self._needed)
+        if room is not None:
+            torch.maximum(self._lacked, torch.where(drawn.needed > room, drawn.needed, 0), out=self._lacked)
         # contiguous, as Adam's fused kernel needs them
         found_of = {id(p): g.contiguous() for p, g in zip(learned, gradients, strict=True) if g is not None}
         return [found_of.get(id(parameter)) for parameter in parameters]

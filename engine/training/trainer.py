@@ -13,7 +13,7 @@ from torch import Tensor
 from degense.engine.events import Events, Rollback
 from degense.engine.field import SceneModel
 from degense.engine.profile import is_recorded, part, renamed_at_gradient
-from degense.engine.raster import Render, rasterize
+from degense.engine.raster import rasterize
 from degense.engine.raster.camera_tensors import view_and_lens
 from degense.engine.splats import Splats
 from degense.engine.training.config import TrainConfig
@@ -183,7 +183,12 @@ class Trainer:
         renamed_at_gradient(field.features, "field backward")
         renamed_at_gradient(render.image, "raster backward")
         with part("losses"):
-            losses, squared_error = self._losses(index, flow, field, render, rows, semantic=semantic)
+            frame = self.frames[index]
+            losses, squared_error = self.passes.losses(field, render, (frame.image, frame.valid, frame.depth), flow, rows)
+            if self.passes.smooths(self.iteration):
+                losses["smoothness"] = Loss(*self.passes("smoothness", self._smoothness_weight))
+            if semantic:
+                losses["semantic"] = self._semantic_loss(index)
             loss = reduce(add, (found.total for found in losses.values()))
         self.optimizer.zero_grad()
         with part("losses backward"):
@@ -192,24 +197,6 @@ class Trainer:
         if offsets.grad is not None:
             with part("density"):
                 self.density.observe(offsets.grad, render.radii, field.opacities, camera.width / 2)
-
-    def _losses(
-        self, index: int, flow: tuple[Tensor, ...], field: FieldState, render: Render, rows: Tensor | None, *, semantic: bool
-    ) -> tuple[dict[str, Loss], Tensor]:
-        """The parts of the loss of a frame that was drawn, and its mean squared error."""
-        frame, losses = self.frames[index], {"deformation": Loss(field.loss, field.terms)}
-        *found, squared_error = self.passes("frame", render.image, render.alpha, frame.image, frame.valid, frame.depth)
-        losses["frame"] = Loss(*found)
-        if field.other_means is not None:
-            of_all = field.means, field.opacities, render.radii
-            means, opacities, radii = of_all if rows is None else (values.index_select(0, rows) for values in of_all)
-            drawn = means, field.other_means, opacities, radii, render.image, render.alpha
-            losses["flow"] = Loss(*self.passes("flow", *drawn, *flow))
-        if self.passes.smooths(self.iteration):
-            losses["smoothness"] = Loss(*self.passes("smoothness", self._smoothness_weight))
-        if semantic:
-            losses["semantic"] = self._semantic_loss(index)
-        return losses, squared_error
 
     def _rows(self, t: Tensor) -> tuple[Tensor | None, Tensor | None]:
         """Which Gaussians the flow of this step asks, int64 [m], and which are deformed, int64 [k]: those that may be drawn at `t`.
@@ -280,7 +267,7 @@ class Trainer:
         if self.iteration % GUARD_EVERY:
             return
         finite = bool(torch.stack([torch.isfinite(values).all() for values in (self.sums.totals, *self.model.parameters())]).all())
-        short = finite and self._step_graph is not None and self._step_graph.ran_out_of_room()
+        short = self._step_graph is not None and self._step_graph.ran_out_of_room(finite=finite)
         if finite and not short:
             self.last_finite = self.state()
             return

@@ -128,6 +128,22 @@ def test_where_tiles_show_more_than_there_is_room_for_the_last_steps_are_taken_a
 
 
 @pytest.mark.parametrize("on_gpu", GRAPHS)
+def test_too_little_room_is_noticed_where_the_stage_changed_since(as_one, on_gpu, monkeypatch):
+    monkeypatch.setattr(step_graph, "ROOM", 1.5)
+    trainer = as_one(on_gpu)
+    while trainer.iteration < 2:
+        trainer.step()
+    with torch.no_grad():
+        trainer.model.canonical["log_scales"] += math.log(4)
+    while trainer.iteration > 1:  # steps 3 and 4 of the coarse stage have too little room, those of the joint one enough
+        trainer.step()
+    assert trainer.iteration == 0
+    while trainer.iteration < 10:
+        trainer.step()
+    assert trainer.last_finite["plain"]["iteration"] == 10
+
+
+@pytest.mark.parametrize("on_gpu", GRAPHS)
 def test_a_training_that_diverged_is_not_taken_for_one_without_room(as_one, on_gpu):
     trainer = as_one(on_gpu)
     while trainer.iteration < 9:
@@ -135,6 +151,7 @@ def test_a_training_that_diverged_is_not_taken_for_one_without_room(as_one, on_g
     with torch.no_grad():
         trainer.model.canonical["colors"][0] = math.nan
     trainer._step_graph._needed.fill_(1 << 40)
+    trainer._step_graph._lacked.fill_(1 << 40)
     trainer.step()
     assert (trainer.iteration, trainer.rollbacks, trainer.rate_scale) == (0, 1, 0.5)
     trainer.step()
