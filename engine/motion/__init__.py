@@ -1,6 +1,6 @@
 """Motion seen in images, motion of the model, and the difference between them."""
 
-from degense.engine.motion.flow import chain, confidence, consistent, flow_between, flow_error, follow, sample, steps_between
+from degense.engine.motion.flow import chain, confidence, consistent, flow_between, flow_error, follow, normalized, sample, steps_between
 from degense.engine.motion.observed import displacement
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "flow_between",
     "flow_error",
     "follow",
+    "normalized",
     "sample",
     "steps_between",
 ]

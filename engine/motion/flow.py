@@ -7,7 +7,7 @@ the second.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from itertools import pairwise
 from typing import TypeAlias
@@ -19,11 +19,14 @@ from jaxtyping import Bool, Float, UInt8
 from degense.engine.threads import abandonable_pool
 
 Rgb: TypeAlias = UInt8[np.ndarray, "_ _ 3"]
+Grey: TypeAlias = UInt8[np.ndarray, "_ _"]
 Flow: TypeAlias = Float[np.ndarray, "height width 2"]
 
 FINEST = 200_000  # pixels: larger frames are matched at half resolution, where the same motion has as few pixels
 WINDOW = 7  # pixels: side of the window that `confidence` looks at
 LEAST_NOISE = 0.3  # grey levels: of rounding
+LOCAL = 5.0  # pixels: σ of the window that contrast is normalized in
+FAINT, NORMAL = 4.0, 40.0  # grey levels: contrast below which it is noise more and more, and what contrast is afterwards
 CHAINED = 0.8  # a chained flow is kept where the frames are at most so unlike after it as after the search that began there
 
 
@@ -56,11 +59,35 @@ def chain(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return first + sample(second, first)
 
 
-def steps_between(frames: Iterable[np.ndarray], threads: int = 8) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Flow there and back between neighbouring frames uint8 [H, W, 3], in order; so many pairs at a time, and twice as many ahead."""
+def even(rgb: Rgb) -> Grey:
+    """Grey with its contrast evened out, so that the light that travels with an endoscope is not taken for motion.
+
+    What is darker or lighter than all around it stays so: for labels, and instruments, whose edges a motion of its texture does not show.
+    """
+    return cv2.createCLAHE(2.0, (8, 8)).apply(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
+
+
+def normalized(rgb: Rgb) -> Grey:
+    """Grey with its local contrast normalized, so that neither light nor smoke that drifts is taken for motion: for tissue.
+
+    128 + NORMAL (g − ḡ) / √(σ² + FAINT²),  ḡ and σ² the mean and variance of grey in a Gaussian window
+    """
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    rest = grey - cv2.GaussianBlur(grey, (0, 0), LOCAL)
+    contrast = np.sqrt(cv2.GaussianBlur(rest * rest, (0, 0), LOCAL) + FAINT**2)
+    return np.clip(128.5 + NORMAL * rest / contrast, 0, 255).astype(np.uint8)
+
+
+def steps_between(
+    frames: Iterable[np.ndarray], threads: int = 8, grey: Callable[[Rgb], Grey] = even
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Flow there and back between neighbouring frames uint8 [H, W, 3], in order; so many pairs at a time, and twice as many ahead.
+
+    `grey`, `even` or `normalized`, is what of the frames is matched.
+    """
     with abandonable_pool(threads) as pool:
         ahead: deque[Future[tuple[np.ndarray, np.ndarray]]] = deque()
-        for a, b in pairwise(even(frame) for frame in frames):
+        for a, b in pairwise(grey(frame) for frame in frames):
             ahead.append(pool.submit(lambda a, b: (_search(a, b), _search(b, a)), a, b))
             if len(ahead) > 2 * threads:
                 yield ahead.popleft().result()
@@ -69,7 +96,9 @@ def steps_between(frames: Iterable[np.ndarray], threads: int = 8) -> Iterator[tu
 
 
 def follow(
-    frames: Iterable[np.ndarray], steps: Iterable[tuple[np.ndarray, np.ndarray]] | None = None
+    frames: Iterable[np.ndarray],
+    steps: Iterable[tuple[np.ndarray, np.ndarray]] | None = None,
+    grey: Callable[[Rgb], Grey] = even,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Flow between the first frame and every later one, as it grows from frame to frame.
 
@@ -78,13 +107,13 @@ def follow(
     Yields flow first → frame and frame → first, float32 [H, W, 2] both, for the second frame, the third, …
 
     Frames uint8 [H, W, 3] come in the order of time, near enough to each other for `flow_between`. `steps` are flow there and back between
-    neighbouring frames, where it was measured already (`steps_between`).
+    neighbouring frames, where it was measured already (`steps_between`). `grey` as there.
     """
     first = before = None
     measured = None if steps is None else iter(steps)
     with abandonable_pool(1) as other:
         for frame in frames:
-            here = even(frame)
+            here = grey(frame)
             if first is None or before is None:
                 first = before = here
                 out = back = np.zeros((*here.shape, 2), np.float32)
@@ -167,8 +196,3 @@ def _search(a: np.ndarray, b: np.ndarray, initial: np.ndarray | None = None) -> 
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setFinestScale(0 if a.size <= FINEST else 1)
     return search.calc(a, b, None if initial is None else np.array(initial, np.float32, order="C"))
-
-
-def even(rgb: np.ndarray) -> np.ndarray:
-    """Grey, uint8 [H, W], with its contrast evened out."""
-    return cv2.createCLAHE(2.0, (8, 8)).apply(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))

@@ -22,17 +22,25 @@ TEXTURE = 0.1  # squared grey levels a pixel²: a window with weaker slopes alon
 CHUNK = 16  # points that a thread takes at once
 _PAD = LANES  # pixels that frames are continued by beyond their edges
 
+Octaves = tuple[np.ndarray, ...]
+Slopes = tuple[Octaves, Octaves, Octaves]  # values, and how they change along x and y
+
 
 class Pyramid:
-    """A frame uint8 [H, W] in octaves, each half as large as the one before: values and slopes float32 [1, h, w], padded."""
+    """A frame uint8 [H, W] in octaves, each half as large as the one before: values and slopes float32 [1, h, w], padded.
 
-    def __init__(self, grey: np.ndarray):
+    `room`, what another frame of this size has, is overwritten; new memory is taken without.
+    """
+
+    def __init__(self, grey: np.ndarray, room: Slopes | None = None):
         octaves = [grey]
         while len(octaves) < LEVELS and (min(octaves[-1].shape) + 1) // 2 > SIDE:
             octaves.append(cv2.pyrDown(octaves[-1]))
-        self.values = tuple(_padded(octave, cv2.BORDER_REFLECT_101) for octave in octaves)
-        slopes = [[cv2.Scharr(octave, cv2.CV_32F, *order, scale=1 / 32) for octave in octaves] for order in ((1, 0), (0, 1))]
-        self.dx, self.dy = (tuple(_padded(slope, cv2.BORDER_CONSTANT) for slope in along) for along in slopes)
+        self.values, self.dx, self.dy = room or (_room(octaves), _room(octaves), _room(octaves))
+        for octave, values, dx, dy in zip(octaves, self.values, self.dx, self.dy, strict=True):
+            values[0] = cv2.copyMakeBorder(octave, _PAD, _PAD, _PAD, _PAD, cv2.BORDER_REFLECT_101)
+            for slopes, order in ((dx, (1, 0)), (dy, (0, 1))):
+                cv2.Scharr(octave, cv2.CV_32F, *order, dst=slopes[0, _PAD:-_PAD, _PAD:-_PAD], scale=1 / 32)
 
     def to(self, other: Pyramid, places: np.ndarray, guesses: np.ndarray | None = None) -> np.ndarray:
         """Where what is seen at pixel positions [n, 2] is in another frame of the same size, float64 [n, 2].
@@ -45,8 +53,8 @@ class Pyramid:
         return found + 0.5
 
 
-def _padded(image: np.ndarray, border: int) -> np.ndarray:
-    return cv2.copyMakeBorder(image, _PAD, _PAD, _PAD, _PAD, border).astype(np.float32)[None]
+def _room(octaves: list[np.ndarray]) -> Octaves:
+    return tuple(np.zeros((1, *(side + 2 * _PAD for side in octave.shape)), np.float32) for octave in octaves)
 
 
 @njit(nogil=True, error_model="numpy")

@@ -3,30 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from degense.engine.latest import Latest
 from degense.engine.motion.chain_kernel import FrameBlock
-from degense.engine.motion.flow import even
-from degense.engine.motion.landmarks import Landmarks, carried, landmarks, paired
-from degense.engine.motion.lucas_kanade import Pyramid
-from degense.engine.motion.window_kernels import padded
-from degense.engine.motion.windows import Windows
+from degense.engine.motion.found_again import DRIFTED, ORIGINS, THERE_AND_BACK, Found, Queries, clearly_less
+from degense.engine.motion.matched_frame import FrameRing, MatchedFrame
 from degense.engine.progress import Steps
-from degense.engine.threads import kernel_threads, made_ahead
+from degense.engine.threads import AHEAD, kernel_threads, made_ahead
 
 PIXELS = 200_000  # frames are matched at about this size
-THERE_AND_BACK = 1.0  # pixels: a point that comes back farther from where it began is lost
-DRIFTED = 0.03  # of the width: a direct match farther from where the steps lead is another place that looks alike
-CLEARLY, LEAST = 1.28, 3.0  # a place is clearly less like a point where it is so many times as unlike, with these grey levels added
 EVERY = 8  # frames: points are looked for anew in one of so many
-AROUND = 7.0 * np.array([(np.cos(angle), np.sin(angle)) for angle in np.arange(8) * np.pi / 4])  # pixels: what is around a point
-ORIGINS = 4  # frames of queries that are looked back at in one frame, and kept
-SMOOTH = 0.8  # pixels: σ of the blur before windows are compared
 TOGETHER = 4  # frames that points are followed through at once
 THREADS = 4  # that frames are made ready on: some 11 MB each, two ahead on each thread
 
@@ -39,48 +28,12 @@ class Matched(NamedTuple):
     guessed_unlike: np.ndarray  # float32 [K, T]; the same at the places that were guessed; NaN where none was
 
 
-class _Frame:
-    """A frame at the size that is matched."""
-
-    def __init__(self, rgb: np.ndarray, size: tuple[int, int]):
-        small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-        blurred = cv2.GaussianBlur(small, (0, 0), SMOOTH)
-        self.size, self.even = size, even(small)
-        self.pyramid = Pyramid(self.even)
-        self.grey, self.colours = padded(cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY)), padded(blurred)
-
-    @cached_property
-    def landmarks(self) -> Landmarks:
-        return landmarks(self.even)
-
-    @property
-    def planes(self) -> list[np.ndarray]:
-        """What a `FrameBlock` holds of a frame, in its order."""
-        return [*self.pyramid.values, *self.pyramid.dx, *self.pyramid.dy, self.grey[None], self.colours[None]]
-
-
-class _Block:
-    """Room for a frame and up to `TOGETHER` that follow it, used again: new memory would take longer than to fill it."""
-
-    def __init__(self, frame: _Frame):
-        self._planes = [np.empty((TOGETHER + 1, *plane.shape[1:]), np.float32) for plane in frame.planes]
-
-    def filled(self, frames: Sequence[_Frame]) -> FrameBlock:
-        """Frames one after the other, until the next ones are filled in."""
-        for number, frame in enumerate(frames):
-            for room, plane in zip(self._planes, frame.planes, strict=True):
-                room[number] = plane[0]
-        *octaves, grey, colours = (room[: len(frames)] for room in self._planes)
-        count = len(octaves) // 3
-        return FrameBlock(tuple(octaves[:count]), tuple(octaves[count : 2 * count]), tuple(octaves[2 * count :]), grey, colours)
-
-
 def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries: np.ndarray) -> Steps[Matched]:
     """Follow points forwards and backwards from their queries, until they are lost, and look at other `guesses` of their ways too.
 
     Windows are followed from frame to frame (Lucas-Kanade, in a pyramid); where a direct match with what a point looked like in the frame
     of its query, begun where that ends, looks more like it, the point is there: it does not drift. It is lost when a step does not lead
-    back to where it began, or leaves the frame. In each `EVERY`th frame it is looked for anew (`_Chain.find_again`).
+    back to where it began, or leaves the frame. In each `EVERY`th frame it is looked for anew (`Queries.found_in`), on other threads.
 
     Parameters
     ----------
@@ -93,38 +46,36 @@ def matching(frame_of: Callable[[int], np.ndarray], guesses: np.ndarray, queries
     """
     count = guesses.shape[1]
     starts = queries[:, 0].round().astype(int)
-    height, width = frame_of(0).shape[:2]
+    first = frame_of(0)
+    height, width = first.shape[:2]
     shrink = min(1.0, (PIXELS / (width * height)) ** 0.5)
     size = max(16, round(width * shrink)), max(16, round(height * shrink))
     scale = np.array(size) / (width, height)
     found = Matched(np.full(guesses.shape, np.nan), *(np.full(guesses.shape[:2], np.nan, np.float32) for _ in range(2)))
     ways = [range(starts.min(initial=count), count), range(starts.max(initial=-1), -1, -1)]
     done, total = 0, sum(map(len, ways))
-    origins = Latest(ORIGINS)
+    threads = min(THREADS, kernel_threads())
+    ring = FrameRing(MatchedFrame(first, size), AHEAD * threads + TOGETHER)
+    begun = Queries(queries[:, 1:] * scale, starts, lambda frame: MatchedFrame(frame_of(frame), size))
 
-    def shown(frame: int) -> _Frame:
-        return _Frame(frame_of(int(frame)), size)
-
-    def ready(numbered: tuple[int, int]) -> _Frame:
+    def ready(step: int, numbered: tuple[int, int]) -> tuple[MatchedFrame, list[Found]]:
         number, frame = numbered
-        seen = shown(frame)
-        if number % EVERY == 0:
-            _ = seen.landmarks
-        return seen
+        seen = MatchedFrame(frame_of(frame), size, ring.planes(number))
+        return seen, [begun.found_in(seen, start) for start in _turn(starts[starts * step <= frame * step], number)]
 
     for frames in ways:
-        chain = _Chain(queries[:, 1:] * scale)
+        chain = _Chain(begun, ring)
         numbered = list(enumerate(frames, start=done + 1))
-        seen = made_ahead(ready, numbered, min(THREADS, kernel_threads()))
+        seen = made_ahead(partial(ready, frames.step), numbered, threads)
         for block in _blocks(numbered, starts):
             yield done / total, "following points"
             done, last = block[-1]
-            now = np.array([frame for _, frame in block])
-            places, unlike = chain.advance([next(seen) for _ in block])
-            chain.begin(np.flatnonzero(starts == last))
-            begun = np.flatnonzero(starts * frames.step <= last * frames.step)
-            for start in _turn(starts[begun], done):
-                chain.find_again(begun[starts[begun] == start], origins.get(start, partial(shown, start)))
+            numbers, now = np.array(block).T
+            *_, (frame, again) = [next(seen) for _ in block]
+            places, unlike = chain.advance(numbers)
+            chain.begin(last, frame)
+            for those in again:
+                chain.go_on_from(those)
             places[:, -1], unlike[:, -1] = chain.places, chain.unlike
             points, columns = np.nonzero((starts * frames.step)[:, None] <= now * frames.step)
             guessed = np.full(places.shape, np.nan)
@@ -156,74 +107,45 @@ def _turn(starts: np.ndarray, number: int) -> list[int]:
     return frames[turn % turns :: turns].tolist()
 
 
-def clearly_less(unlike: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Where places that are so unlike a point, grey levels, are clearly less like it than others."""
-    with np.errstate(invalid="ignore"):
-        return unlike + LEAST > CLEARLY * (other + LEAST)
-
-
 class _Chain:
     """Points on their way in one direction of time: `places` float64 [K, 2], where they are, and `unlike` float32 [K], how unlike their
     queries they look there; NaN of those that are lost."""
 
-    def __init__(self, queries: np.ndarray):
-        self._queries, self.places = queries, np.full(queries.shape, np.nan)
-        self.unlike = np.full(len(queries), np.nan, np.float32)
-        self._windows = Windows(len(queries))
-        self._frame: _Frame | None = None
-        self._room: _Block | None = None
+    def __init__(self, queries: Queries, ring: FrameRing):
+        self._queries, self._ring = queries, ring
+        self.places = np.full(queries.places.shape, np.nan)
+        self.unlike = np.full(len(self.places), np.nan, np.float32)
+        self._number: int | None = None
         self._block: FrameBlock  # the frames that were last advanced through, after the one before them
 
-    def begin(self, points: np.ndarray) -> None:
-        """Begin to follow points in the frame that was last advanced to."""
-        if len(points) and self._frame is not None:
-            self.places[points], self.unlike[points] = self._queries[points], 0
-            self._windows.keep(points, self._frame.grey, self._frame.colours, self.places[points])
+    def begin(self, start: int, frame: MatchedFrame) -> None:
+        """Begin to follow the points of a frame, the one that was last advanced to."""
+        points = self._queries.begin(start, frame)
+        self.places[points], self.unlike[points] = self._queries.places[points], 0
 
-    def advance(self, frames: Sequence[_Frame]) -> tuple[np.ndarray, np.ndarray]:
-        """Follow the points that are not lost through the next frames: places float64 [K, B, 2] and how unlike their queries these look,
-        float32 [K, B]; NaN where they are lost."""
-        before, self._frame = self._frame or frames[0], frames[-1]
-        self._room = self._room or _Block(before)
-        self._block = self._room.filled([before, *frames])
-        places = np.full((len(self.places), len(frames), 2), np.nan)
+    def advance(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Follow the points that are not lost through the next frames, by their numbers in the ring: places float64 [K, B, 2] and how
+        unlike their queries these look, float32 [K, B]; NaN where they are lost."""
+        before = numbers[0] if self._number is None else self._number
+        self._block, self._number = self._ring.block([before, *numbers]), numbers[-1]
+        places = np.full((len(self.places), len(numbers), 2), np.nan)
         unlike = np.full(places.shape[:2], np.nan, np.float32)
         points = np.flatnonzero(np.isfinite(self.places[:, 0]))
         if len(points):
-            found, differ = self._windows.follow(points, self._block, self.places[points], (THERE_AND_BACK, DRIFTED * before.size[0]))
+            limits = THERE_AND_BACK, DRIFTED * self._ring.size[0]
+            found, differ = self._queries.windows.follow(points, self._block, self.places[points], limits)
             places[points], unlike[points] = found[:, 1:], differ[:, 1:]
         self.places, self.unlike = places[:, -1].copy(), unlike[:, -1].copy()
         return places, unlike
 
-    def find_again(self, points: np.ndarray, origin: _Frame) -> None:
-        """Look for points in the frame that was last advanced to, wherever they were before; `origin` is the frame of their queries.
-
-        A search begins where the landmarks around a point went, and one back where that ends. A point is found where the way back leads to
-        its query, and what is around looks clearly less like it: not on plain tissue, nor along an edge. It goes on from there if it was
-        lost, or if what it was followed to looks clearly less like it.
-        """
-        assert self._frame is not None
-        frame, queries = self._frame, self._queries[points]
-        guesses = carried(queries, paired(origin.landmarks, frame.landmarks))
-        known = np.isfinite(guesses).all(1)
-        points, queries, guesses = points[known], queries[known], guesses[known]
-        there = origin.pyramid.to(frame.pyramid, queries, guesses)
-        direct = self._windows.matched(points, frame.grey, there)
-        there = np.where((self.unlike_at(points, direct) < self.unlike_at(points, there))[:, None], direct, there)
-        back = frame.pyramid.to(origin.pyramid, there, queries + guesses - there)
-        led_back = np.linalg.norm(back - queries, axis=1) < THERE_AND_BACK
-        near = (np.linalg.norm(there - guesses, axis=1) < DRIFTED * frame.size[0]) & ((there >= 0) & (there < frame.size)).all(1)
-        points, there = points[led_back & near], there[led_back & near]
-        unlike = self.unlike_at(points, there)
-        around = self.unlike_at(np.repeat(points, len(AROUND)), (there[:, None] + AROUND).reshape(-1, 2)).reshape(-1, len(AROUND)).min(1)
-        found = clearly_less(around, unlike) & (np.isnan(self.unlike[points]) | clearly_less(self.unlike[points], unlike))
-        self.places[points[found]], self.unlike[points[found]] = there[found], unlike[found]
-
-    def unlike_at(self, points: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """How unlike their queries the frame that was last advanced to is at places [n, 2] of points, float32 [n]; NaN where a place is."""
-        assert self._frame is not None
-        return self._windows.unlike(points, self._frame.colours[None], places[:, None])[:, 0]
+    def go_on_from(self, found: Found) -> None:
+        """Go on from where points were found again in the frame that was last advanced to: those that were lost, and those that were
+        followed to what looks clearly less like them."""
+        points, places, unlike = found
+        better = np.isnan(self.unlike[points]) | clearly_less(self.unlike[points], unlike)
+        self.places[points[better]], self.unlike[points[better]] = places[better], unlike[better]
 
     def unlike_in_each(self, places: np.ndarray) -> np.ndarray:
-        """The same in each of the frames that were last advanced through, at places [K, B, 2] of all points: float32 [K, B]."""
-        return self._windows.unlike(np.arange(len(places)), self._block.colours[1:], places)
+        """How unlike their queries the frames that were last advanced through are at places [K, B, 2] of all points, float32 [K, B]; NaN
+        where a place is."""
+        return self._queries.windows.unlike(np.arange(len(places)), self._block.colours, self._block.numbers[1:], places)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from degense.engine.clip import Clip
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
-from degense.engine.motion.flow import confidence, consistent, flow_error, follow, sample
+from degense.engine.motion.flow import confidence, consistent, flow_error, follow, normalized, sample
 from degense.engine.motion.surroundings import Shares, from_around
 
 
@@ -79,7 +79,9 @@ class ObservedMotion:
         no_motion = np.zeros((self.size[1], self.size[0], 2), np.float16)
         self._measured = [(no_motion, self._start[1], no_motion[..., 0])]  # flow to the reference, where it is seen, and its error
         self._shares = Shares()
-        self._followed: Iterator[tuple[np.ndarray, np.ndarray]] = follow(self._frame(i) for i in range(reference, len(clip)))
+        self._followed: Iterator[tuple[np.ndarray, np.ndarray]] = follow(
+            (self._frame(i) for i in range(reference, len(clip))), grey=normalized
+        )
 
     def at(self, frame: int) -> Observed:
         """The motion of a frame's pixels to the reference frame, at the size of the clip."""

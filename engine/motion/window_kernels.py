@@ -22,10 +22,14 @@ PAD = LANES  # pixels
 CHUNK = 32  # points that a thread takes at once
 
 
-def padded(image: np.ndarray) -> np.ndarray:
-    """Planes of an image uint8 or float32 [H, W] or [H, W, C]; beyond its edges it is as at them."""
+def padded(image: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    """Planes of an image uint8 or float32 [H, W] or [H, W, C], written to `out` or to new memory; beyond its edges it is as at them."""
     channels = cv2.split(image) if image.ndim == 3 else (image,)
-    return np.stack([cv2.copyMakeBorder(channel, PAD, PAD, PAD, PAD, cv2.BORDER_REPLICATE) for channel in channels]).astype(np.float32)
+    if out is None:
+        out = np.empty((len(channels), *(side + 2 * PAD for side in image.shape[:2])), np.float32)
+    for channel, plane in zip(channels, out, strict=True):
+        plane[:] = cv2.copyMakeBorder(channel, PAD, PAD, PAD, PAD, cv2.BORDER_REPLICATE)
+    return out
 
 
 @njit(nogil=True, error_model="numpy")
@@ -79,19 +83,19 @@ def unlikeness(seen, kept, share, weights):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def compare(frames, places, rows, kept, share, weights, out, counter):
-    """How unlike what is kept of points, float32 [P, C, SAMPLES], frames [B, C, H, W] are at places float64 [K, B, 2] of some `rows`
-    int64 [K] of them; out float32 [K, B], NaN where a place is."""
+def compare(frames, numbers, places, rows, kept, share, weights, out, counter):
+    """How unlike what is kept of points, float32 [P, C, SAMPLES], frames of `numbers` int64 [B] among planes [S, C, H, W] are at places
+    float64 [K, B, 2] of some `rows` int64 [K] of them; out float32 [K, B], NaN where a place is."""
     seen = np.empty((kept.shape[1], SAMPLES), np.float32)
     while True:
         first = take_ticket(counter) * CHUNK
         if first >= places.shape[0]:
             return
         for k in range(first, min(first + CHUNK, places.shape[0])):
-            for b in range(len(frames)):
+            for b in range(len(numbers)):
                 out[k, b] = np.nan
                 if np.isfinite(places[k, b, 0]):
-                    look_up_window(frames[b], places[k, b, 0], places[k, b, 1], seen)
+                    look_up_window(frames[numbers[b]], places[k, b, 0], places[k, b, 1], seen)
                     out[k, b] = unlikeness(seen, kept[rows[k]], share, weights)
 
 

@@ -59,15 +59,15 @@ class Windows:
         run_kernel(descend, grey, places, np.asarray(points, np.int64), *kept, ROUNDS, FARTHEST)
         return places
 
-    def unlike(self, points: np.ndarray, frames: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """How unlike what is kept of points frames of colours [B, 3, H, W] are at places [n, B, 2]: float32 [n, B], grey levels; NaN where
-        a place is.
+    def unlike(self, points: np.ndarray, frames: np.ndarray, numbers: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """How unlike what is kept of points frames of `numbers` [B] among colours [S, 3, H, W] are at places [n, B, 2]: float32 [n, B],
+        grey levels; NaN where a place is.
 
         The weighted mean absolute difference of windows; half of what all of a window has in common, a change of light, is not counted.
         """
         found = np.empty(places.shape[:2], np.float32)
         places, rows = np.asarray(places, np.float64), np.asarray(points, np.int64)
-        run_kernel(compare, frames, places, rows, self._colours, _share, _weights, found)
+        run_kernel(compare, frames, numbers, places, rows, self._colours, _share, _weights, found)
         return found
 
     def follow(
@@ -75,7 +75,7 @@ class Windows:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Where frames show points that the first of them shows at `places` [n, 2], float64 [n, B, 2], and how unlike them they look there,
         float32 [n, B]; NaN from where a point is lost (`follow_through`)."""
-        found = np.full((len(places), len(frames.grey), 2), np.nan)
+        found = np.full((len(places), len(frames.numbers), 2), np.nan)
         unlike = np.full(found.shape[:2], np.nan, np.float32)
         found[:, 0] = places
         kept = self._grey, self._dx, self._dy, self._inverse, self._colours

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import torch
+from torch.nn import functional
 
 from degense.engine.progress import Steps
 from degense.engine.scene.material import materials_at
@@ -45,7 +47,9 @@ class _Followed:
         self._scene = scene
         self.places = np.full((count, 3), np.nan)
         self._anchors, self._frames = self.places.copy(), np.zeros(count, int)  # where and when their Gaussians were chosen
-        self._rows, self._weights = np.zeros((count, 1), int), np.zeros((count, 1))
+        device = scene.splats(0).means.device
+        self._rows = torch.zeros((count, 1), dtype=torch.int64, device=device)
+        self._weights = torch.zeros((count, 1), dtype=torch.float64, device=device)
 
     def begin(self, points: np.ndarray, frame: int, pixels: np.ndarray) -> None:
         """Choose the Gaussians of points at pixels of a frame; points at which nothing is reconstructed have no place."""
@@ -59,28 +63,34 @@ class _Followed:
     def advance(self, frame: int, before: int) -> None:
         """Move all points to a frame, from the one before."""
         active = np.flatnonzero(np.isfinite(self.places[:, 0]))
-        for chosen in np.unique(self._frames[active]):
+        for chosen in np.unique(self._frames[active]).tolist():
             points = active[self._frames[active] == chosen]
-            here, there = self._scene.splats(int(chosen)), self._scene.splats(frame)
-            rows, weights = self._rows[points], self._weights[points]
-            left = (weights * (there.opacities / here.opacities.clamp_min(1e-6)).cpu().numpy()[rows]).sum(1)
+            moves, left = self._since(points, chosen, frame)
             gone = points[left < LEFT]
             if len(gone) and chosen != before:
                 pixels, _ = self._scene.camera(before).project(self.places[gone])
                 found, shares, _ = materials_at(self._scene, before, pixels)
                 known = shares.sum(1) > 0
                 self._choose(gone[known], before, self.places[gone[known]], found[known], shares[known])
-                self._move(gone[known], before, frame)
-            self._move(points[self._frames[points] == chosen], int(chosen), frame)
+                self.places[gone[known]] += self._since(gone[known], before, frame)[0]
+            kept = self._frames[points] == chosen
+            self.places[points[kept]] = self._anchors[points[kept]] + moves[kept]
 
     def _choose(self, points: np.ndarray, frame: int, places: np.ndarray, rows: np.ndarray, weights: np.ndarray) -> None:
-        if self._rows.shape[1] < rows.shape[1]:
-            wider = ((0, 0), (0, rows.shape[1] - self._rows.shape[1]))
-            self._rows, self._weights = np.pad(self._rows, wider), np.pad(self._weights, wider)
+        if (more := rows.shape[1] - self._rows.shape[1]) > 0:
+            self._rows, self._weights = functional.pad(self._rows, (0, more)), functional.pad(self._weights, (0, more))
         self._frames[points], self._anchors[points], self.places[points] = frame, places, places
-        self._rows[points], self._weights[points] = rows, weights
+        index = torch.as_tensor(points, device=self._rows.device)
+        self._rows[index], self._weights[index] = torch.as_tensor(rows).to(self._rows), torch.as_tensor(weights).to(self._weights)
 
-    def _move(self, points: np.ndarray, chosen: int, frame: int) -> None:
-        moved = (self._scene.splats(frame).means - self._scene.splats(chosen).means).cpu().numpy()
-        moves = (self._weights[points][:, None] @ moved[self._rows[points]].astype(np.float64))[:, 0]
-        self.places[points] = self._anchors[points] + moves
+    @torch.no_grad()
+    def _since(self, points: np.ndarray, chosen: int, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """How far the Gaussians of points, chosen in one frame, moved until another, float64 [n, 3], and the share [n] of their opacity
+        that is left."""
+        here, there = self._scene.splats(chosen), self._scene.splats(frame)
+        changes = torch.cat([there.means - here.means, (there.opacities / here.opacities.clamp_min(1e-6))[:, None]], 1)
+        index = torch.as_tensor(points, device=changes.device) if len(points) < len(self.places) else slice(None)
+        rows, weights = self._rows[index], self._weights[index]
+        of_each = changes.index_select(0, rows.reshape(-1)).reshape(*rows.shape, 4).double()
+        changed = (weights[:, None] @ of_each)[:, 0].cpu().numpy()
+        return changed[:, :3], changed[:, 3]

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from degense.engine.motion.matched import Matched, clearly_less, matching
+from degense.engine.motion.found_again import clearly_less
+from degense.engine.motion.matched import Matched, matching
 from degense.engine.progress import Result, Steps, finish
 from degense.engine.scene.material_tracks import following_material
 from degense.engine.scene.scene import Scene

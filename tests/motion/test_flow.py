@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from degense.engine.data.synthetic import PhantomOptions, make_phantom
-from degense.engine.motion import chain, confidence, consistent, flow_between, flow_error, follow, sample, steps_between
+from degense.engine.motion import chain, confidence, consistent, flow_between, flow_error, follow, normalized, sample, steps_between
+from degense.engine.motion.flow import even
 from tests.data.synthetic.files import load
 
 
@@ -34,6 +35,34 @@ def test_light_that_changes_is_no_motion():
     x = np.linspace(0.55, 1.0, image.shape[1])[None, :, None]
     flow = flow_between(image, (image * x).astype(np.uint8))
     assert np.percentile(np.linalg.norm(flow, axis=-1), 95) < 0.3
+
+
+def test_smoke_that_drifts_is_no_motion_of_tissue():
+    """Tissue slides to the right, smoke over it faster to the left: what is followed, with normalized contrast, is the tissue."""
+    rng = np.random.default_rng(4)
+    tissue, puffs = texture(rng, 120, 200), cv2.GaussianBlur(rng.random((120, 260)).astype(np.float32), (0, 0), 9)
+    puffs = 0.5 * cv2.normalize(puffs, None, 0, 1, cv2.NORM_MINMAX)[..., None]
+
+    def frame(t: int) -> np.ndarray:
+        veil = puffs[:, 4 * t : 4 * t + 160]
+        return ((1 - veil) * tissue[:, 20 - t : 180 - t] + 215 * veil).astype(np.uint8)
+
+    frames = [frame(t) for t in range(8)]
+    errors = {}
+    for grey in (even, normalized):
+        out, _ = list(follow(frames, grey=grey))[-1]
+        errors[grey] = np.linalg.norm(out - [7, 0], axis=-1)[12:-12, 12:-12].mean()
+    assert errors[normalized] < 0.25
+    assert errors[normalized] < 0.5 * errors[even]
+
+
+def test_what_is_normalized_has_neither_brightness_nor_contrast():
+    image = texture(np.random.default_rng(6))
+    fainter = (0.5 * image + 60).astype(np.uint8)
+    assert np.abs(normalized(image).astype(int) - normalized(fainter)).mean() < 3
+    assert np.abs(even(image).astype(int) - even(fainter)).mean() > 5
+    assert np.ptp(normalized(np.full((20, 30, 3), 90, np.uint8))) == 0
+    assert normalized(np.zeros((16, 16, 3), np.uint8)).shape == (16, 16)
 
 
 def test_an_initial_guess_is_taken_and_left_unchanged():

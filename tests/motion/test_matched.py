@@ -3,7 +3,9 @@
 import cv2
 import numpy as np
 
-from degense.engine.motion.matched import EVERY, ORIGINS, _Chain, _Frame, _turn, matching
+from degense.engine.motion.found_again import ORIGINS, Queries
+from degense.engine.motion.matched import EVERY, _Chain, _turn, matching
+from degense.engine.motion.matched_frame import FrameRing, MatchedFrame
 from degense.engine.progress import finish
 from tests.motion.test_points import FRAMES, sliding
 
@@ -77,15 +79,17 @@ def test_what_leaves_and_returns_elsewhere_is_found_again():
 
 def test_what_was_followed_to_something_else_is_taken_back():
     size = 170, 120
-    first, second = _Frame(returning(0), size), _Frame(returning(1), size)
-    chain = _Chain(PATCH[:, 1:])
-    chain.advance([first])
-    chain.begin(np.arange(2))
-    chain.advance([second])
+    ring = FrameRing(MatchedFrame(returning(0), size), 2)
+    first, second = (MatchedFrame(returning(frame), size, ring.planes(frame)) for frame in range(2))
+    queries = Queries(PATCH[:, 1:], np.zeros(2, int), lambda frame: MatchedFrame(returning(frame), size))
+    chain = _Chain(queries, ring)
+    chain.advance(np.array([0]))
+    chain.begin(0, first)
+    chain.advance(np.array([1]))
     there = chain.places.copy()
     astray = there[:1] + 30
-    chain.places[:1], chain.unlike[:1] = astray, chain.unlike_at(np.arange(1), astray)
-    chain.find_again(np.arange(2), first)
+    chain.places[:1], chain.unlike[:1] = astray, queries.unlike(np.arange(1), second, astray)
+    chain.go_on_from(queries.found_in(second, 0))
     np.testing.assert_allclose(chain.places, there, atol=0.1)
     assert (chain.unlike < 5).all()
 
@@ -119,3 +123,31 @@ def test_a_point_goes_the_same_way_alone_and_beside_others_that_begin_elsewhere(
     for k in range(len(queries)):
         for values, alone in zip(together, followed(queries[k : k + 1]), strict=True):
             np.testing.assert_array_equal(values[k], alone[0])
+
+
+def test_planes_that_are_used_again_are_those_of_a_new_frame():
+    """Nothing of the frame before is left in them, at the edges neither."""
+    size = 85, 60
+    ring = FrameRing(MatchedFrame(returning(0), size), 3)
+    for number in range(5):
+        used, new = MatchedFrame(returning(4 * number), size, ring.planes(number)), MatchedFrame(returning(4 * number), size)
+        for kind in ("values", "dx", "dy"):
+            for a, b in zip(getattr(used.pyramid, kind), getattr(new.pyramid, kind), strict=True):
+                np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(used.grey, new.grey)
+        np.testing.assert_array_equal(used.colours, new.colours)
+    block = ring.block([2, 3, 4])
+    np.testing.assert_array_equal(block.grey[block.numbers[-1]], new.grey)
+    np.testing.assert_array_equal(block.values[0][block.numbers[-1]], new.pyramid.values[0][0])
+
+
+def test_it_does_not_matter_how_many_threads_make_frames_ready(monkeypatch):
+    queries = np.array([[0, 43.5, 62.0], *([frame, 30.0 + 4 * frame, 50.0] for frame in range(0, LONG, 3))])
+    still = np.repeat(queries[:, None, 1:], LONG, axis=1)
+    once = None
+    for threads in (1, 2, 4):
+        monkeypatch.setattr("degense.engine.motion.matched.kernel_threads", lambda threads=threads: threads)
+        found = finish(matching(returning, still, queries))
+        for values, expected in zip(found, once or found, strict=True):
+            np.testing.assert_array_equal(values, expected)
+        once = found

@@ -8,6 +8,7 @@ from degense.engine.motion.windows import SPREAD, Windows, windows_at
 
 HEIGHT, WIDTH = 80, 120
 PLACES = np.array([[40.3, 30.8], [70.0, 50.5], [90.6, 20.2]])
+ONE = np.zeros(1, np.int64)  # the number of a frame that is alone
 
 
 def texture(shift: tuple[float, float] = (0.0, 0.0), light: float = 0.0) -> np.ndarray:
@@ -53,17 +54,17 @@ def test_on_a_plain_surface_nothing_moves():
 
 def test_the_right_place_is_less_unlike_than_others():
     windows, moved = kept(texture()), padded(texture((4, 3)))
-    right, wrong = (windows.unlike(np.arange(3), moved[None], places[:, None])[:, 0] for places in (PLACES + np.array([4, 3]), PLACES))
+    right, wrong = (windows.unlike(np.arange(3), moved[None], ONE, places[:, None])[:, 0] for places in (PLACES + np.array([4, 3]), PLACES))
     assert (right < 2).all()
     assert (wrong > 3 * right).all()
 
 
 def test_unlikeness_is_a_weighted_mean_that_forgives_half_of_a_change_of_light():
     windows = kept(texture())
-    np.testing.assert_allclose(windows.unlike(np.arange(3), padded(texture(light=10))[None], PLACES[:, None]), 5, atol=0.05)
+    np.testing.assert_allclose(windows.unlike(np.arange(3), padded(texture(light=10))[None], ONE, PLACES[:, None]), 5, atol=0.05)
     channel = texture()
     channel[..., 1] += 12
-    np.testing.assert_allclose(windows.unlike(np.arange(3), padded(channel)[None], PLACES[:, None]), 12 / 3 / 2, atol=0.05)
+    np.testing.assert_allclose(windows.unlike(np.arange(3), padded(channel)[None], ONE, PLACES[:, None]), 12 / 3 / 2, atol=0.05)
 
 
 ANYWHERE = np.array([[40.3, 30.8], [2.1, 3.3], [119.4, 79.6], [-3.0, 41.2], [60.5, 95.0], [1e12, -1e12]])
@@ -97,4 +98,4 @@ def test_kernels_do_what_the_formulas_say():
     difference = plain(other, ANYWHERE + 2) - plain(picture, ANYWHERE)
     difference -= difference.mean(1, keepdims=True) / 2
     expected = (np.abs(difference).mean(2) @ weights) / weights.sum()
-    np.testing.assert_allclose(windows.unlike(rows, padded(other)[None], ANYWHERE[:, None] + 2)[:, 0], expected, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(windows.unlike(rows, padded(other)[None], ONE, ANYWHERE[:, None] + 2)[:, 0], expected, rtol=1e-3, atol=1e-3)

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from degense.engine.latest import Latest
-from degense.engine.motion import chain, consistent, flow_error, follow, sample, steps_between
+from degense.engine.motion import chain, consistent, flow_error, follow, normalized, sample, steps_between
 from degense.engine.motion.constancy import around, log_intensity, looks_changed
 from degense.engine.motion.depth_noise import depth_changes, depth_error
 from degense.engine.progress import Progress, silent
@@ -41,8 +41,8 @@ MeasuredFlow: TypeAlias = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray,
 
 def measure_flow(frames: Sequence[np.ndarray]) -> Iterator[MeasuredFlow]:
     """The flow of all frames but the last, uint8 [h, w, 3], in order."""
-    neighbours, steps = tee(steps_between(frames))
-    return zip(neighbours, follow(frames, steps), strict=True)
+    neighbours, steps = tee(steps_between(frames, grey=normalized))
+    return zip(neighbours, follow(frames, steps, normalized), strict=True)
 
 
 @dataclass

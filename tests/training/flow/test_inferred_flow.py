@@ -60,14 +60,15 @@ def test_what_chars_moves_as_it_did_before(static):
     assert flow.pair(first, late).weight[0][spot].float().mean() < 0.1, "observability asks what was seen"
 
 
-def test_little_is_inferred_where_nothing_changes():
+def test_nothing_is_inferred_where_nothing_changes_but_at_the_edges():
     wall = MovingWall(frames=8, velocity=(0.03, 0.015, 0.0))
     flow = FlowSupervision(TrainingFrames(wall, 1 << 20, CPU))
     for (here, there), pair in inferred_pairs(flow).items():
         inferred = (pair.weight[0].numpy() > 0) & ~flow.seen(here, there)
-        assert inferred.mean() < 0.05
-        error = pair.flow.float().numpy().transpose(1, 2, 0) * flow.size - wall.flow(here, there)
-        assert np.linalg.norm(error[inferred], axis=-1).mean() < 0.7
+        assert inferred[12:-12, 12:-12].mean() < 0.001
+        error = np.linalg.norm(pair.flow.float().numpy().transpose(1, 2, 0) * flow.size - wall.flow(here, there), axis=-1)
+        assert error[inferred].mean() < 0.4
+        assert error[flow.seen(here, there)].mean() < 0.1
 
 
 def test_flow_of_a_moving_camera():
