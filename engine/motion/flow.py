@@ -62,7 +62,7 @@ def chain(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def even(rgb: Rgb) -> Grey:
     """Grey with its contrast evened out, so that the light that travels with an endoscope is not taken for motion.
 
-    What is darker or lighter than all around it stays so: for labels, and instruments, whose edges a motion of its texture does not show.
+    What is lighter or darker than all around it stays so, as instruments are: for labels, and points anywhere.
     """
     return cv2.createCLAHE(2.0, (8, 8)).apply(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
 

@@ -52,7 +52,7 @@ class Queries:
         """Keep what the points that begin in a frame look like, unless it is kept; their rows."""
         points = np.flatnonzero(self.starts == start)
         with self._lock:
-            if start not in self._kept:
+            if len(points) and start not in self._kept:
                 self.windows.keep(points, frame.grey, frame.colours, self.places[points])
                 self._kept.add(start)
         return points

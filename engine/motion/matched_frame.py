@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from degense.engine.motion.chain_kernel import FrameBlock
-from degense.engine.motion.flow import normalized
+from degense.engine.motion.flow import even
 from degense.engine.motion.landmarks import Landmarks, landmarks
 from degense.engine.motion.lucas_kanade import Pyramid, Slopes
 from degense.engine.motion.window_kernels import padded
@@ -32,13 +32,13 @@ class MatchedFrame:
         small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
         blurred = cv2.GaussianBlur(small, (0, 0), SMOOTH)
         octaves, grey, colours = planes or (None, None, None)
-        self.size, self.normalized = size, normalized(small)
-        self.pyramid = Pyramid(self.normalized, octaves)
+        self.size, self.even = size, even(small)
+        self.pyramid = Pyramid(self.even, octaves)
         self.grey, self.colours = padded(cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY), grey), padded(blurred, colours)
 
     @cached_property
     def landmarks(self) -> Landmarks:
-        return landmarks(self.normalized)
+        return landmarks(self.even)
 
 
 class FrameRing:
