@@ -144,10 +144,10 @@ def test_planes_that_are_used_again_are_those_of_a_new_frame():
 def test_it_does_not_matter_how_many_threads_make_frames_ready(monkeypatch):
     queries = np.array([[0, 43.5, 62.0], *([frame, 30.0 + 4 * frame, 50.0] for frame in range(0, LONG, 3))])
     still = np.repeat(queries[:, None, 1:], LONG, axis=1)
-    once = None
+    found = []
     for threads in (1, 2, 4):
         monkeypatch.setattr("degense.engine.motion.matched.kernel_threads", lambda threads=threads: threads)
-        found = finish(matching(returning, still, queries))
-        for values, expected in zip(found, once or found, strict=True):
+        found.append(finish(matching(returning, still, queries)))
+    for other in found[1:]:
+        for values, expected in zip(other, found[0], strict=True):
             np.testing.assert_array_equal(values, expected)
-        once = found

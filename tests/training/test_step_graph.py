@@ -110,16 +110,21 @@ def test_it_finds_the_gradients_losses_and_evidence_of_the_step_in_parts(as_one,
     assert {kind[1] > 0 for kind in whole._step_graph._recorded} == {True}
 
 
+def grow_after(trainer, steps: int) -> None:
+    """Let all Gaussians grow after some steps, so that far more tiles show each, and train on until steps are taken again."""
+    while trainer.iteration < steps:
+        trainer.step()
+    with torch.no_grad():
+        trainer.model.canonical["log_scales"] += math.log(4)
+    while trainer.iteration > 1:
+        trainer.step()
+
+
 @pytest.mark.parametrize("on_gpu", GRAPHS)
 def test_where_tiles_show_more_than_there_is_room_for_the_last_steps_are_taken_again(as_one, on_gpu, monkeypatch):
     monkeypatch.setattr(step_graph, "ROOM", 1.5)
     trainer = as_one(on_gpu)
-    while trainer.iteration < 8:
-        trainer.step()
-    with torch.no_grad():  # all Gaussians grow: far more tiles show each
-        trainer.model.canonical["log_scales"] += math.log(4)
-    while trainer.iteration > 1:  # the tenth step finds the lists too short and goes back to the last guard, which was at the start
-        trainer.step()
+    grow_after(trainer, 8)  # the tenth step finds the lists too short and goes back to the last guard, which was at the start
     assert (trainer.iteration, trainer.rollbacks, trainer.rate_scale) == (0, 0, 1)
     while trainer.iteration < 10:
         trainer.step()
@@ -131,12 +136,7 @@ def test_where_tiles_show_more_than_there_is_room_for_the_last_steps_are_taken_a
 def test_too_little_room_is_noticed_where_the_stage_changed_since(as_one, on_gpu, monkeypatch):
     monkeypatch.setattr(step_graph, "ROOM", 1.5)
     trainer = as_one(on_gpu)
-    while trainer.iteration < 2:
-        trainer.step()
-    with torch.no_grad():
-        trainer.model.canonical["log_scales"] += math.log(4)
-    while trainer.iteration > 1:  # steps 3 and 4 of the coarse stage have too little room, those of the joint one enough
-        trainer.step()
+    grow_after(trainer, 2)  # steps 3 and 4 of the coarse stage have too little room, those of the joint one enough
     assert trainer.iteration == 0
     while trainer.iteration < 10:
         trainer.step()
