@@ -27,6 +27,7 @@ WINDOW = 7  # pixels: side of the window that `confidence` looks at
 LEAST_NOISE = 0.3  # grey levels: of rounding
 LOCAL = 5.0  # pixels: σ of the window that contrast is normalized in
 FAINT, NORMAL = 4.0, 40.0  # grey levels: contrast below which it is noise more and more, and what contrast is afterwards
+SMOOTHNESS = 20.0  # weight of neighbours that differ in the refinement of a search, against frames that differ: OpenCV's own
 CHAINED = 0.8  # a chained flow is kept where the frames are at most so unlike after it as after the search that began there
 
 
@@ -99,6 +100,7 @@ def follow(
     frames: Iterable[np.ndarray],
     steps: Iterable[tuple[np.ndarray, np.ndarray]] | None = None,
     grey: Callable[[Rgb], Grey] = even,
+    smoothness: float = SMOOTHNESS,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Flow between the first frame and every later one, as it grows from frame to frame.
 
@@ -107,7 +109,8 @@ def follow(
     Yields flow first → frame and frame → first, float32 [H, W, 2] both, for the second frame, the third, …
 
     Frames uint8 [H, W, 3] come in the order of time, near enough to each other for `flow_between`. `steps` are flow there and back between
-    neighbouring frames, where it was measured already (`steps_between`). `grey` as there.
+    neighbouring frames, where it was measured already (`steps_between`). `grey` as there. `smoothness` as `SMOOTHNESS`: more of it is more
+    exact on weak texture, and less at edges of what moves.
     """
     first = before = None
     measured = None if steps is None else iter(steps)
@@ -118,9 +121,12 @@ def follow(
                 first = before = here
                 out = back = np.zeros((*here.shape, 2), np.float32)
                 continue
-            there_step, back_step = (_search(before, here), _search(here, before)) if measured is None else next(measured)
-            outward = other.submit(_prolong, first, here, out, chain(out, there_step))
-            back = _prolong(here, first, back_step, chain(back_step, back))
+            if measured is None:
+                there_step, back_step = _search(before, here, None, smoothness), _search(here, before, None, smoothness)
+            else:
+                there_step, back_step = next(measured)
+            outward = other.submit(_prolong, first, here, out, chain(out, there_step), smoothness)
+            back = _prolong(here, first, back_step, chain(back_step, back), smoothness)
             out, before = outward.result(), here
             yield out, back
 
@@ -174,13 +180,13 @@ def _texture(rgb: Rgb) -> np.ndarray:
     return 0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4 * xy**2))
 
 
-def _prolong(a: np.ndarray, b: np.ndarray, start: np.ndarray, chained: np.ndarray) -> np.ndarray:
+def _prolong(a: np.ndarray, b: np.ndarray, start: np.ndarray, chained: np.ndarray, smoothness: float) -> np.ndarray:
     """A search a → b that begins at a chained flow, or pixel by pixel the chained flow where it explains b clearly better.
 
     Without a margin noise decides between two flows that explain b alike, pixel by pixel, and makes the flow rough.
     """
     chained = np.where(np.isfinite(chained), chained, start)
-    searched = _search(a, b, chained)
+    searched = _search(a, b, chained, smoothness)
     return np.where((_unlikeness(a, b, chained) < CHAINED * _unlikeness(a, b, searched))[..., None], chained, searched)
 
 
@@ -190,9 +196,10 @@ def _unlikeness(a: np.ndarray, b: np.ndarray, flow: np.ndarray) -> np.ndarray:
     return cv2.GaussianBlur(np.where(np.isfinite(difference), difference, np.float32(255)), (0, 0), 2.0)
 
 
-def _search(a: np.ndarray, b: np.ndarray, initial: np.ndarray | None = None) -> np.ndarray:
+def _search(a: np.ndarray, b: np.ndarray, initial: np.ndarray | None = None, smoothness: float = SMOOTHNESS) -> np.ndarray:
     if a.shape != b.shape:
         raise ValueError(f"frames differ in size: {a.shape} and {b.shape}")
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setFinestScale(0 if a.size <= FINEST else 1)
+    search.setVariationalRefinementAlpha(smoothness)
     return search.calc(a, b, None if initial is None else np.array(initial, np.float32, order="C"))

@@ -26,6 +26,7 @@ PRIOR = 1.0  # pixels that a model is expected to be off by in either direction 
 EXPLAINED = 2.0  # spreads of the motion around that a place may be from its mean before the model is believed to be wrong
 LEAST = 0.1  # pixels: error that any flow has
 PIXELS = 80_000  # flow is measured at about this size: a frame of it takes 0.4 MB, and a tenth of a second
+SMOOTHNESS = 40.0  # of that flow (`follow`): what judges a model needs to be right in many places rather than at each edge
 TEXTURE = 0.3  # `confidence` below which flow is a guess
 
 
@@ -73,14 +74,14 @@ class ObservedMotion:
     def __init__(self, clip: Clip, reference: int):
         self.clip, self.reference = clip, reference
         width, height = clip.size
-        shrink = min(1.0, (PIXELS / (width * height)) ** 0.5)
-        self.size = max(12, round(width * shrink)), max(12, round(height * shrink))
+        shrink = max(1, round((width * height / PIXELS) ** 0.5))  # whole: pixels that are blurred unevenly are a texture that stands still
+        self.size = max(12, round(width / shrink)), max(12, round(height / shrink))
         self._start = log_intensity(self._frame(reference)), self._valid(reference)
         no_motion = np.zeros((self.size[1], self.size[0], 2), np.float16)
         self._measured = [(no_motion, self._start[1], no_motion[..., 0])]  # flow to the reference, where it is seen, and its error
         self._shares = Shares()
         self._followed: Iterator[tuple[np.ndarray, np.ndarray]] = follow(
-            (self._frame(i) for i in range(reference, len(clip))), grey=normalized
+            (self._frame(i) for i in range(reference, len(clip))), grey=normalized, smoothness=SMOOTHNESS
         )
 
     def at(self, frame: int) -> Observed:

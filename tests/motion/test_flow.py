@@ -216,3 +216,15 @@ def test_noise_does_not_choose_between_the_chained_flow_and_the_search():
     frames = [np.clip(still + rng.normal(scale=3, size=still.shape), 0, 255).astype(np.uint8) for _ in range(10)]
     _, back = list(follow(frames))[-1]
     assert np.linalg.norm(back, axis=-1).mean() < 0.31
+
+
+def test_more_smoothness_is_more_exact_in_noise():
+    rng = np.random.default_rng(9)
+    still = cv2.GaussianBlur(rng.normal(size=(120, 160, 3)).astype(np.float32), (0, 0), 3)
+    still = 128 + 10 * still / still.std()
+    slides = [cv2.warpAffine(still, np.float32([[1, 0, 0.5 * i], [0, 1, 0]]), (160, 120), borderMode=cv2.BORDER_REFLECT) for i in range(6)]
+    frames = [np.clip(frame + rng.normal(size=still.shape), 0, 255).astype(np.uint8) for frame in slides]
+    usual, smooth = (list(follow(frames, grey=normalized, smoothness=weight))[-1][1] for weight in (20.0, 40.0))
+    inside = np.s_[12:-12, 12:-12]
+    error, smooth_error = (np.linalg.norm(flow - (-2.5, 0), axis=-1)[inside].mean() for flow in (usual, smooth))
+    assert smooth_error < 0.9 * error < 0.1

@@ -49,6 +49,13 @@ def test_large_frames_are_measured_small_and_told_large(monkeypatch):
     assert np.median(error[believed]) < 1.2  # twice the small frame's
 
 
+@pytest.mark.parametrize(
+    ("large", "small"), [((320, 256), (320, 256)), ((640, 512), (320, 256)), ((854, 480), (427, 240)), ((96, 72), (96, 72))]
+)
+def test_frames_are_made_smaller_by_whole_factors(large, small):
+    assert ObservedMotion(MovingWall(1, *large), 0).size == small
+
+
 def test_it_is_believed_only_where_both_ends_are_valid_and_inside():
     hole = np.s_[20:44, 36:60]
     clip = MovingWall(6, velocity=(0.08, 0.0, 0.0), hole=hole)

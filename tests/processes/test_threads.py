@@ -25,7 +25,7 @@ def blocked(monkeypatch):
     """A search of flow that goes on until the test is over; and what says that it has begun."""
     begun, over = threading.Event(), threading.Event()
 
-    def search(a, b, initial=None):
+    def search(a, b, initial=None, smoothness=0.0):
         begun.set()
         over.wait(30)
         return np.zeros((*a.shape[:2], 2), np.float32)
