@@ -122,7 +122,7 @@ def follow(
                 out = back = np.zeros((*here.shape, 2), np.float32)
                 continue
             if measured is None:
-                there_step, back_step = _search(before, here, None, smoothness), _search(here, before, None, smoothness)
+                there_step, back_step = _search(before, here, smoothness=smoothness), _search(here, before, smoothness=smoothness)
             else:
                 there_step, back_step = next(measured)
             outward = other.submit(_prolong, first, here, out, chain(out, there_step), smoothness)
